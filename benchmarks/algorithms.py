@@ -41,7 +41,7 @@ def train(algorithm: str, seed: int, decisions: int, episodes: int) -> dict[str,
     from benchmarl.experiment import Callback, Experiment, ExperimentConfig
     from benchmarl.models import MlpConfig
 
-    from training.torchrl import ModelPolicy
+    from training.torchrl import ModulePolicy
     from training.torchrl.benchmarl import LissajousTaskClass
 
     torch.set_num_threads(1)
@@ -66,8 +66,8 @@ def train(algorithm: str, seed: int, decisions: int, episodes: int) -> dict[str,
             if training.n_iters_performed + 1 in marks:
                 curve.append(float(np.mean(played(policy_of(training), episodes)["score"])))
 
-    def policy_of(training: Experiment) -> ModelPolicy:
-        policy = ModelPolicy(training.policy, scenario, episodes)
+    def policy_of(training: Experiment) -> ModulePolicy:
+        policy = ModulePolicy(training.policy, scenario, episodes)
         policy.kind = "velocity"
         return policy
 

@@ -134,7 +134,7 @@ def attack(scenario, seed, worlds=40, steps=60):
         simulation.step(action)
         there &= simulation.robots.status.numpy() != REMOVED
         pairs = there[:, one] & there[:, other] & (holds & ~simulation.over)[:, None]
-        ratio = nearest_approach(simulation.robots.track.numpy()[..., :2])[pairs] / promised
+        ratio = nearest_approach(simulation.robots.path.numpy()[..., :2])[pairs] / promised
         count, least = count + len(ratio), min(least, ratio.min(initial=np.inf))
         broken += int((ratio < 1).sum())
     return count, least, broken

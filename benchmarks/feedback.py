@@ -205,7 +205,7 @@ def best_values(rows):
         numbers = [float(number) for number in re.findall(r"[0-9.]+", value)]
         entry = best.setdefault(name, {"value": 1.0})
         if words == CLAIRVOYANT:
-            entry["sees_all"] = numbers[0]
+            entry |= dict(zip(("sees_all", "sees_all_low", "sees_all_high"), numbers, strict=True))
         elif len(numbers) == 3 and numbers[0] > entry["value"]:
             entry |= {"value": numbers[0], "low": numbers[1], "high": numbers[2], "policy": words}
     return best

@@ -51,11 +51,11 @@ def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarr
     resting, visits, actions = np.zeros(simulation.rogues.action.shape, np.float32), Visits(), []
     simulation.reset(seeds=seeds)
     driver.reset()
-    visits.look(simulation)
+    visits.record(simulation)
     for _ in range(steps):
         actions.append(np.array(driver.act(simulation.observation)))
         simulation.step(actions[-1], resting)
-        visits.look(simulation)
+        visits.record(simulation)
     foresight = Foresight(simulation.scenario, _MARGIN, _BLUR)
     values = dict(foresight.values(visits))
     ends = np.array(sorted(values))

@@ -3,14 +3,17 @@
     python benchmarks/learned.py --trainings runs/0 runs/1 runs/2 runs/3 runs/4 --store
     python benchmarks/learned.py --scenario intercept --trainings runs/5 runs/6 runs/7 --store
     python benchmarks/learned.py --space watch-v1 --store
+    python benchmarks/learned.py --ablations runs/* --store
 
 The first two commands add the best policies of some trainings to the comparison on a scenario, and name the training
-whose validation is best. The last one plays the scenarios of a space, in its split `test` and its shifts, with the best
-policy and its rival.
+whose validation is best. The third one plays the scenarios of a space, in its split `test` and its shifts, with the
+best policy and its rival. The last one compares complete trainings by the options in which they differ from the
+defaults, by their policies after the last step, with the rule on the same scenario.
 """
 
 import itertools
 import warnings
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +25,9 @@ import lissajous_env
 import training
 from lissajous_env.world.columns import task_score
 from training.learned import checkpoint
-from training.learned.policy import find
+from training.learned.policy import LearnedTeam, find
 from training.learned.team_network import TeamNetwork
-from training.learned.team_policy import LearnedTeam
+from training.settings import MAY_CHANGE, TrainingSettings
 from training.validation import limit_of, rank_of
 
 POLICIES = {
@@ -119,6 +122,36 @@ def on_space(name: str) -> figures.Table:
     return {"columns": columns, "rows": rows}
 
 
+def on_ablations(trainings: list[str]) -> figures.Table:
+    """Return the table of the policies after the last step, one row for trainings that differ only in their seeds."""
+    groups, rules, rows, rule = defaultdict(list), {}, [], ""
+    for folder in trainings:
+        text = checkpoint.read_text(folder)
+        if text["training"]["curve"][-1]["steps"] >= text["settings"]["steps"]:
+            groups[options_of(text["settings"])].append((folder, text))
+    for (options, steps), members in groups.items():
+        settings, rule = members[0][1]["settings"], members[0][1]["training"]["rival"]
+        scenario = lissajous_env.scenario(settings["scenario"], **settings["overrides"])
+        if scenario not in rules:
+            rules[scenario] = play(baselines.make(rule, scenario, len(SEEDS)), scenario, SEEDS)
+        loaded = (training.load(folder, scenario, len(SEEDS)) for folder, _ in members)
+        of, base = np.stack([play(policy, scenario, SEEDS) for policy in loaded], axis=1), rules[scenario]
+        print(options, (of[0].mean(axis=1) / base[0].mean()).round(3), of[1].mean(axis=1).round(2), flush=True)
+        numbers = interval(of[0], 3), gain(of[0], base[0]), f"{of[1].mean():.2f}", f"{base[1].mean():.2f}"
+        rows.append([f"`{options}`" if options else "defaults", f"{steps / 1e6:g}", str(len(members)), *numbers])
+    columns = ["options", "million steps", "trainings", "targets in sight", f"over `{rule}`", "collisions"]
+    return {"columns": [*columns, f"of `{rule}`"], "rows": rows}
+
+
+def options_of(settings: dict[str, Any]) -> tuple[str, int]:
+    """Return the options of `lissajous train` in which settings differ from the defaults, and the steps."""
+    usual = TrainingSettings(scenario=settings["scenario"]).to_dict()
+    words = [f"--{name.replace('_', '-')} {value}" for name, value in settings.items()
+             if name not in (*MAY_CHANGE, "seed", "overrides") and value != usual[name]]  # fmt: skip
+    changed = [f"{name}={value}" for name, value in settings["overrides"].items()]
+    return " ".join(words + (["--set", *changed] if changed else [])), settings["steps"]
+
+
 def preferred(trainings: list[str]) -> str:
     """Return the training whose validation is best, with its collisions in units of the limit of a training."""
     texts = {folder: checkpoint.read_text(Path(folder) / checkpoint.BEST)["training"] for folder in trainings}
@@ -130,11 +163,14 @@ def main() -> None:
     parser.add_argument("--trainings", nargs="+", default=[], metavar="FOLDER", help="folders of trainings")
     parser.add_argument("--scenario", default="watch", choices=list(POLICIES), help="scenario of the comparison")
     parser.add_argument("--space", choices=list(SPACES), help="play the splits of a space instead of a scenario")
+    parser.add_argument("--ablations", nargs="+", metavar="FOLDER", help="folders of trainings to compare by settings")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     if options.trainings:
         print(f"best validation: {preferred(options.trainings)}")
-    if options.space:
+    if options.ablations:
+        figures.publish("ablations", f"{len(SEEDS)} worlds", on_ablations(options.ablations), options.store)
+    elif options.space:
         figures.publish(options.space, "test and shifts", on_space(options.space), options.store)
     else:
         table = on_scenario(options.scenario, options.trainings)

@@ -31,7 +31,7 @@ def drawn(seed: int) -> dict[str, Any]:
         return float(f"{math.exp(random.uniform(math.log(low), math.log(high))):.2g}")
 
     width, robots = between(2.0, 100.0), int(random.integers(2, 13))
-    height = float(f"{width * random.uniform(0.3, 1.0):.2g}")
+    height = float(f"{width / between(1.0, 5.0):.2g}")
     share = math.sqrt(width * height / robots)  # side of a robot's part of the area
     speed = between(0.3, 5.0)
     return {
@@ -43,9 +43,10 @@ def drawn(seed: int) -> dict[str, Any]:
 
 def in_words(request: dict[str, Any]) -> str:
     """Return a request in one line."""
+    turns = f"turns {request['turning_radius']:.2g} m" if "turning_radius" in request else "drives"
     return (
         f"{request['width']:g} m x {request['height']:g} m, {request['robots']} of {request['robot_radius']:.2g} m and "
-        f"{request['speed']:g} m/s, r_s {request['sensor_radius']:.2g} m, turns {request['turning_radius']:.2g} m, "
+        f"{request['speed']:g} m/s, r_s {request['sensor_radius']:.2g} m, {turns}, "
         f"targets {request['rogue_speed']:g} m/s"
     )
 

@@ -17,8 +17,8 @@ from lissajous_env.parameters import named
 from lissajous_env.world.columns import COLLISIONS, MEAN, task_score
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.policy import LearnedTeam
 from training.learned.team_network import TeamNetwork
-from training.learned.team_policy import LearnedTeam
 from training.rogue_settings import RogueTraining
 from training.rogue_trainer import undetected_times
 
@@ -51,7 +51,7 @@ def publish(
         notes, kind = _scores_of(network, card, made_for or (card.scenario,)), "policies"
         notes["training"] = text["training"]
     card = dataclasses.replace(card, settings=dict(card.settings) | {"out": f"runs/{name}"})
-    with checkpoint.hold(folder / kind / name) as held:
+    with checkpoint.locked(folder / kind / name) as held:
         checkpoint.save(held, network, card, notes={"command": command, **notes})
     print(f"wrote {folder / kind / name}", file=sys.stderr)
 
@@ -61,7 +61,7 @@ def _scores_of(network: TeamNetwork, card: Card, made_for: tuple[str, ...]) -> d
     scores = {}
     for played in made_for:
         # The scenario of the training is in its folder and need not be registered.
-        scenario = checkpoint.home_scenario(card) if played == card.scenario else named.scenario(played)
+        scenario = checkpoint.own_scenario(card) if played == card.scenario else named.scenario(played)
         rows = evaluate(LearnedTeam(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)
         for name in (task_score(scenario).name, COLLISIONS.name):
             of = summarize([row[name] for row in rows], MEAN)

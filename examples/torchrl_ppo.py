@@ -16,7 +16,7 @@ from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
 from torchrl.objectives import ClipPPOLoss, ValueEstimators
 
 import lissajous_env
-from training.torchrl import LissajousTorchEnv, ModelPolicy
+from training.torchrl import LissajousTorchEnv, ModulePolicy
 
 OBSERVATION, ACTION, VALUE = ("robot", "observation"), ("robot", "action"), ("robot", "state_value")
 EPOCHS, MINIBATCHES = 4, 4
@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--scenario", default="watch")
     parser.add_argument("--iterations", type=int, default=50)
     options = parser.parse_args()
-    policy = ModelPolicy(train(options.scenario, options.iterations), options.scenario, num_worlds=16)
+    policy = ModulePolicy(train(options.scenario, options.iterations), options.scenario, num_worlds=16)
     for row in lissajous_env.evaluate(policy, options.scenario, seeds=range(16)):
         print(row["seed"], row["observed_fraction"], row["detection_time_mean"], row["collisions"])
 

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from browser import browser, folder, recording  # noqa: F401 - fixtures
+from hypothesis import settings
 
 import baselines
 import lissajous_env
@@ -18,6 +19,8 @@ from lissajous_env.parameters.named import SCENARIOS, SPACES
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["MPLBACKEND"] = "Agg"
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 @pytest.fixture(autouse=True)

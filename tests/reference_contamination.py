@@ -95,7 +95,7 @@ class Field:
 
 def sensors_of(simulation, slices):
     """(Q, N, 2) places of the sensors in equal slices of the latest step of world 0, of robots that work now."""
-    track = simulation.robots.track.numpy()[0, :, :, :2].astype(float)
+    track = simulation.robots.path.numpy()[0, :, :, :2].astype(float)
     last = track.shape[1] - 1
     at = np.arange(1, slices + 1) / slices * last
     low = np.minimum(at.astype(int), last - 1)

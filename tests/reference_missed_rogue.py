@@ -31,14 +31,14 @@ def fault_of(rogue):
 
 def nearest(played, step, places):
     """Least distance from any working robot at equal shares of a step, of a rogue that moves straight [m]."""
-    track = played.track[step, played.works[step]].astype(float)
-    if not len(track):
+    path = played.path[step, played.works[step]].astype(float)
+    if not len(path):
         return np.array([np.inf])
-    last = track.shape[1] - 1
+    last = path.shape[1] - 1
     share = np.linspace(0, 1, SLICES * last + 1)
     low = np.minimum((share * last).astype(int), last - 1)
     along = (share * last - low)[None, :, None]
-    robots = (1 - along) * track[:, low] + along * track[:, low + 1]
+    robots = (1 - along) * path[:, low] + along * path[:, low + 1]
     rogue = places[0] + share[:, None] * (places[-1] - places[0])
     return np.linalg.norm(robots - rogue, axis=-1).min(axis=0)
 

@@ -1,6 +1,5 @@
 """Learned policies: the included ones, and their training."""
 
-from training.learned.policy import load, names
-from training.learned.team_policy import LearnedTeam
+from training.learned.policy import LearnedTeam, load, names
 
 __all__ = ["LearnedTeam", "load", "names"]

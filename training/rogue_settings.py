@@ -12,7 +12,7 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.checks import Checked, is_whole, rows, whole
-from training.settings import TrainingSettings, differences
+from training.settings import TrainingSettings
 
 MAY_CHANGE = ("out", "threads", "episodes")
 """Settings that may change when a training is resumed."""
@@ -90,7 +90,3 @@ class RogueTraining(Checked):
         values = {option.name: getattr(self, option.name) for option in dataclasses.fields(self)}
         plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
         return plain | {"side": "rogues", "out": str(self.out), "overrides": dict(self.overrides)}
-
-    def differences(self, stored: Mapping[str, Any]) -> list[str]:
-        """Return the settings that prevent a training from resuming what is stored, each in words."""
-        return differences(self.to_dict(), stored, MAY_CHANGE)

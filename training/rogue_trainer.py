@@ -23,10 +23,11 @@ from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import DETECTION_TIME
 from training.learned import checkpoint
-from training.learned.network import Network
 from training.learned.rogue import rogue_card
-from training.rogue_settings import RogueTraining
-from training.torch_state import load_state, network_of, save_state
+from training.learned.rogue_network import RogueNetwork
+from training.rogue_settings import MAY_CHANGE, RogueTraining
+from training.settings import check_resumes
+from training.torch_state import load_state, save_state
 
 FIRST_EVALUATION_SEED = 20_000
 _FIRST_SEED = 1_000_000
@@ -50,7 +51,7 @@ def train_rogues(settings: RogueTraining, console: Console | None = None) -> dic
     Raises:
         ValueError: the folder contains other files or results of other settings, or is in use by another process.
     """
-    with checkpoint.hold(settings.out) as folder:
+    with checkpoint.locked(settings.out) as folder:
         return RogueTrainer(settings, console or make_console(), folder).run()
 
 
@@ -121,7 +122,7 @@ class RogueTrainer:
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         runner = EpisodeRunner(named(settings.against)(scenario, settings.worlds, settings.device), simulation)
         seed = _FIRST_SEED * (1 + settings.seed) + k * settings.worlds
-        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.look(simulation))
+        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
         return visits
 
     def _normalized(self, rows: np.ndarray) -> Tensor:
@@ -149,16 +150,16 @@ class RogueTrainer:
             errors.append(loss.item())
         return float(np.mean(errors))
 
-    def network(self) -> Network:
+    def network(self) -> RogueNetwork:
         """Copy the policy as a network that reads rows which are not normalized."""
-        learned = network_of(self.actor)
-        if self.normal is None:
-            return learned
+        assert self.normal is not None
         mean, spread = self.normal
-        weight = learned.weights[0] / spread
-        weights = (weight.astype(np.float32), *learned.weights[1:])
-        biases = ((learned.biases[0] - weight @ mean).astype(np.float32), *learned.biases[1:])
-        return Network(weights, biases)
+        layers = [part for part in self.actor if isinstance(part, nn.Linear)]
+        weights = [layer.weight.detach().cpu().numpy() for layer in layers]
+        biases = [layer.bias.detach().cpu().numpy() for layer in layers]
+        weights[0] = weights[0] / spread
+        biases[0] = biases[0] - weights[0] @ mean
+        return RogueNetwork(tuple(weights), tuple(biases))
 
     def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
         """Write a checkpoint with the state of the training, and the labels so far unless it is complete."""
@@ -170,9 +171,7 @@ class RogueTrainer:
 
     def _resume(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
-        if differences := self.settings.differences(card.settings):
-            rule = "must be an empty folder or contain a training with the same settings"
-            raise ValueError(f"out {rule}, got {self.settings.out}: {'; '.join(differences)}")
+        check_resumes(self.settings.to_dict(), card.settings, MAY_CHANGE)
         arrays = checkpoint.read_state(self.settings.out, text)
         with checkpoint.resuming(self.settings.out, text):
             self.history |= text["rogues"]

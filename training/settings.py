@@ -1,11 +1,14 @@
 """The settings of a training: one dataclass, which is the command line of `lissajous train`."""
 
+import contextlib
 import dataclasses
-from collections.abc import Collection, Mapping
+import itertools
+import warnings
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -13,9 +16,18 @@ from baselines.policies import registry
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
+from lissajous_env.parameters.assumptions import AssumptionWarning
+from lissajous_env.parameters.named import scenario_space, space_and_split
 from lissajous_env.settings.checks import Checked, number, whole
-from training import scenarios
+from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
+NO_BASE = "none"
+"""Base of a training that begins without a rule."""
+LEARNED, VALIDATED = "train", "validation"
+"""Splits of a space from which a training draws its scenarios, and those of its validations. No training uses the split
+`test`."""
+MOST_VALIDATED = 16
+"""Number of scenarios of a validation, the first ones of their split."""
 MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
 """Settings that may change when a training is resumed; `steps` also stretches the schedules of noise and rates."""
 
@@ -41,7 +53,10 @@ class TrainingSettings(Checked):
     base: str | None = None
     """Classical policy whose actions the network reads and adds its output to, and with which validations are compared.
     By default greedy-cover, lead-pursuit or index-learned where actions are velocities; for cars that steer, arc-mpcc
-    or arc-gvf; for points, kuramoto."""
+    or arc-gvf; for points, kuramoto. With none, the network begins without a rule, and validations are compared with
+    that default."""
+    critic: Literal["central", "own"] = "central"
+    """Input of the critic: the true places of all robots and targets (MAPPO), or what the robot perceives (IPPO)."""
     features: int = whole(48, 1, 65_536)
     """Features of a token."""
     heads: int = whole(3, 0, 64)
@@ -102,14 +117,14 @@ class TrainingSettings(Checked):
         self._require(collisions is None or 0 <= collisions < 1e6, "collisions", "must be from 0 to 1e6 collisions")
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
-        if self.chosen_base is not None:
-            with scenarios.without_warnings(self.space):
-                registry.check(self.chosen_base, self.make_scenario())
+        if self.rival is not None:
+            with without_warnings(self.space):
+                registry.find(self.rival).check(self.make_scenario())
 
     @cached_property
     def space(self) -> ScenarioSpace | None:
         """Space of scenarios to train on, or None for one scenario."""
-        return scenarios.space_of(self.scenario)
+        return space_of(self.scenario)
 
     @property
     def num_groups(self) -> int:
@@ -118,19 +133,24 @@ class TrainingSettings(Checked):
 
     @property
     def chosen_base(self) -> str | None:
-        """Policy whose actions the network corrects; None for robots of a kind without a default."""
+        """Policy whose actions the network corrects; None without one."""
+        return None if self.base == NO_BASE else self.rival
+
+    @property
+    def rival(self) -> str | None:
+        """Policy with which validations are compared; None for robots of a kind without a default."""
         task = self.make_scenario()
-        if self.base is not None:
+        if self.base not in (None, NO_BASE):
             return self.base
         if task.task.action == "velocity":
-            return scenarios.rule_of(task)
+            return rule_of(task)
         return {"car": "arc-mpcc", "curve": "kuramoto"}.get(task.robot.kind)
 
     def make_scenario(self) -> Scenario:
         """Return the scenario, or the first one of the validations."""
         return self.make_validation_scenarios()[0]
 
-    def make_home(self) -> Scenario:
+    def make_own_scenario(self) -> Scenario:
         """Return the scenario that a checkpoint contains: that of the user, or the first one of the validations."""
         return self.make_scenario() if self.space is not None else make_scenario(self.scenario, **self.overrides)
 
@@ -138,28 +158,89 @@ class TrainingSettings(Checked):
         """Return the scenarios of the validations, without grids that the reward does not need."""
         if self.space is None:
             return [make_scenario(self.scenario, **self.lean_overrides)]
-        return scenarios.validated(self.space.overridden(self.lean_overrides))
+        return validated(self.space.overridden(self.lean_overrides))
 
     @cached_property
     def lean_overrides(self) -> dict[str, Any]:
         """Overrides with which the worlds are made: those of the user, and no grids that the reward does not need."""
         base = make_scenario(self.scenario, **self.overrides) if self.space is None else self.space.base
-        return dict(self.overrides) | scenarios.lean_fields(base)
+        return dict(self.overrides) | lean_fields(base)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
         values = {option.name: getattr(self, option.name) for option in dataclasses.fields(self)}
-        return values | {"out": str(self.out), "overrides": dict(self.overrides), "base": self.chosen_base}
-
-    def differences(self, stored: Mapping[str, Any]) -> list[str]:
-        """Return the settings that prevent a training from resuming what is stored, each in words."""
-        return differences(self.to_dict(), stored, MAY_CHANGE)
+        return values | {"out": str(self.out), "overrides": dict(self.overrides), "base": self.chosen_base or NO_BASE}
 
 
-def differences(here: Mapping[str, Any], stored: Mapping[str, Any], may_change: Collection[str]) -> list[str]:
-    """Return the settings that differ from the stored ones, each in words, but for those that may change."""
-    return [
+def check_resumes(
+    here: Mapping[str, Any], stored: Mapping[str, Any], may_change: Collection[str], others: Collection[str] = ()
+) -> None:
+    """Check that a training can resume what is stored in its folder.
+
+    Args:
+        here: Settings of the training.
+        stored: Settings of what is stored.
+        may_change: Names of the settings that may differ.
+        others: Further differences, each in words.
+
+    Raises:
+        ValueError: there is a difference; the message contains all of them.
+    """
+    differences = [
         f"{name} = {stored.get(name)!r} there, {value!r} here"
         for name, value in here.items()
         if name not in may_change and stored.get(name) != value
     ]
+    if differences or others:
+        rule = "must be an empty folder or contain a training with the same settings"
+        raise ValueError(f"out {rule}, got {here['out']}: {'; '.join([*differences, *others])}")
+
+
+def space_of(name: str) -> ScenarioSpace | None:
+    """Return the space of a name or file, or None if that denotes one scenario.
+
+    Raises:
+        ValueError: a split of a space is given.
+    """
+    if space_and_split(name) is None:
+        return None
+    if ":" in name:
+        rule = f"must be the name of a space without a split, because a training uses the split {LEARNED}"
+        raise ValueError(f"scenario {rule} and is validated on {VALIDATED}, got {name}")
+    return scenario_space(name)
+
+
+def validated(space: ScenarioSpace) -> list[Scenario]:
+    """Return the scenarios of validations."""
+    with without_warnings(space):
+        return list(itertools.islice(space.scenarios(VALIDATED), MOST_VALIDATED))
+
+
+@contextlib.contextmanager
+def without_warnings(space: ScenarioSpace | None) -> Iterator[None]:
+    """Do not warn about assumptions of the paper that a drawn scenario violates; nothing changes without a space."""
+    with warnings.catch_warnings():
+        if space is not None:
+            warnings.simplefilter("ignore", AssumptionWarning)
+        yield
+
+
+def lean_fields(scenario: Scenario) -> dict[str, Any]:
+    """Return the fields that leave out what a training does not need.
+
+    These are the grids that neither the reward nor the targets use and, where it counts how long targets are in sight,
+    the rewards for their first detection, which are larger.
+    """
+    fields: dict[str, Any] = {}
+    if scenario.task.reward_observation > 0:
+        fields |= {"task.reward_detection": 0.0, "task.reward_waiting": 0.0}
+    if scenario.task.reward_idleness == 0:
+        fields["task.grid"] = None
+    if scenario.task.reward_contamination == 0 and not scenario.task.conservative and scenario.targets.rogues is None:
+        fields["task.contamination"] = None
+    return fields
+
+
+def rule_of(task: Scenario) -> str:
+    """Return the best rule for a scenario in which actions are velocities."""
+    return {OBSERVED: "greedy-cover", DETECTION_RATE: "lead-pursuit"}.get(task_score(task), "index-learned")

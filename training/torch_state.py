@@ -1,4 +1,4 @@
-"""PyTorch's modules as plain arrays: networks of policies, and the states of trainings."""
+"""The states of trainings with PyTorch as plain arrays."""
 
 from typing import Any
 
@@ -7,19 +7,6 @@ import torch
 from torch import nn
 
 from training.learned.checkpoint import prefixed, within
-from training.learned.network import Network
-
-
-def network_of(*modules: nn.Module) -> Network:
-    """Copy the linear layers of modules, which are applied in turn with rectifiers between the layers."""
-    arrays = [[part.detach().cpu().numpy().copy() for part in (layer.weight, layer.bias)] for layer in linear(*modules)]
-    weights, biases = zip(*arrays, strict=True)
-    return Network(weights, biases)
-
-
-def linear(*modules: nn.Module) -> list[nn.Linear]:
-    """Return the linear layers of modules, in order."""
-    return [layer for module in modules for layer in module.modules() if isinstance(layer, nn.Linear)]
 
 
 def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:

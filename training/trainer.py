@@ -3,9 +3,9 @@
 All robots share one network, which plays teams of any size. It reads the action that a rule wishes and adds to it
 (residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
 central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games", NeurIPS 2022),
-which reads the true places of all robots and targets. Collisions and near collisions cost more while there are more of
-them than a stated number. The best policy is chosen by validation, in worlds that no update uses; the rule alone is the
-first candidate.
+which reads the true places of all robots and targets, or with a critic that reads what the robot perceives. Collisions
+and near collisions cost more while there are more of them than a stated number. The best policy is chosen by
+validation, in worlds that no update uses; the rule alone is the first candidate.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
 reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; no minibatch
@@ -27,13 +27,12 @@ import baselines
 from lissajous_env.console.terminal import make_console
 from lissajous_env.device.devices import cores
 from lissajous_env.storage.folder import Folder
-from training import scenarios
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.perception import OWN, TOKEN
+from training.learned.policy import LearnedTeam
 from training.learned.team_network import TeamNetwork
-from training.learned.team_policy import LearnedTeam
-from training.settings import TrainingSettings
+from training.settings import MAY_CHANGE, TrainingSettings, check_resumes, without_warnings
 from training.torch_state import load_state, save_state
 from training.validation import limit_of, mean_of, rank_of, validate, words_of
 from training.worlds import TRUTH, Rollout, Step, Worlds
@@ -41,7 +40,7 @@ from training.worlds import TRUTH, Rollout, Step, Worlds
 FIRST_SEED = 1_000_000
 """Seed of the first world of a training."""
 _WARM_UP = 25
-"""Rollouts in which only the critic learns."""
+"""Rollouts in which only the critic learns, so that nothing spoils a base."""
 _NEAR = 0.25
 """Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
 _BOUND = 0.01
@@ -50,7 +49,258 @@ _RESTRAINT = 0.2
 """Weight of the squared correction of a base: advantages are noisy, and without it corrections grow by chance."""
 
 
-class Team(nn.Module):
+def train(
+    settings: TrainingSettings,
+    console: Console | None = None,
+    log: Callable[[dict[str, float]], Any] = lambda point: None,
+) -> dict[str, Any]:
+    """Train until the last step, from the last checkpoint if `settings.out` has one; return the history.
+
+    Args:
+        settings: Settings of the training.
+        console: Console of the progress lines.
+        log: Called with the numbers of each validation, such as `wandb.log`.
+
+    Raises:
+        ValueError: the folder contains other files or results of other settings, or is in use by another process.
+        OSError: the disk is full; the last checkpoint is intact.
+    """
+    console = console or make_console()
+    torch.set_num_threads(settings.threads or cores())
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    with checkpoint.locked(settings.out) as folder, without_warnings(settings.space):
+        return _train(settings, folder, say, log)
+
+
+def _train(
+    settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
+) -> dict[str, Any]:
+    """Train in a locked folder."""
+    state, began, diagnostics = Training(settings), time.monotonic(), {}
+    card = Card.of(settings.make_own_scenario(), settings=settings.to_dict(), base=settings.chosen_base)
+    history = _begin(settings, state, say)
+    curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
+    began -= curve[-1]["seconds"] if curve else 0.0
+    state.limit = limit_of(settings.collisions, rivals)
+    while True:
+        done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
+        last = curve[-1]["steps"] if curve else -every
+        if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
+            network = state.actor.arrays()
+            results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))
+            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
+            curve.append(point)
+            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
+            if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
+                history["best"] = point
+                checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
+            checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
+            log(point)
+        if done:
+            return history
+        diagnostics = state.update(state.collect())
+
+
+def _begin(settings: TrainingSettings, state: "Training", say: Callable[[str], None]) -> dict[str, Any]:
+    """Resume a training, or validate the base; return the history."""
+    if (settings.out / checkpoint.FILE).exists():
+        _, stored, text = checkpoint.read(settings.out)
+        is_other = Card.of(settings.make_own_scenario()).fields != stored.fields
+        others = ["the scenario has changed"] if is_other else []
+        check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
+        with checkpoint.resuming(settings.out, text):
+            state.load_state(checkpoint.read_state(settings.out, text))
+            say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
+            return text["training"]
+    history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "curve": [], "best": None}
+    if settings.rival is not None:
+        history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
+        say(f"{settings.rival}: {words_of(mean_of(history['rivals']))}")
+    return history
+
+
+class Training:
+    """State of a training: networks, optimizer, worlds, and what is adjusted on the way."""
+
+    def __init__(self, settings: TrainingSettings):
+        torch.manual_seed(settings.seed)
+        self.settings = settings
+        self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
+        size = self.worlds.batch.scenario.action_size
+        self.actor = TeamModule(
+            settings, len(TOKEN), size, settings.heads, settings.memory, settings.chosen_base is not None
+        )
+        self.critic = TeamModule(settings, len(TRUTH if settings.critic == "central" else TOKEN), 1)
+        self.networks = nn.ModuleList([self.actor, self.critic])
+        self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
+        self.numbers = {
+            "steps": 0.0,
+            "rollouts": 0.0,
+            "penalty": settings.penalty,
+            "variance": 1.0,
+            "collided": 0.0,
+            "counted": 0.0,
+        }
+        """Robot steps and rollouts so far; factor of the costs of collisions; running variance of the returns; running
+        mean of a team's collisions in an episode, over about 200 steps; steps in the variance (at most 300 count)."""
+        self.limit = settings.collisions or 0.0
+        self._returns = np.zeros(self.worlds.count)
+        self._memory = torch.zeros(self.worlds.count, settings.memory)
+        self._noise = torch.randn(self.worlds.count, size)
+        self._begins = np.ones(self.worlds.count, np.float32)
+        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
+
+    def schedule(self) -> tuple[float, float]:
+        """Return the standard deviation of the actions, whose logarithm changes linearly, and the learning rate."""
+        settings, done = self.settings, min(self.numbers["steps"] / self.settings.steps, 1.0)
+        deviation = settings.noise * (settings.noise_end / settings.noise) ** done
+        return deviation, settings.learning_rate * max(1 - done, 0.05)
+
+    def collect(self) -> Rollout:
+        """Play T steps in all worlds, with noise, and compute the advantages and returns of their actions."""
+        settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
+        memory, moments, steps, values = self._memory, [], [], []
+        for _ in range(settings.rollout):
+            begins = torch.from_numpy(self._begins)
+            with torch.no_grad():
+                rows = [torch.from_numpy(part) for part in self._rows]
+                mean, self._memory = self.actor([part[None] for part in rows], self._memory, begins[None])
+                fresh = torch.randn_like(mean[0])
+                self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
+                action = mean[0] + deviation * self._noise
+                likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
+            reads = self._read()
+            values.append(self._value(rows[0], reads))
+            step = worlds.step(action.numpy())
+            self._truth = worlds.truth()
+            moments.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
+            steps.append((self._reward(step, *self._truth[2:]), step))
+            self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
+            worlds.begin(step.over)
+            if step.over.any():
+                self._truth = worlds.truth()
+            self._rows = worlds.rows()
+            self.numbers["steps"] += float(step.acted.sum())
+        values.append(self._value(torch.from_numpy(self._rows[0]), self._read()))
+        advantages = self._advantages(steps, np.stack(values))
+        of_actor, of_critic, *others = zip(*moments, strict=True)
+        rows, truth = ([torch.stack(part) for part in zip(*of, strict=True)] for of in (of_actor, of_critic))
+        actions, likelihood, acted, begins = (torch.stack(part) for part in others)
+        returns = advantages + torch.from_numpy(np.stack(values[:-1]))
+        return Rollout(rows, truth, actions, likelihood, acted, begins, memory, advantages, returns, deviation)
+
+    def _reward(self, step: Step, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """Return the rewards (B,) of a step, and update the running numbers."""
+        settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
+        own = task.reward_observation * task.step * sightings
+        reward = step.reward + numbers["penalty"] * (step.collided + _NEAR * task.reward_collision * near * step.acted)
+        reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
+        # Two robots take part in a collision.
+        per_robot = (step.collided / (task.reward_collision or 1.0)).sum() / max(step.acted.sum(), 1.0)
+        rate = 0.5 * per_robot * self.worlds.steps * self.worlds.side.places
+        numbers["collided"] += (rate - numbers["collided"]) / 200
+        self._returns = self._returns * settings.gamma + reward
+        numbers["variance"] += (self._returns.var() - numbers["variance"]) / (1 + min(numbers["counted"], 300))
+        self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
+        numbers["counted"] += 1
+        return reward
+
+    def _read(self) -> list[Tensor]:
+        """Return what the critic reads besides the robot's own numbers: tokens (B, K, F) and presence (B, K)."""
+        parts = self._truth[:2] if self.settings.critic == "central" else self._rows[1:]
+        return [torch.from_numpy(part) for part in parts]
+
+    def _value(self, own: Tensor, reads: Sequence[Tensor]) -> np.ndarray:
+        """Return the critic's values (B,) for own numbers (B, A), and what it reads besides them."""
+        with torch.no_grad():
+            rows, none = [part[None] for part in (own, *reads)], torch.zeros(len(own), 0)
+            return self.critic(rows, none, torch.zeros(1, len(own)))[0][0, :, 0].numpy()
+
+    def _advantages(self, steps: Sequence[tuple[np.ndarray, Step]], values: np.ndarray) -> Tensor:
+        """Return generalized advantages (T, B) for rewards in units of the deviation of the returns."""
+        settings, unit = self.settings, np.sqrt(self.numbers["variance"] + 1e-8)
+        advantages, later = np.zeros_like(values[:-1]), np.zeros_like(values[0])
+        for t in reversed(range(len(steps))):
+            reward, step = steps[t]
+            over = np.repeat(step.over, self.worlds.side.places)
+            following = np.where(over, values[t], values[t + 1]) * (1 - step.ended)
+            error = reward / unit + settings.gamma * following - values[t]
+            later = error + settings.gamma * settings.gae_lambda * later * ~over * (1 - step.ended)
+            advantages[t] = later
+        return torch.from_numpy(advantages)
+
+    def update(self, of: Rollout) -> dict[str, float]:
+        """Update the critic, and the actor until it has moved too far; return diagnostics."""
+        settings, numbers, deviation = self.settings, self.numbers, of.deviation
+        self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
+        follows, divergence, count = numbers["rollouts"] >= _WARM_UP * self.actor.corrects, 0.0, of.acted.shape[1]
+        for _ in range(settings.epochs):
+            for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
+                rows, truth = ([part[:, chosen] for part in parts] for parts in (of.rows, of.truth))
+                acted, advantage = of.acted[:, chosen], of.advantages[:, chosen]
+                mean, _ = self.actor(rows, of.memory[chosen], of.begins[:, chosen])
+                likelihood = -0.5 * ((of.actions[:, chosen] - mean) / deviation).square().sum(-1)
+                change = likelihood - of.likelihood[:, chosen]
+                ratio = change.exp()
+                divergence = (((ratio - 1 - change) * acted).sum() / acted.sum().clamp(min=1)).item()
+                follows = follows and divergence < settings.divergence
+                advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+                clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
+                gain = torch.min(ratio * advantage, clipped * advantage)
+                cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
+                if self.actor.corrects:
+                    wish = rows[0][..., -2:][..., : mean.shape[-1]]
+                    cost = cost + _RESTRAINT * (mean[..., :2] - wish).square().sum(-1)
+                none = torch.zeros(len(chosen), 0)
+                value = self.critic([rows[0], *truth], none, torch.zeros_like(acted))[0][..., 0]
+                error = (value - of.returns[:, chosen]).square()
+                loss = (0.5 * error * acted).mean()
+                if follows:
+                    loss = loss + ((cost - gain) * acted).mean()
+                _descend(self.optimizer, self.networks, loss)
+        numbers["rollouts"] += 1
+        excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
+        numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
+        explained = 1 - (of.advantages.var() / of.returns.var().clamp(min=1e-12)).item()
+        return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
+
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy what a resumed training needs, by name."""
+        numbers = {name: np.array([value]) for name, value in self.numbers.items()}
+        arrays = save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
+        if self.settings.space is None:
+            arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
+            arrays |= {"begins": self._begins, "returns": self._returns, "memory": self._memory.numpy()}
+            arrays["noise"] = self._noise.numpy()
+        return arrays
+
+    def load_state(self, arrays: dict[str, np.ndarray]) -> None:
+        """Resume from what `save_state` returned: in the same episodes or, of a space, in new ones."""
+        load_state(self.networks, self.optimizer, arrays)
+        self.numbers |= {name: float(value[0]) for name, value in checkpoint.within("numbers", arrays).items()}
+        if self.settings.space is None:
+            self.worlds.load_state(checkpoint.within("worlds", arrays))
+            self._begins, self._returns = arrays["begins"], arrays["returns"]
+            self._memory, self._noise = torch.from_numpy(arrays["memory"]), torch.from_numpy(arrays["noise"])
+        else:
+            self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
+            self.worlds.batch.reset()
+        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
+
+
+def _descend(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
+    """Take a step; a network on which the loss does not depend stays as it is, in spite of its momentum."""
+    optimizer.zero_grad()
+    loss.backward()
+    for network in networks:
+        nn.utils.clip_grad_norm_(network.parameters(), 0.5)
+    optimizer.step()
+
+
+class TeamModule(nn.Module):
     """`TeamNetwork` in PyTorch: the mean of a robot's action, or a critic's value.
 
     Args:
@@ -110,249 +360,3 @@ class Team(nn.Module):
         names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
         names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
         return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})
-
-
-def _descend(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
-    """Take a step; a network on which the loss does not depend stays as it is, in spite of its momentum."""
-    optimizer.zero_grad()
-    loss.backward()
-    for network in networks:
-        nn.utils.clip_grad_norm_(network.parameters(), 0.5)
-    optimizer.step()
-
-
-class Training:
-    """State of a training: networks, optimizer, worlds, and what is adjusted on the way."""
-
-    def __init__(self, settings: TrainingSettings):
-        torch.manual_seed(settings.seed)
-        self.settings = settings
-        self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
-        size = self.worlds.batch.scenario.action_size
-        self.actor = Team(settings, len(TOKEN), size, settings.heads, settings.memory, settings.chosen_base is not None)
-        self.critic = Team(settings, len(TRUTH), 1)
-        self.networks = nn.ModuleList([self.actor, self.critic])
-        self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
-        self.numbers = {
-            "steps": 0.0,
-            "rollouts": 0.0,
-            "penalty": settings.penalty,
-            "spread": 1.0,
-            "collided": 0.0,
-            "taken": 0.0,
-        }
-        """Robot steps and rollouts so far; factor of the costs of collisions; running variance of the returns; running
-        mean of a team's collisions in an episode, over about 200 steps; steps in the variance (at most 300 count)."""
-        self.limit = settings.collisions or 0.0
-        self._returns = np.zeros(self.worlds.count)
-        self._memory = torch.zeros(self.worlds.count, settings.memory)
-        self._noise = torch.randn(self.worlds.count, size)
-        self._begins = np.ones(self.worlds.count, np.float32)
-        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
-
-    def schedule(self) -> tuple[float, float]:
-        """Return the standard deviation of the actions, whose logarithm changes linearly, and the learning rate."""
-        settings, done = self.settings, min(self.numbers["steps"] / self.settings.steps, 1.0)
-        deviation = settings.noise * (settings.noise_end / settings.noise) ** done
-        return deviation, settings.learning_rate * max(1 - done, 0.05)
-
-    def collect(self) -> Rollout:
-        """Play T steps in all worlds, with noise, and compute what they were worth."""
-        settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
-        memory, parts, steps, values = self._memory, [], [], []
-        for _ in range(settings.rollout):
-            begins = torch.from_numpy(self._begins)
-            with torch.no_grad():
-                rows = [torch.from_numpy(part) for part in self._rows]
-                mean, self._memory = self.actor([part[None] for part in rows], self._memory, begins[None])
-                fresh = torch.randn_like(mean[0])
-                self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
-                action = mean[0] + deviation * self._noise
-                likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
-            step, reads = worlds.step(action.numpy()), [torch.from_numpy(part) for part in self._truth[:2]]
-            values.append(self._value(rows[0], reads))
-            self._truth = worlds.truth()
-            parts.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
-            steps.append((self._reward(step, *self._truth[2:]), step))
-            self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
-            worlds.begin(step.over)
-            if step.over.any():
-                self._truth = worlds.truth()
-            self._rows = worlds.rows()
-            self.numbers["steps"] += float(step.acted.sum())
-        values.append(self._value(torch.from_numpy(self._rows[0]), [torch.from_numpy(p) for p in self._truth[:2]]))
-        advantages = self._advantages(steps, np.stack(values))
-        read, known, *others = zip(*parts, strict=True)
-        rows, truth = ([torch.stack(part) for part in zip(*of, strict=True)] for of in (read, known))
-        actions, likelihood, acted, begins = (torch.stack(part) for part in others)
-        returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(rows, truth, actions, likelihood, acted, begins, memory, advantages, returns, deviation)
-
-    def _reward(self, step: Step, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """Return the rewards (B,) of a step, and update the running numbers."""
-        settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
-        own = task.reward_observation * task.step * sightings
-        reward = step.reward + numbers["penalty"] * (step.collided + _NEAR * task.reward_collision * near * step.acted)
-        reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
-        # Two robots take part in a collision.
-        per_robot = (step.collided / (task.reward_collision or 1.0)).sum() / max(step.acted.sum(), 1.0)
-        rate = 0.5 * per_robot * self.worlds.steps * self.worlds.side.places
-        numbers["collided"] += (rate - numbers["collided"]) / 200
-        self._returns = self._returns * settings.gamma + reward
-        numbers["spread"] += (self._returns.var() - numbers["spread"]) / (1 + min(numbers["taken"], 300))
-        self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
-        numbers["taken"] += 1
-        return reward
-
-    def _value(self, own: Tensor, reads: Sequence[Tensor]) -> np.ndarray:
-        """Return the critic's values (B,)."""
-        with torch.no_grad():
-            rows, none = [part[None] for part in (own, *reads)], torch.zeros(len(own), 0)
-            return self.critic(rows, none, torch.zeros(1, len(own)))[0][0, :, 0].numpy()
-
-    def _advantages(self, steps: Sequence[tuple[np.ndarray, Step]], values: np.ndarray) -> Tensor:
-        """Return generalized advantages (T, B) for rewards in units of the deviation of the returns."""
-        settings, unit = self.settings, np.sqrt(self.numbers["spread"] + 1e-8)
-        advantages, later = np.zeros_like(values[:-1]), np.zeros_like(values[0])
-        for t in reversed(range(len(steps))):
-            reward, step = steps[t]
-            over = np.repeat(step.over, self.worlds.side.places)
-            following = np.where(over, values[t], values[t + 1]) * (1 - step.ended)
-            error = reward / unit + settings.gamma * following - values[t]
-            later = error + settings.gamma * settings.gae_lambda * later * ~over * (1 - step.ended)
-            advantages[t] = later
-        return torch.from_numpy(advantages)
-
-    def update(self, of: Rollout) -> dict[str, float]:
-        """Update the critic, and the actor until it has moved too far; return diagnostics."""
-        settings, numbers, deviation = self.settings, self.numbers, of.deviation
-        self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
-        follows, divergence, count = numbers["rollouts"] >= _WARM_UP, 0.0, of.acted.shape[1]
-        for _ in range(settings.epochs):
-            for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
-                rows, truth = ([part[:, chosen] for part in parts] for parts in (of.rows, of.truth))
-                acted, advantage = of.acted[:, chosen], of.advantages[:, chosen]
-                mean, _ = self.actor(rows, of.memory[chosen], of.begins[:, chosen])
-                likelihood = -0.5 * ((of.actions[:, chosen] - mean) / deviation).square().sum(-1)
-                change = likelihood - of.likelihood[:, chosen]
-                ratio = change.exp()
-                divergence = (((ratio - 1 - change) * acted).sum() / acted.sum().clamp(min=1)).item()
-                follows = follows and divergence < settings.divergence
-                advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-                clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
-                gain = torch.min(ratio * advantage, clipped * advantage)
-                cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
-                if self.actor.corrects:
-                    wish = rows[0][..., -2:][..., : mean.shape[-1]]
-                    cost = cost + _RESTRAINT * (mean[..., :2] - wish).square().sum(-1)
-                none = torch.zeros(len(chosen), 0)
-                value = self.critic([rows[0], *truth], none, torch.zeros_like(acted))[0][..., 0]
-                error = (value - of.returns[:, chosen]).square()
-                loss = (0.5 * error * acted).mean()
-                if follows:
-                    loss = loss + ((cost - gain) * acted).mean()
-                _descend(self.optimizer, self.networks, loss)
-        numbers["rollouts"] += 1
-        excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
-        numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
-        explained = 1 - (of.advantages.var() / of.returns.var().clamp(min=1e-12)).item()
-        return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
-
-    def save_state(self) -> dict[str, np.ndarray]:
-        """Copy what a resumed training needs, by name."""
-        numbers = {name: np.array([value]) for name, value in self.numbers.items()}
-        arrays = save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
-        if self.settings.space is None:
-            arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
-            arrays |= {"begins": self._begins, "returns": self._returns, "memory": self._memory.numpy()}
-            arrays["noise"] = self._noise.numpy()
-        return arrays
-
-    def load_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Resume from what `save_state` returned: in the same episodes or, of a space, in new ones."""
-        load_state(self.networks, self.optimizer, arrays)
-        self.numbers |= {name: float(value[0]) for name, value in checkpoint.within("numbers", arrays).items()}
-        if self.settings.space is None:
-            self.worlds.load_state(checkpoint.within("worlds", arrays))
-            self._begins, self._returns = arrays["begins"], arrays["returns"]
-            self._memory, self._noise = torch.from_numpy(arrays["memory"]), torch.from_numpy(arrays["noise"])
-        else:
-            self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
-            self.worlds.batch.reset()
-        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
-
-
-def train(
-    settings: TrainingSettings,
-    console: Console | None = None,
-    log: Callable[[dict[str, float]], Any] = lambda point: None,
-) -> dict[str, Any]:
-    """Train until the last step, from the last checkpoint if `settings.out` has one; return the history.
-
-    Args:
-        settings: Settings of the training.
-        console: Console of the progress lines.
-        log: Called with the numbers of each validation, such as `wandb.log`.
-
-    Raises:
-        ValueError: the folder contains other files or results of other settings, or is in use by another process.
-        OSError: the disk is full; the last checkpoint is intact.
-    """
-    console = console or make_console()
-    torch.set_num_threads(settings.threads or cores())
-
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-    with checkpoint.hold(settings.out) as folder, scenarios.without_warnings(settings.space):
-        return _train(settings, folder, say, log)
-
-
-def _train(
-    settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
-) -> dict[str, Any]:
-    """Train in a locked folder."""
-    state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = Card.of(settings.make_home(), settings=settings.to_dict(), base=settings.chosen_base)
-    history = _begin(settings, state, say)
-    curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
-    began -= curve[-1]["seconds"] if curve else 0.0
-    state.limit = limit_of(settings.collisions, rivals)
-    while True:
-        done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
-        last = curve[-1]["steps"] if curve else -every
-        if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
-            network = state.actor.arrays()
-            results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))
-            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
-            curve.append(point)
-            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
-            if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
-                history["best"] = point
-                checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
-            checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
-            log(point)
-        if done:
-            return history
-        diagnostics = state.update(state.collect())
-
-
-def _begin(settings: TrainingSettings, state: Training, say: Callable[[str], None]) -> dict[str, Any]:
-    """Resume a training, or validate the base; return the history."""
-    if (settings.out / checkpoint.FILE).exists():
-        _, stored, text = checkpoint.read(settings.out)
-        differences = settings.differences(stored.settings)
-        if Card.of(settings.make_home()).home != stored.home:
-            differences.append("the scenario has changed")
-        if differences:
-            rule = "must be an empty folder or contain a training with the same settings"
-            raise ValueError(f"out {rule}, got {settings.out}: {'; '.join(differences)}")
-        with checkpoint.resuming(settings.out, text):
-            state.load_state(checkpoint.read_state(settings.out, text))
-            say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
-            return text["training"]
-    history: dict[str, Any] = {"rival": settings.chosen_base, "rivals": [], "curve": [], "best": None}
-    if settings.chosen_base is not None:
-        history["rivals"] = validate(settings, partial(baselines.make, settings.chosen_base), None)
-        say(f"{settings.chosen_base}: {words_of(mean_of(history['rivals']))}")
-    return history

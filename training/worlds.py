@@ -16,7 +16,7 @@ from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from training.learned.checkpoint import prefixed, within
-from training.learned.perception import perceive, told_to_drive, wish_of
+from training.learned.perception import commanded_velocity, perceive, wish_of
 from training.settings import TrainingSettings
 
 TRUTH = ("target", "robot", "x", "y", "distance", "near", "observers", "other_distance")
@@ -90,7 +90,7 @@ class Worlds:
         """Policies that the network corrects, one for each group; empty without any."""
         self._wishes: list[np.ndarray] = []
         """Actions (W, N, A) of these for the present states."""
-        self._ask()
+        self._update_wishes()
         self.steps = self.batch.scenario.task.steps
         # Worlds of a group end together, so that it can draw its next scenario.
         shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
@@ -121,7 +121,7 @@ class Worlds:
         for group, simulation in enumerate(batch.simulations):
             if simulation.scenario.task.action == "velocity":
                 part = actions[batch.worlds_of(group), : simulation.num_robots]
-                part[..., :2] = told_to_drive(part[..., :2], simulation.observation.numpy(), simulation.scenario)
+                part[..., :2] = commanded_velocity(part[..., :2], simulation.observation.numpy(), simulation.scenario)
         before = batch.rows(side)
         acted = (before.mask.astype(bool) & ~before.terminated.astype(bool)).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})
@@ -133,16 +133,16 @@ class Worlds:
         return Step(reward, collided.copy(), observed.copy(), acted, ended, batch.over | (self._left <= 0))
 
     def begin(self, worlds: np.ndarray) -> None:
-        """Begin episodes in the masked worlds, and ask the base what it wishes in all of them."""
+        """Begin episodes in the masked worlds, and compute the actions of the base in all of them."""
         if worlds.any():
             self.batch.reset(worlds)
             self._left[worlds] = self.steps
             for group, base in enumerate(self._bases):
                 base.reset(worlds[self.batch.worlds_of(group)])
-        self._ask()
+        self._update_wishes()
 
-    def _ask(self) -> None:
-        """Ask the bases for their wishes in the present states; a group that plays another scenario has a new base."""
+    def _update_wishes(self) -> None:
+        """Compute the bases' actions for the present states; a group that plays another scenario has a new base."""
         if self._base is None:
             return
         simulations = self.batch.simulations

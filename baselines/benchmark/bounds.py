@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from baselines.policies.settings import SCENARIO_FILE, PolicySettings
 from lissajous_env.episodes.guarantee import guaranteed_time
-from lissajous_env.episodes.limits import guaranteed_time_limit, mean_time_limit
+from lissajous_env.episodes.lower_bounds import mean_time_lower_bound, worst_case_lower_bound
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import DETECTION_TIME, task_score
@@ -105,13 +105,13 @@ def bounds_of(scenario: Scenario, simulates: bool = True) -> Bounds:
     """
     worst_case = in_formation = math.nan
     if simulates and scenario.task.contamination is not None:
-        worst_case = _beyond_a_step(guaranteed_time_limit(scenario), scenario)
+        worst_case = _beyond_a_step(worst_case_lower_bound(scenario), scenario)
         with suppress(ValueError):  # targets that are too fast for its grid
             in_formation = guaranteed_time(scenario, speed=scenario.rogue_speed)
     known = known_plans(scenario)
     best = min((plan.worst_case for plan in known), default=math.nan)
     settled = min((plan.settled for plan in known), default=math.nan)
-    mean_time = mean_time_limit(scenario) if task_score(scenario) is DETECTION_TIME else math.nan
+    mean_time = mean_time_lower_bound(scenario) if task_score(scenario) is DETECTION_TIME else math.nan
     return Bounds(_beyond_a_step(mean_time, scenario), worst_case, in_formation, best, settled)
 
 

@@ -36,8 +36,8 @@ def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
     played, failed = _played_again(wanted, cells, outcome.device, progress) if wanted else ({}, [])
     origin = provenance(outcome.stored["device"])
     folder.write(written.REPORT, page(table, ranked, played, origin, outcome.failures, outcome.theorem))
-    said = f"{written.REPORT} plays {len(played):,} of the episodes; --replays NUMBER adds more"
-    return "\n".join([said, *(f"not replayed: {words}" for words in failed)]) if wanted else ""
+    note = f"{written.REPORT} plays {len(played):,} of the episodes; --replays NUMBER adds more"
+    return "\n".join([note, *(f"not replayed: {words}" for words in failed)]) if wanted else ""
 
 
 def chosen(

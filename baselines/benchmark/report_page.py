@@ -23,7 +23,8 @@ from baselines.benchmark.table import Overall, Row, Rows, Table, grouped, number
 from baselines.benchmark.types import Failure
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.report import report
+from lissajous_env.replay import contents
+from lissajous_env.replay.bundle import as_json, bundled
 from lissajous_env.wording import counted
 from lissajous_env.world.columns import (
     COLLISIONS,
@@ -45,6 +46,8 @@ MOST_EPISODES = 20_000
 """Largest number of episodes that are listed, the worst first."""
 _KINDS = {"car": "cars", "curve": "points on the curve"}
 _DIGITS = 5
+_EPISODES = "the episodes"
+"""Placeholder of the episodes in the page of the frame."""
 
 Key = tuple[str, str, int]
 """Scenario, policy and seed of an episode."""
@@ -114,17 +117,17 @@ def page(
     table: Table,
     ranked: Rows,
     replays: Mapping[Key, dict[str, Any]],
-    made: Mapping[str, str],
+    origin: Mapping[str, str],
     failures: Sequence[Failure] = (),
     notes: Mapping[str, Sequence[str]] | None = None,
 ) -> str:
-    """Make the page.
+    """Return the page as HTML that needs no other file and no network.
 
     Args:
         table: The table.
         ranked: Its score rows, the worst first.
-        replays: What the page needs to play some episodes.
-        made: Command, machine and versions of the numbers, in words.
+        replays: Playable episodes, from `lissajous_env.replay.contents.contents`.
+        origin: Command, machine and versions of the numbers, in words.
         failures: Policies that raised.
         notes: Sentences about scenarios, by name.
     """
@@ -136,7 +139,7 @@ def page(
     replayed = {f"replay-{k}": key for k, key in enumerate(replays)}
     data = {
         "format": FORMAT,
-        "made": dict(made),
+        "made": dict(origin),
         "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
         "policies": _policies(policies),
         "overall": [_overall(of, number_of) for of in table.overall],
@@ -149,8 +152,12 @@ def page(
     }
     of, on = counted(len(policies), "policy", "policies"), counted(len(scenario_of), "scenario")
     words = {"title": "Benchmark", "counted": f"{counted(len(ranked), 'episode')} of {of} on {on}"}
-    contents = {name: replays[key] for name, key in replayed.items()}
-    return report(data, words, contents)
+    viewer, blocks = "", {name: replays[key] for name, key in replayed.items()}
+    if replays:  # the replay page without episodes, in a frame
+        empty = {"format": contents.FORMAT, "at": "@at@", "episodes": [_EPISODES]}
+        viewer = bundled("page.html", "main.js", empty, {"title": "Replay"})
+        blocks = {"viewer-page": viewer.replace(as_json(_EPISODES), "@episodes@", 1)} | blocks
+    return bundled("report.html", "report.js", data, words, ("style.css", "report.css"), blocks, viewer)
 
 
 def _columns(table: Table) -> list[dict[str, Any]]:

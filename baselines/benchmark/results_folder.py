@@ -49,21 +49,21 @@ class Results:
     def __init__(self, folder: Folder, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
         """Read a folder, and add the settings and cells of a call to it; without settings, nothing is added."""
         path = folder.path / SETTINGS
-        there, now = None, None if settings is None else as_settings(settings, cells)
+        stored, wanted = None, None if settings is None else as_settings(settings, cells)
         if path.exists():
-            there = read_json(path)
+            stored = read_json(path)
         elif (folder.path / EPISODES).exists():
             raise ValueError(f"{folder.path} contains {EPISODES} but no {SETTINGS}; choose another --out")
-        self.stored: dict[str, Any] = there or now or {}
+        self.stored: dict[str, Any] = stored or wanted or {}
         self._rows: dict[_Key, dict[str, Any]] = {}
-        if there is None:
+        if stored is None:
             self._write(folder)  # before the episodes, which are useless without it
         self._journal = folder.journal(EPISODES)
         try:
             self._read()
-            if there is not None and now is not None:
-                self.stored = self._extended(folder.path, there, now)
-                if self.stored != there:
+            if stored is not None and wanted is not None:
+                self.stored = self._extended(folder.path, stored, wanted)
+                if self.stored != stored:
                     self._write(folder)
             self.scenarios = {name: scenario_of(fields) for name, fields in self.stored["scenarios"].items()}
         except (KeyError, TypeError, AttributeError) as error:
@@ -93,31 +93,32 @@ class Results:
                 raise ValueError(f"{place}: {wrong}; delete that line to play its episode again")
             self._rows[_key(row)] = row | {name: math.nan for name in row if row[name] is None}
 
-    def _extended(self, folder: Path, there: dict[str, Any], now: dict[str, Any]) -> dict[str, Any]:
+    def _extended(self, folder: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> dict[str, Any]:
         """Return the settings of a folder with those of a call; scenarios, policies and episodes may be added.
 
         The code of a policy may change as long as the folder has no episode of it, so a policy that failed can be
         mended.
         """
         begun = {policy for _, policy, _ in self._rows}
-        code = {n for n in now["played"] if n in there["played"] and (n in begun or n.startswith((_ROBOTS, _ROGUES)))}
-        then, wanted = (
+        both = wanted["played"].keys() & stored["played"].keys()
+        code = {name for name in both if name in begun or name.startswith((_ROBOTS, _ROGUES))}
+        before, now = (
             {name: of[name] for name in _FIXED}
             | {"scenarios": {name: fields for name, fields in of["scenarios"].items() if name in other["scenarios"]}}
             | {"played": {name: of["played"][name] for name in code}}
-            for of, other in ((there, now), (now, there))
+            for of, other in ((stored, wanted), (wanted, stored))
         )
-        if differing := _differences(then, wanted):
+        if differing := _differences(before, now):
             raise ValueError(_refusal(folder, differing))
         return {
             "policies": {
-                name: list(dict.fromkeys([*there["policies"].get(name, []), *now["policies"].get(name, [])]))
-                for name in {**there["policies"], **now["policies"]}
+                name: list(dict.fromkeys([*stored["policies"].get(name, []), *wanted["policies"].get(name, [])]))
+                for name in {**stored["policies"], **wanted["policies"]}
             },
-            "episodes": max(there["episodes"], now["episodes"]),
-            **{name: there[name] for name in _FIXED},
-            "scenarios": now["scenarios"] | there["scenarios"],
-            "played": there["played"] | {name: of for name, of in now["played"].items() if name not in code},
+            "episodes": max(stored["episodes"], wanted["episodes"]),
+            **{name: stored[name] for name in _FIXED},
+            "scenarios": wanted["scenarios"] | stored["scenarios"],
+            "played": stored["played"] | {name: of for name, of in wanted["played"].items() if name not in code},
         }
 
     def missing(self, cell: Cell, episodes: int) -> list[int]:

@@ -54,7 +54,7 @@ def measure(
     console: Console | None = None,
     progress: Console | None = None,
 ) -> Outcome:
-    """Do the same as `run`, and also return the policies that failed; `progress` is shown on a console of its own."""
+    """Do the same as `run`, and return the whole outcome; `progress` is shown on a console of its own."""
     if scenarios is None:
         scenarios = [as_played(name, settings.overrides) for name in settings.scenarios]
     cells = cells_of(settings, policies, scenarios)
@@ -78,8 +78,8 @@ def measure(
             (outcome.failures if is_wanted else outcome.left_out).append(failure)
         outcome.theorem = about_theorem(outcome.playable.values(), stored_rows, outcome.device)
         written.write_files(folder, outcome, stored_rows)
-        said = replays.write_report(folder, outcome, progress)
-    shown.print_outcome(console, outcome, said)
+        note = replays.write_report(folder, outcome, progress)
+    shown.print_outcome(console, outcome, note)
     return outcome
 
 

@@ -164,7 +164,7 @@ def bounds_in_words(bounds: Bounds) -> str:
     )
 
 
-def print_outcome(console: Console, outcome: "Outcome", said: str = "") -> None:
+def print_outcome(console: Console, outcome: "Outcome", note: str = "") -> None:
     """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
     out, table = outcome.settings.out, outcome.table
     where = f"They are in {out}/summary.json"
@@ -196,8 +196,8 @@ def print_outcome(console: Console, outcome: "Outcome", said: str = "") -> None:
         print_line(console, words, "yellow")
     files = "report.html, table.md, episodes.csv, summary.json"
     print_line(console, f"{counted(len(table.rows), 'episode')} in {out} ({files}), {outcome.elapsed:.1f} s")
-    if said:
-        print_line(console, said)
+    if note:
+        print_line(console, note)
 
 
 def print_lines(
@@ -254,8 +254,8 @@ def print_row(console: Console, row: dict[str, Any], scenario: Scenario) -> None
 
 def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> None:
     """Print by scenario whether the theorem of the proved filter applies: the result of `about_theorem`."""
-    for scenario, said in sentences.items():
-        for words in said:
+    for scenario, of_scenario in sentences.items():
+        for words in of_scenario:
             print_line(console, f"{scenario}: {words}", "dim" if "not apply" not in words else "yellow")
 
 

@@ -225,7 +225,7 @@ def cells_of(
 def _kind_of(folder: str) -> str | None:
     """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
     try:
-        return registry.home(folder).actuation
+        return registry.own_scenario(folder).actuation
     except ValueError:
         return None
 

@@ -7,7 +7,7 @@ import tyro
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.types import Benchmark, cells_of
-from baselines.commands.playing import check_file, made, naming, progress_console, scenarios_and_policy
+from baselines.commands.playing import check_file, naming, progress_console, scenarios_and_policy, with_policy
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     Device,
@@ -54,17 +54,17 @@ def evaluate(
     from baselines.benchmark.table import Table
     from baselines.benchmark.theorem import about_theorem
 
-    scenarios, policy, home = scenarios_and_policy(names)
+    scenarios, policy, own = scenarios_and_policy(names)
     check_file(out, ".csv")
     changed = parse_overrides(overrides, rogues)
     settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
-    cells = cells_of(settings, scenarios=None if home is None else [home])
+    cells = cells_of(settings, scenarios=None if own is None else [own])
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
     with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:
         for k, cell in enumerate(cells):
             progress.begin(cell)
-            cells[k] = made(cell, settings)
+            cells[k] = with_policy(cell, settings)
             with naming(cell):
                 for finished in play(cells[k], settings, numbers):
                     rows += finished

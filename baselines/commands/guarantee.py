@@ -18,7 +18,7 @@ from lissajous_env.console.terminal import (
     print_table,
 )
 from lissajous_env.device.devices import cores
-from lissajous_env.episodes.guarantee import Reach, fastest_rogue, reach_of
+from lissajous_env.episodes.guarantee import FormationGuarantee, fastest_rogue, formation_guarantee
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 
@@ -53,24 +53,24 @@ def guarantee(
             raise ValueError(f"{name} must be from {least} to {most}, got {value}")
     changed = parse_overrides(overrides)
     formations = [named.scenario(name, **changed) for name in scenarios]
-    known = {}
+    guarantees = {}
     for scenario in formations:
-        known[scenario.name] = reaches(scenario, radii, cells)
-        _print(output.console(), scenario, known[scenario.name])
-    output.print_json({name: [row._asdict() for row in rows] for name, rows in known.items()})
+        guarantees[scenario.name] = formation_guarantees(scenario, radii, cells)
+        _print(output.console(), scenario, guarantees[scenario.name])
+    output.print_json({name: [row._asdict() for row in rows] for name, rows in guarantees.items()})
 
 
-def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
+def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[FormationGuarantee]:
     """Return critical speeds and guaranteed times for sensing radii from 0.3 to 1.35 times that of Eq. (8)."""
 
-    def reach(share: float) -> Reach:
-        return reach_of(scenario, scenario.rogue_speed, share * scenario.detection_radius, cells)
+    def of_share(share: float) -> FormationGuarantee:
+        return formation_guarantee(scenario, scenario.rogue_speed, share * scenario.detection_radius, cells)
 
     with ThreadPoolExecutor(cores()) as threads:
-        return list(threads.map(reach, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
+        return list(threads.map(of_share, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
 
 
-def _print(console: Console, scenario: Scenario, rows: Sequence[Reach]) -> None:
+def _print(console: Console, scenario: Scenario, rows: Sequence[FormationGuarantee]) -> None:
     """Print a row for each sensing radius."""
     speed = scenario.rogue_speed
     console.print(

@@ -62,7 +62,7 @@ def plan(
             output.print(f"Watch one: lissajous run {out}/1 --out plan.html")
     output.print_json({
         "plans": report.as_rows(shown_ones),
-        "limits": outcome.limits,
+        "lower_bounds": outcome.lower_bounds,
         "fewest_robots": outcome.fewest_robots,
         "looked_at": outcome.looks,
         "seconds": outcome.seconds,

@@ -8,7 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from baselines.benchmark.progress import Progress
+from rich import progress as bars
+
+from baselines.benchmark.progress import Progress, bar
 from baselines.benchmark.types import Benchmark, Cell, cells_of
 from baselines.policies import registry
 from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
@@ -33,7 +35,7 @@ def scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str, Sc
         ValueError: as `split_scenarios_and_policy`, or the folder has no scenario.
     """
     if len(names) == 1 and registry.is_folder(names[0]):
-        return (names[0],), names[0], registry.home(names[0])
+        return (names[0],), names[0], registry.own_scenario(names[0])
     return (*split_scenarios_and_policy(names), None)
 
 
@@ -46,7 +48,7 @@ def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = 
     (cell,) = cells_of(settings, scenarios=None if scenario is None else [scenario])
     with Progress([(cell, [0])], progress_console(output)) as progress:
         progress.begin(cell)
-        acting = made(cell, settings).factory(cell.scenario, 1, settings.device)
+        acting = with_policy(cell, settings).factory(cell.scenario, 1, settings.device)
         with naming(cell):
             recording = record(acting, cell.scenario, settings.seed, settings.device)
         progress.finished(cell, 1)
@@ -58,12 +60,8 @@ def progress_console(output: Output) -> Any:
     return make_console(stderr=True, quiet=output.quiet)
 
 
-def made(cell: Cell, settings: Benchmark) -> Cell:
-    """Make the policy of a cell, so that a wrong name or folder is reported as bad input rather than a failure.
-
-    Returns:
-        The cell with a factory that returns this policy.
-    """
+def with_policy(cell: Cell, settings: Benchmark) -> Cell:
+    """Return a cell whose policy is made, so that a wrong name or folder is reported as bad input, not as a failure."""
     with naming(cell) if is_imported(cell.policy) else nullcontext():
         policy = cell.factory(cell.scenario, settings.worlds, settings.device)
     return replace(cell, factory=as_factory(policy, cell.policy))
@@ -132,8 +130,6 @@ def show(
     Raises:
         ValueError: a GIF or film would have more than 20,000 pictures.
     """
-    from rich.progress import Progress
-
     from lissajous_env.render import film
     from lissajous_env.replay import Replay
 
@@ -147,8 +143,7 @@ def show(
     if out is None:
         film.play(recording, speed=speed)
         return
-    console = make_console(stderr=True, quiet=output.quiet)
-    with Progress(console=console, transient=True, disable=not console.is_interactive or output.quiet) as progress:
+    with bar(progress_console(output), bars.TextColumn("{task.description}")) as progress:
         task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
         if suffix == ".html":
             Replay(recording, against).save(out)

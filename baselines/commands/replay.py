@@ -94,8 +94,8 @@ def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, ov
 
     first, *others = names
     if others or registry.is_folder(first):
-        scenarios, policy, home = scenarios_and_policy(names)
-        return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=overrides), output, home)
+        scenarios, policy, own = scenarios_and_policy(names)
+        return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=overrides), output, own)
     if overrides:
         raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
     return load(first)

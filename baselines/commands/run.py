@@ -56,10 +56,10 @@ def run(
     from baselines.benchmark import shown
     from baselines.benchmark.theorem import about_theorem
 
-    scenarios, name, home = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
+    scenarios, name, own = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
     check_file(out, *FORMATS)
     settings = Benchmark(scenarios, (name,), 1, seed, 1, device, overrides=parse_overrides(overrides, rogues))
-    recording = record_one(settings, output, home)
+    recording = record_one(settings, output, own)
     row = recording.score
     shown.print_row(output.console(), row, recording.scenario)
     shown.print_theorem(output.console(), about_theorem([Cell(recording.scenario, name, named(name))], [row], device))

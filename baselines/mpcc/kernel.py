@@ -386,4 +386,4 @@ def solve(
 
 
 solve_lissajous = wp.overload(solve, {"curve": CurveStruct})
-"""The kernel for a Lissajous curve; `baselines.mpcc.series` has that for curves of harmonics."""
+"""The kernel for a Lissajous curve; `baselines.mpcc.solver` has that for curves of harmonics."""

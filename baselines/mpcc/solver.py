@@ -21,9 +21,9 @@ import numpy as np
 import warp as wp
 
 from baselines.mpcc.frame import Series
-from baselines.mpcc.kernel import EARLY, KEEP, Scratch, solve_lissajous
+from baselines.mpcc.kernel import EARLY, KEEP, Scratch, solve, solve_lissajous
 from baselines.mpcc.model import MpccParameters, MpccStruct, tabulate, vec5
-from baselines.mpcc.series import solve_series
+from lissajous_env.device.compilation import CONTRACTED
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores, is_torch
@@ -31,7 +31,11 @@ from lissajous_env.device.structs import to_struct
 from lissajous_env.device.work import Work, shared_launch
 from lissajous_env.parameters.scenario import Curve
 
-__all__ = ["Mpcc", "MpccParameters", "Solution"]
+wp.set_module_options(CONTRACTED)
+
+solve_series = wp.overload(wp.Kernel(solve.func, module=wp.get_module(__name__)), {"curve": Series})
+"""The kernel of `baselines.mpcc.kernel` for curves of harmonics; in this module, which is compiled only where such a
+curve is driven, it leaves the rounding of the other kernel alone."""
 
 SMALLEST_SHARE = 64
 """Smallest number of problems for which another thread is used."""
@@ -104,7 +108,7 @@ class Mpcc(Copyable):
             self._begin.fill_(KEEP)
         self.launch()
         results = (self.control, self.trajectory, self.cost, self.iterations)
-        if _is_on_host(state):
+        if not isinstance(state, wp.array) and not is_torch(state):
             return Solution(*(array.numpy().copy() for array in results))
         return Solution(*results)
 
@@ -147,9 +151,15 @@ class Mpcc(Copyable):
         return scratch
 
     def _record(self, first: int, count: int) -> Work:
-        p, curve, solve = to_struct(MpccStruct, self.parameters), curve_struct(self.curve, self.device), solve_lissajous
+        p, curve, kernel = (
+            to_struct(MpccStruct, self.parameters),
+            curve_struct(self.curve, self.device),
+            solve_lissajous,
+        )
         if self.curve.driven.harmonics:
-            curve, solve = _series(curve)
+            harmonics: Any = Series()
+            harmonics.curve = curve
+            curve, kernel = harmonics, solve_series
         table, scratch = tabulate(self.curve, self.device), self._scratch()
         outputs = [self.control, self.trajectory, self.cost, self.iterations]
 
@@ -157,15 +167,4 @@ class Mpcc(Copyable):
             return [p, curve, table, first + low, self.state, self.phase_rate, scratch, self._begin]
 
         with compile_quietly():
-            return shared_launch(solve, count, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)
-
-
-def _series(curve: Any) -> tuple[Any, Any]:
-    """Return the curve of harmonics for its kernel, and this kernel."""
-    of: Any = Series()
-    of.curve = curve
-    return of, solve_series
-
-
-def _is_on_host(value: Any) -> bool:
-    return not isinstance(value, wp.array) and not is_torch(value)
+            return shared_launch(kernel, count, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)

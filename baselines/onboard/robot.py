@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from baselines.onboard.row import Row
-from baselines.onboard.signals import Actuation, Command, Message, Odometry, Twist, seen_rows
+from baselines.onboard.signals import Actuation, Command, Message, Odometry, Twist, detection_rows
 from baselines.policies import factories
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
@@ -205,7 +205,7 @@ class Onboard:
         Raises:
             ValueError: `robots` or `targets` have another shape.
         """
-        robots, targets = seen_rows("robots", robots, 4), seen_rows("targets", targets, 2)
+        robots, targets = detection_rows("robots", robots, 4), detection_rows("targets", targets, 2)
         self._listen(now, heard)
         reason = self._check_clock(now) or self._latched
         sound = self._check_odometry(now, odometry) or self._check_fence(odometry)
@@ -218,7 +218,7 @@ class Onboard:
             self._odometry = odometry
         if self._odometry is None or not math.isfinite(now):
             return self._stopped(now, reason or "there is no pose yet")
-        self._row.see(robots, targets)
+        self._row.place_detections(robots, targets)
         phase = phase if odometry is self._odometry else None
         row = self._row.fill(self._odometry, self._heard, not reason, phase)
         for _ in range(self._steps_due(now)):
@@ -312,9 +312,7 @@ class Onboard:
 
 def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
     """Return the policy for one world, restricted to a robot."""
-    name = os.fspath(policy) if isinstance(policy, (str, os.PathLike)) else None
-    factory = factories.named(name) if name is not None else factories.as_factory(policy, shown(policy))
-    acting = factory(scenario, 1, "cpu")
+    acting: Any = factories.as_factory(policy, shown(policy))(scenario, 1, "cpu")
     if acting.num_worlds != 1:
         raise ValueError(f"policy must be for one world, got one for {acting.num_worlds}")
     if isinstance(acting, Policy):

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -18,7 +17,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import locate
 from lissajous_env.world.observation import layout
 from lissajous_env.world.observing import observe
-from lissajous_env.world.robots.nearby import Bins
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.robots.signals import measure
 from lissajous_env.world.state import NOWHERE, REMOVED, STUCK, WORKING, Robots, Targets
@@ -42,14 +40,13 @@ class Row:
         device, sensing = as_device("cpu"), scenario.sensing
         shape, size = (1, 1 + sensing.robots_seen), layout(scenario).size
         state = state_of(scenario, 1, size, 1, device)
-        state["robots"] = allocate(Robots, {"track": (*shape, 1)}, shape, device)
+        state["robots"] = allocate(Robots, {"path": (*shape, 1)}, shape, device)
         state["targets"] = allocate(Targets, {}, (1, sensing.targets_seen), device)
         state["clock"].active.fill_(1)
         state["clock"].step.fill_(_NOW)
-        bins: Any = Bins()
-        bins.nearest = wp.zeros((1, 1, max(sensing.robots_seen, sensing.targets_seen)), dtype=wp.vec2, device=device)
+        nearest = wp.zeros((1, 1, sensing.most_seen), dtype=wp.vec2, device=device)
         row = wp.zeros((1, 1, size), dtype=wp.float32, device=device)
-        values = constants_of(scenario, device) | state | {"bins": bins, "observation_out": row}
+        values = constants_of(scenario, device) | state | {"nearest": nearest, "observation_out": row}
         values |= {"noise": NoiseStruct(), "age_per_step": values["age_per_step"] / _TICKS}
         with compile_quietly():
             self._follow, self._measure, self._observe = (
@@ -82,7 +79,7 @@ class Row:
         turn, measured = self._robots["measured_turn"][0], self._robots["measured"][0]
         return float(turn[0]), float(turn[1]), float(measured[0]), float(measured[1])
 
-    def see(self, robots: np.ndarray, targets: np.ndarray) -> None:
+    def place_detections(self, robots: np.ndarray, targets: np.ndarray) -> None:
         """Place what the sensor detects, relative to the robot: robots (K, 4) in [m] and [m/s], and targets (K, 2)."""
         robots = _nearest(robots, len(self._robots["status"]) - 1)
         there = slice(1, 1 + len(robots))

@@ -59,7 +59,7 @@ class Message(NamedTuple):
         return math.isfinite(total) and len(self.numbers) == size and is_phase
 
 
-def seen_rows(name: str, given: Any, width: int) -> np.ndarray:
+def detection_rows(name: str, given: Any, width: int) -> np.ndarray:
     """Return the objects that a sensor detects as rows (K, width).
 
     Raises:

@@ -98,13 +98,14 @@ def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
     apart = {"clearance": float(f"{_LATE * clearance:.4g}")} if _LATE * clearance > scenario.robot.radius else {}
     first = {"speed": 0.9}, {"speed": 0.9, "start": 0.7}, {"speed": 0.6}, {"speed": 0.97}, {"speed": 0.8}
     extents: list[Any] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9]
+    wider: dict[str, Choices] = {"turning": (1.0, 8.0)} if scenario.robot.kind == "differential" else {}
     return timed(scenario, "partition", ("partition", "partition-repair"), [apart | settings for settings in first], {
         "speed": (0.3, 1.0),
         "rows": list(range(1, scenario.num_robots + 1)),
         "extent_x": extents,
         "extent_y": extents,
         "lanes": [2, 4, 6],
-    })  # fmt: skip
+    } | wider)  # fmt: skip
 
 
 def lines(scenario: Scenario) -> Family:

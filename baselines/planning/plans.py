@@ -15,8 +15,9 @@ from baselines.benchmark.statistics import bootstrap_interval
 from baselines.policies.as_cars import like_cars
 from baselines.policies.loops import SweepParameters, corner_radius, lookahead
 from baselines.policies.settings import PolicySettings
+from baselines.policies.transit import turning_radius_of
 from baselines.similarity import motion_scale
-from lissajous_env.episodes.limits import robot_speed_limit
+from lissajous_env.episodes.lower_bounds import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
 
@@ -120,11 +121,13 @@ UNITS: dict[str, Callable[[Scenario, float], float]] = {
     **dict.fromkeys(("cruise", "speed", "slowest"), lambda scenario, cruise: top_speed(scenario)),
     **dict.fromkeys(("inset", "bow"), lambda scenario, cruise: scenario.sensing_radius),
     "corner": corner_radius,
+    "turning": lambda scenario, cruise: turning_radius_of(like_cars(scenario) or scenario),
     "lookahead": lambda scenario, cruise: lookahead(scenario, cruise, SweepParameters()),
     "gather": lambda scenario, cruise: motion_scale(scenario).time,
 }
 """Units of relative parameters by name, from a scenario of cars and the patrol's speed [m/s]: the top speed, the
-sensing radius, the default of the parameter, or the time of the motion. Other parameters are used as they are."""
+sensing radius, the default of the parameter, the tightest turn, or the time of the motion. Other parameters are used as
+they are."""
 
 
 def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = None) -> PolicySettings:

@@ -148,12 +148,12 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     scenario, until = on_coarse_grid(plan.scenario), max(round(_SHARE * plan.scenario.task.steps), 1)
     run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
     run.play(until, lambda: bool(run.collisions) or run.longest.max() * scenario.task.step > cutoff)
-    seen = _planned(run, episodes)
-    if seen.figures.collisions:
-        return seen
-    if run.step < until or seen.figures.worst_case == math.inf:
+    planned = _planned(run, episodes)
+    if planned.figures.collisions:
+        return planned
+    if run.step < until or planned.figures.worst_case == math.inf:
         without = dict.fromkeys(("worst_case", "settled", "worst_case_failed"), math.inf)
-        return dataclasses.replace(seen, figures=dataclasses.replace(seen.figures, **without))
+        return dataclasses.replace(planned, figures=dataclasses.replace(planned.figures, **without))
     losses = episodes.losses(plan.scenario)
     return _planned(run, episodes, losses[:: math.ceil(len(losses) / _SCREENED_LOSSES) or 1])
 

@@ -25,7 +25,7 @@ FIGURES = "plans.json"
 
 def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> None:
     """Print a table of plans."""
-    failures, limits, episodes = outcome.request.failures, outcome.limits, f"{_played(plans)} episodes"
+    failures, bounds, episodes = outcome.request.failures, outcome.lower_bounds, f"{_played(plans)} episodes"
     is_open = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
     columns: list[tuple[bool, Column, Callable[[Planned], str]]] = [
         (True, Column("plan", left=True), _name),
@@ -44,7 +44,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> Non
         (
             True,
             Column("lower\nbound [s]", rank=1),
-            lambda entry: _number(limits.get(entry.plan.scenario.num_robots, math.nan)),
+            lambda entry: _number(bounds.get(entry.plan.scenario.num_robots, math.nan)),
         ),
         (True, Column("mean detection\ntime [s]", rank=1), lambda entry: _detection(entry.figures)),
         (True, Column("least gap\n[m]", rank=2), lambda entry: _number(entry.figures.clearance)),
@@ -125,8 +125,8 @@ def _of_failures(outcome: Outcome) -> list[str]:
 def _of_guarantee(outcome: Outcome) -> list[str]:
     """Return the fewest robots that guarantee the requested time, and the numbers that cannot."""
     asked = f"{outcome.request.guarantee:g} s"
-    below = [n for n, limit in outcome.limits.items() if limit > (outcome.request.guarantee or 0)]
-    words = [f"{n} robots cannot: the lower bound for every policy is {outcome.limits[n]:.3g} s." for n in below]
+    below = [n for n, bound in outcome.lower_bounds.items() if bound > (outcome.request.guarantee or 0)]
+    words = [f"{n} robots cannot: the lower bound for every policy is {outcome.lower_bounds[n]:.3g} s." for n in below]
     fewest = outcome.fewest_robots
     if fewest is None:
         return [*words, f"No plan was found that guarantees {asked}."]

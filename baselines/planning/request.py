@@ -210,7 +210,7 @@ class Request:
         chosen = paper_design(half, robot, radius, robot.top_speed, num_robots, inset)
         # Mean distance along the curve for a radian of the robots' phase [m/rad].
         unit = chosen.alpha * curve_length(chosen.curve.driven) / (2 * math.pi)
-        moving = self.rogue_speed or 0.0
+        moving, is_drive = self.rogue_speed or 0.0, robot.kind == "differential"
         base = Scenario(
             name="plan",
             formation=Formation(start_noise=_START * robot.radius / unit),
@@ -218,7 +218,8 @@ class Request:
                 count=0, arrival_rate=1.0, entry=self.entry or "inside", wandering=1.0 if moving else 0.0,
                 speed=moving, speed_limit=moving,
             ),
-            task=Task(duration=10.0),
+            # The step follows from the motion later; until then it must be short enough for drives that turn fast.
+            task=Task(duration=10.0, step=min(Task().step, 1 / robot.top_yaw_rate if is_drive else math.inf)),
         )  # fmt: skip
         if robot.kind == "curve":
             # A point is as fast at action 1 as the robots are where the curve is fastest.

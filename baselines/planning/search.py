@@ -21,7 +21,7 @@ from baselines.planning.plans import Family, Plan, Planned, Settings, best_of, i
 from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play, quietly
 from baselines.planning.request import PLANS, Request
 from lissajous_env.device.devices import cores
-from lissajous_env.episodes.limits import guaranteed_time_limit
+from lissajous_env.episodes.lower_bounds import worst_case_lower_bound
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import where_raised
 
@@ -281,7 +281,7 @@ class Outcome:
     request: Request
     scenarios: dict[int, Scenario] = field(default_factory=dict)
     """Scenarios on which plans were compared, by number of robots."""
-    limits: dict[int, float] = field(default_factory=dict)
+    lower_bounds: dict[int, float] = field(default_factory=dict)
     """Lower bounds of the worst case of every policy [s], by number of robots; NaN if none is proved."""
     searches: dict[int, Search] = field(default_factory=dict)
     """Searches that were begun, by number of robots."""
@@ -299,8 +299,8 @@ class Outcome:
         """
         with quietly():
             scenarios = {number: request.scenario_of(number) for number in request.numbers}
-            limits = {number: guaranteed_time_limit(scenario) for number, scenario in scenarios.items()}
-        return cls(request, scenarios, limits)
+            bounds = {number: worst_case_lower_bound(scenario) for number, scenario in scenarios.items()}
+        return cls(request, scenarios, bounds)
 
     @property
     def plans(self) -> list[Planned]:
@@ -351,7 +351,7 @@ class Outcome:
         """
         request, begin = self.request, time.monotonic()
         # A team whose lower bound is above the requested time cannot meet it.
-        numbers = [n for n, limit in self.limits.items() if not (request.guarantee and limit > request.guarantee)]
+        numbers = [n for n, bound in self.lower_bounds.items() if not (request.guarantee and bound > request.guarantee)]
         for k, number in enumerate(numbers):
             seconds = None
             if request.seconds is not None:

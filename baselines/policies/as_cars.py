@@ -15,7 +15,7 @@ from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.assumptions import AssumptionWarning
-from lissajous_env.parameters.robot_models import AsCar, model_of
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
@@ -69,7 +69,8 @@ class AsCars(Policy):
             warnings.simplefilter("ignore", AssumptionWarning)  # about fields that these robots do not have
             self.policy = make(cars, self.num_worlds, self.device)
         self.communicates = self.policy.communicates
-        self._act = as_car_of(self.scenario).act
+        as_car: Any = model_of(self.kind).as_car
+        self._act = as_car.act
         self._size = self.scenario.action_size - self.scenario.messages.size
         self._robot, self._car = (to_struct(RobotStruct, team.robot) for team in (self.scenario, cars))
         self._top_speed, self._step = cars.robot.top_speed, self.scenario.task.step
@@ -84,18 +85,6 @@ class AsCars(Policy):
             wp.copy(self.action[:, :, self._size :], wanted[:, :, 2:])
 
 
-def as_car_of(scenario: Scenario) -> AsCar:
-    """Return how the robots of a scenario move like cars.
-
-    Raises:
-        ValueError: their model does not define this.
-    """
-    model = model_of(scenario.robot.kind)
-    if model.as_car is None:
-        raise ValueError(f"robot model {model.name} must have as_car to be driven by policies of cars, got None")
-    return model.as_car
-
-
 def like_cars(scenario: Scenario) -> Scenario | None:
     """Return a scenario with the cars that its robots are, or are like; None if they do not move like cars."""
     if scenario.robot.kind == "car":
@@ -107,9 +96,13 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
     """Return a scenario with the cars that are like its robots: a motor without dead zone, and their grip.
 
     Raises:
-        ValueError: a top speed, turning radius or acceleration that is not above 0, or the scenario does not fit cars.
+        ValueError: the model has no `as_car`, a top speed, turning radius or acceleration is not above 0, or the
+            scenario does not fit cars.
     """
-    robot, as_car, model = scenario.robot, as_car_of(scenario), model_of(scenario.robot.kind)
+    robot, model = scenario.robot, model_of(scenario.robot.kind)
+    as_car = model.as_car
+    if as_car is None:
+        raise ValueError(f"robot model {model.name} must have as_car to be driven by policies of cars, got None")
     limits = {
         "speed_unit": model.speed_unit(scenario.driven, scenario.formation, robot),
         "as_car.turning_radius": as_car.turning_radius(robot),
@@ -132,7 +125,6 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
         offset=0.0,
         dead_zone=0.0,
         model_offset=None,
-        lateral_acceleration_max=robot.lateral_acceleration_max,
         yaw_acceleration_max=robot.top_yaw_acceleration if robot.kind == "differential" else None,
         drive_factors=(),
     )

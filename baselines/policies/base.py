@@ -152,7 +152,7 @@ class Policy(Copyable, Remembering):
     drives any."""
     communicates: str = "nothing"
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
-    stays_inside: bool = True
+    wall_rule: bool = True
     """True if actions of cars are changed where they would leave a car no way to stay inside walls
     (`baselines.policies.inside`); False for a policy that stays inside by itself."""
 
@@ -176,7 +176,7 @@ class Policy(Copyable, Remembering):
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
         self._inside = None
-        if self.stays_inside and Inside.suits(self.scenario):
+        if self.wall_rule and Inside.suits(self.scenario):
             self._inside = Inside(self.scenario, self.num_worlds, self.device)
         self._compiled = False
         self.launch = launcher(self.device)
@@ -310,7 +310,7 @@ class Filtered(Policy):
     arrays = "warp"
 
     def __init__(self, policy: Policy, filter: type[Filter], parameters: Any = None):
-        self.stays_inside = not filter.stays_inside
+        self.wall_rule = not filter.stays_inside
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
         self.policy = policy
         self.filter = filter(self.scenario, self.num_worlds, self.device, parameters)

@@ -194,13 +194,6 @@ class ReferenceParameters(Checked):
     """Most that a robot adds to its rate to catch up, as a multiple of omega / alpha."""
 
 
-OPEN_LOOP = ReferenceParameters(tracking=0.0)
-"""Parameters of `open-loop`: the phase rate of every robot is omega / alpha."""
-RUNNING = ReferenceParameters(runs_on=True, catch_up=1.5)
-"""Parameters of `running-reference`: cars under MPCC catch up soonest with them; larger ones make cars leave the
-curve."""
-
-
 @wp.kernel
 def track_reference(
     rate: float,

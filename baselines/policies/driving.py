@@ -1,10 +1,8 @@
 """Driving of classical cars: towards a place, at a desired speed."""
 
-from typing import Any
-
 import warp as wp
 
-from baselines.similarity import EXPERIMENT, motion_scale
+from baselines.similarity import EXPERIMENT
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.structs import RobotStruct
@@ -15,21 +13,6 @@ SPREAD_MAX = 3.0
 """Deviations at which the spread of a car's constants is clipped."""
 EAGERNESS = 4.0
 """Rate at which a car of the paper's experiment that drives towards a place makes up for a wrong speed [1/s]."""
-
-
-@wp.struct
-class Driving:
-    """Gain of the speed error [1/s], and distance to the goal from which a car slows down [m]."""
-
-    eagerness: float
-    near: float
-
-
-def driving_of(scenario: Scenario) -> Any:
-    """Return how the cars of a scenario drive, scaled from those of the paper's experiment."""
-    driving = Driving()
-    driving.eagerness, driving.near = motor_rate(scenario, EAGERNESS), motion_scale(scenario).length
-    return driving
 
 
 def slowest_top_speed(scenario: Scenario) -> float:
@@ -59,21 +42,21 @@ def throttle_for(robot: RobotStruct, speed: float, wanted_speed: float, rate: fl
 @wp.func
 def drive_towards(
     robot: RobotStruct,
-    driving: Driving,
+    eagerness: float,
     position: wp.vec2,
     heading: float,
     speed: float,
     goal: wp.vec2,
     wanted_speed: float,
 ) -> wp.vec2:
-    """Return an action towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and a proportional speed law."""
+    """Return an action towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and `throttle_for` a speed."""
     away = goal - position
     distance = wp.max(wp.length(away), 2.0 * robot.wheelbase)
     bearing = wrap(wp.atan2(away[1], away[0]) - heading)
     steering = wp.atan(2.0 * robot.wheelbase * wp.sin(bearing) / distance)
     if wp.abs(bearing) > 1.5707963:
         steering = wp.sign(bearing) * robot.steering_max
-    return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, driving.eagerness))
+    return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, eagerness))
 
 
 @wp.func

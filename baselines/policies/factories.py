@@ -1,8 +1,8 @@
 """Policies by the words with which a user names them: a name, a folder, `module:factory`, or an object of Python."""
 
 import contextlib
-import functools
 import inspect
+import os
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
@@ -41,13 +41,15 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
 
 
 def as_factory(policy: Any, name: str) -> Factory:
-    """Return what makes a policy, of a factory (class, function, partial) or of a policy that was made already.
+    """Return what makes a policy, of a word, a factory (class, function, partial) or a policy that was made already.
 
     A function of one argument is the policy itself: `act(observation)` on NumPy arrays (W, N, D).
 
     Raises:
-        ValueError: it is none of these.
+        ValueError: it is none of these, or the word is unknown.
     """
+    if isinstance(policy, (str, os.PathLike)):
+        return named(os.fspath(policy))
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
         with contextlib.suppress(Exception):  # an error that its play will raise again
@@ -79,22 +81,17 @@ def named(name: str) -> Factory:
     """Return what makes the policy of a registered name, of a checkpoint's folder, or of `module:factory`.
 
     Raises:
-        ValueError: a module or a factory that cannot be loaded.
+        ValueError: an unknown name, or a module or a factory that cannot be loaded.
     """
     if is_imported(name):
         return as_factory(import_attribute(name, "policy must be module:factory"), name)
-    return functools.partial(_registered, name, registry.entry_of(registry.unwrapped(name)[0]))
-
-
-def _registered(name: str, sent: Any, scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
-    registry.remember(sent)
-    return registry.make(name, scenario, num_worlds, device)
+    return registry.find(name)
 
 
 def parts(factory: Factory) -> dict[str, str]:
     """Name the parts that identify a policy's factory: `lissajous_env.identity.parts_of`."""
-    if isinstance(factory, functools.partial) and factory.func is _registered:
-        return registry.parts(factory.args[0])
+    if isinstance(factory, registry.Entry):
+        return registry.parts(factory.name)
     return parts_of(getattr(factory, "__wrapped__", factory))
 
 

@@ -40,8 +40,8 @@ def worst_undetected_time(
         Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
     """
     field = _Field(half, radius, speed * step)
-    seen = [field.sensed(loop[:, k]) for k in range(loop.shape[1])]
-    before = [] if lead_in is None else [field.sensed(place) for place in lead_in.swapaxes(0, 1)]
+    seen = field.sensed(loop)
+    before = seen[:0] if lead_in is None else field.sensed(lead_in)
     for now in before:
         field.advance(now)
     first = 1 if lead_in is None else 0  # the place at the start is not sensed
@@ -67,13 +67,11 @@ def coverage(loop: np.ndarray, half: tuple[float, float], radius: float, coarse:
     """
     field = _Field(half, radius, 0.0, field_cells=_MOST_CELLS // (4 if coarse else 1))
     every = 2 if coarse else 1
-    seen = np.array([field.sensed(loop[:, k]) for k in range(0, loop.shape[1], every)])
-    visited = seen.any(axis=0)
-    unseen, longest = np.zeros(seen.shape[1:]), 0.0
-    for now in (*seen, *seen):
-        unseen = np.where(now, 0, unseen + 1)
-        longest = max(longest, unseen[visited].max())
-    return 1 - float(visited.mean()), longest * every
+    seen = field.sensed(loop[:, ::every])
+    visited, times = seen.any(axis=0), np.arange(len(seen), dtype=np.int32)[:, None, None]
+    latest = np.maximum.accumulate(np.where(seen, times, -len(seen)), axis=0)
+    latest = np.maximum(latest, latest[-1] - len(seen))  # of this period, or else of the one before
+    return 1 - float(visited.mean()), float((times - latest).max(axis=0)[visited].max(initial=0) * every)
 
 
 class _Field:
@@ -92,10 +90,14 @@ class _Field:
         self.cleared_at = 0  # step from which on no target of the start can be undetected
 
     def sensed(self, places: np.ndarray) -> np.ndarray:
-        """Return the cells (rows, columns) whose centres are in a disc."""
-        across = (self.x - places[:, :1]) ** 2
-        rest = self.radius**2 - (self.y - places[:, 1:]) ** 2
-        return np.any(across[:, None, :] < rest[:, :, None], axis=0)
+        """Return the cells (K, rows, columns) whose centres are in a disc, for places (N, K, 2) at K times [m]."""
+        across = (self.x - places[..., :1]) ** 2
+        rest = self.radius**2 - (self.y - places[..., 1:]) ** 2
+        seen = np.zeros((places.shape[1], len(self.y), len(self.x)), dtype=bool)
+        for aside, within in zip(across, rest, strict=True):
+            columns, rows = _span(aside.min(axis=0) < self.radius**2), _span(within.max(axis=0) > 0)
+            seen[:, rows, columns] |= aside[:, None, columns] < within[:, rows, None]
+        return seen
 
     def advance(self, seen: np.ndarray) -> None:
         """Let targets hop and be introduced, and be detected, over a control step."""
@@ -120,3 +122,9 @@ class _Field:
         np.minimum(after[1:], spread[:-1], out=after[1:])
         np.minimum(after[:-1], spread[1:], out=after[:-1])
         self.born = after
+
+
+def _span(near: np.ndarray) -> slice:
+    """Return the shortest slice that contains all entries that are true."""
+    at = np.flatnonzero(near)
+    return slice(at[0], at[-1] + 1) if at.size else slice(0)

@@ -120,6 +120,8 @@ class Walls:
     """Control step [s]."""
     substeps: wp.int32
     """Integration steps in it."""
+    predicted: wp.int32
+    """Integration steps for which an action is predicted: those of a step, and those by which a turn is late."""
 
 
 @wp.func
@@ -241,7 +243,7 @@ def is_safe_after(walls: Walls, robot: RobotStruct, car: wp.vec4, action: wp.vec
             break
         curvature = slope / wp.where(k == 0, walls.shortest, walls.longest)
         after = car
-        for _ in range(walls.substeps):
+        for _ in range(walls.predicted):
             after = car_step(robot, after, curvature, push, walls.step / float(walls.substeps))
             if not is_in(walls, after[0], after[1]):
                 return False
@@ -332,11 +334,12 @@ class Inside(Copyable):
         scenario: The scenario, resolved.
         num_worlds: W.
         device: Warp device.
+        turns_early: True if the policy accounts for the time in which a differential drive gains its yaw rate.
     """
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", turns_early: bool = False):
         self._shape = (num_worlds, scenario.num_robots)
-        self._walls = walls_of(scenario)
+        self._walls = walls_of(scenario, turns_early)
         self._robot = to_struct(RobotStruct, scenario.robot)
         self._curve = curve_struct(scenario.curve, as_device(device))
         self._launch = launcher(device)
@@ -354,7 +357,7 @@ class Inside(Copyable):
         self._launch(stay_inside, self._shape, [self._walls, self._robot, self._curve, observation], [action])
 
 
-def walls_of(scenario: Scenario) -> Any:
+def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     """Return the constants of the rule."""
     robot, noise, curve = scenario.robot, scenario.noise, scenario.curve
     walls: Any = Walls()
@@ -370,4 +373,7 @@ def walls_of(scenario: Scenario) -> Any:
     walls.eagerness = motor_rate(scenario, EAGERNESS)
     walls.speed_unit = robot.top_speed
     walls.step, walls.substeps = scenario.task.step, scenario.task.substeps
+    # A differential drive gains the yaw rate of its tightest turn steadily, so it is late by half of the time.
+    late = 0.0 if turns_early else robot.top_speed / (2 * walls.turning * robot.top_yaw_acceleration)
+    walls.predicted = walls.substeps + math.ceil(late / walls.step * walls.substeps)
     return walls

@@ -47,8 +47,8 @@ def choose_ways(
 
 
 @lru_cache(maxsize=16)
-def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, PathTables, Effort]:
-    """Return the lines of a scenario, the paths of its robots, and the angles.
+def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, PathTables, tuple[int, int]]:
+    """Return the lines of a scenario, the paths of its robots, the number of angles in a turn, and the first of them.
 
     The tables have a variant for each angle of the formation (`Effort.angles`), or one alone within an inset.
 
@@ -58,18 +58,18 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
     plan = best_plan(scenario, parameters)
     slots = np.argsort(scenario.ring)  # neighbours on the ring are neighbours in a line
     loops = loops_of(plan)
-    effort = Effort.of(scenario.num_robots, 3 * plan.period // 2)
     if scenario.curve.half_height > scenario.curve.half_width:
         loops = np.stack([-loops[..., 1], loops[..., 0], loops[..., 2] + np.pi / 2], axis=-1)
     if scenario.inset:
         ways = transit_inside(scenario, loops[..., :2], plan.speed, slots)
-        return plan, path_tables(scenario, ways.loop, ways.lead_in), effort
+        return plan, path_tables(scenario, ways.loop, ways.lead_in), (1, 0)
+    effort = Effort.of(scenario.num_robots, 3 * plan.period // 2)
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
-    radius = plan.aside or plan.speed * plan.step * plan.turn.short / plan.turn.angle
     loop = loops[slots, :, :2]
-    places = transit_from_any_angle(scenario, effort, loops[slots, 0], radius, pace)
-    return plan, path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places), effort
+    places = transit_from_any_angle(scenario, effort, loops[slots, 0], plan.radius, pace)
+    tables = path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places)
+    return plan, tables, (effort.angles, int(angle_steps(scenario, effort.angles)[0]))
 
 
 @register("line-abreast", kind="car")
@@ -81,22 +81,11 @@ class LineAbreast(TimedPaths):
     back. In the open the turn is outside of the rectangle, of three arcs back into the own lanes; within walls or an
     inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
     are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
-    the ideal motion. `line_transit` computes the ways from the formation into the
-    lines, chosen so that no two cars meet.
+    the ideal motion. `line_transit` computes the ways from the formation into the lines, on which no two cars meet.
 
     A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. Where a robot has
-    stopped or been removed, the others stay in their lanes. A robot that resumes catches up with its line without
-    regard to others: `line-abreast-safe` avoids collisions then. Lines that turn inside need larger sensors and a start
-    that all robots know; others are refused.
-
-    Lines of searchers that sweep a region in which rogues have a known top speed: Y. Altshuler, V. Yanovsky, I. A.
-    Wagner, A. M. Bruckstein, "Efficient cooperative search of smart targets using UAV swarms", Robotica 26 (2008); R.
-    M. Francos, A. M. Bruckstein, "Search for smart evaders with sweeping agents", arXiv:1905.04006 (2019). Sweeps as an
-    action of robot teams in pursuit and evasion: A. Kolling, S. Carpin, "Pursuit-evasion on trees by robot teams", IEEE
-    Transactions on Robotics 26 (2010). A periodic patrol is predictable, so a rogue with knowledge of it can cross the
-    perimeter undetected: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
-    full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). Such a rogue is the one that the
-    guarantee is about: it may enter at any moment, but it is detected within that time.
+    stopped or been removed, the others stay in their lanes. Lines that turn inside need larger sensors and a start that
+    all robots know; others are refused. docs/policies.md has the literature, and the limits.
 
     Raises:
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.
@@ -106,18 +95,16 @@ class LineAbreast(TimedPaths):
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
-        first = int(angle_steps(self.scenario, self._effort.angles)[0])
-        self._angles = self._effort.angles, first, len(self.tables.pose)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths: a variant for each angle of the formation, or one alone within an inset."""
-        self.lines, tables, self._effort = line_tables(scenario, self.parameters)
+        self.lines, tables, self._angles = line_tables(scenario, self.parameters)
         return tables
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         if len(self.tables.pose) > 1:
-            inputs = [self._equilibrium, *self._angles, self._memory, observation]
+            inputs = [self._equilibrium, *self._angles, len(self.tables.pose), self._memory, observation]
             self.launch(choose_ways, self.shape, inputs, [self.variant])
         super().decide(observation)

@@ -62,16 +62,6 @@ class Turn(NamedTuple):
     """Angle of the first and of the last arc [rad]."""
 
     @property
-    def steps(self) -> int:
-        """Steps of the whole turn."""
-        return 2 * self.short + self.long
-
-    @property
-    def aside(self) -> float:
-        """Distance of the ends of the turn from the lane [step]: the radius of a half circle, else 0."""
-        return 0.0 if self.short else self.long / math.pi
-
-    @property
     def headings(self) -> np.ndarray:
         """Headings after each step, from 0 to -pi [rad]."""
         first = self.angle / max(self.short, 1)
@@ -80,42 +70,32 @@ class Turn(NamedTuple):
         return np.cumsum(rates)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lines:
-    """The lines of a scenario."""
+    """The lines of a scenario: lanes of cars, and the path that they copy."""
 
     speed: float
     """Speed of the lines [m/s]."""
     step: float
     """Control step [s]."""
-    sweep: int
-    """Steps from turn to turn."""
-    turn: Turn
-    reach: float
-    """Distance from the middle at which turns begin and end [m]."""
+    path: np.ndarray
+    """(P, 3) along, across [m] and heading [rad] of a car in the lane 0, a period of P steps.
+
+    Step 0 is where the sweep to the right begins.
+    """
+    radius: float
+    """Radius of the first arc of a turn [m]."""
+    aside: float
+    """Distance of a car from its lane in a sweep, to the left of it: R of turns inside, else 0 [m]."""
     lanes: np.ndarray
     """(N,) places across of the cars, line by line [m]."""
     line_of: np.ndarray
     """(N,) line of each car."""
 
     @property
-    def aside(self) -> float:
-        """Distance of a car from its lane in a sweep, to the left of it: R of turns inside, else 0 [m]."""
-        return self.speed * self.step * self.turn.aside
-
-    @property
     def period(self) -> int:
         """Steps until the path repeats."""
-        return 2 * (self.sweep + self.turn.steps)
-
-    @property
-    def starts(self) -> np.ndarray:
-        """(N,) place of each car's line on the path when the lines have formed [step], spread evenly over the period.
-
-        The first line begins its sweep at the left end then.
-        """
-        lines = self.line_of.max() + 1
-        return np.array([round(line * self.period / lines) for line in self.line_of])
+        return len(self.path)
 
 
 def speed_limit(spacing: float, radius: float, rogue_speed: float, step: float) -> float:
@@ -155,11 +135,6 @@ def ideal_worst_case(scenario: Scenario, plan: Lines) -> float:
     half = sorted((scenario.curve.half_width, scenario.curve.half_height), reverse=True)
     loop = loops_of(plan)[..., :2]
     return worst_undetected_time(loop, (half[0], half[1]), scenario.sensing_radius, scenario.rogue_speed, plan.step)
-
-
-def turns_inside(scenario: Scenario) -> bool:
-    """Return whether lines turn inside the rectangle: within walls or an inset."""
-    return scenario.task.boundary != "open" or scenario.inset > 0
 
 
 def lanes_of(scenario: Scenario, lines: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
@@ -235,7 +210,7 @@ def turn_of(curvature_step: float) -> Turn:
 
 def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[Lines, ...], str]:
     """Return the plans of so many lines, and why there are none: of several speeds for lines that turn inside."""
-    if not turns_inside(scenario):
+    if scenario.task.boundary == "open" and scenario.inset == 0:
         failing = what_fails(scenario, lines)
         return (() if failing else (_outer_plan(scenario, parameters, lines),)), failing
     largest, plans, failing = _speed_of(scenario, parameters), [], ""
@@ -255,7 +230,9 @@ def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> L
     turn = turn_of(_largest_turn(scenario, speed))
     reach = max(scenario.curve.half_width, scenario.curve.half_height)
     sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
-    return Lines(2 * reach / (sweep * step), step, sweep, turn, reach, lanes, line_of)
+    speed = 2 * reach / (sweep * step)
+    path = _path(speed * step, sweep, turn, np.array([-reach, 0.0]))
+    return Lines(speed, step, path, speed * step * turn.short / turn.angle, 0.0, lanes, line_of)
 
 
 def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fastest: float) -> Lines:
@@ -271,9 +248,10 @@ def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fast
         if math.pi <= _largest_turn(scenario, speed) * long * (1 + 1e-9):
             break
         long += 1
-    turn = Turn(0, long, 0.0)
-    _, lanes, line_of = lanes_of(scenario, lines, speed * step * turn.aside)
-    return Lines(speed, step, sweep, turn, half - speed * step * turn.aside, lanes, line_of)
+    aside = speed * step * (long / math.pi)
+    _, lanes, line_of = lanes_of(scenario, lines, aside)
+    path = _path(speed * step, sweep, Turn(0, long, 0.0), np.array([aside - half, aside]))
+    return Lines(speed, step, path, aside, aside, lanes, line_of)
 
 
 def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
@@ -291,23 +269,22 @@ def _largest_turn(scenario: Scenario, speed: float) -> float:
     return _GRIP * scenario.task.step * min(sharpest * speed, grip)
 
 
-def line_path(plan: Lines) -> np.ndarray:
-    """Return one period of the path of a car in the lane 0: (P, 3) along, across [m] and heading [rad].
-
-    Step 0 is where the sweep to the right begins.
-    """
-    straight = np.zeros(plan.sweep)
-    there = np.concatenate([straight, plan.turn.headings])
+def _path(way: float, sweep: int, turn: Turn, begin: np.ndarray) -> np.ndarray:
+    """Return `Lines.path` from a place on, by ways of a step [m]: steps of a sweep, a turn, the way back, a turn."""
+    there = np.concatenate([np.zeros(sweep), turn.headings])
     headings = np.concatenate([[0.0], there, there - math.pi])
     half = np.diff(headings) / 2
-    chord = plan.speed * plan.step * np.sinc(half / np.pi)
+    chord = way * np.sinc(half / np.pi)
     middle = headings[:-1] + half
     moved = np.cumsum(chord[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=-1), axis=0)
-    places = np.vstack([[0.0, 0.0], moved])[:-1] + np.array([-plan.reach, plan.aside])
-    return np.column_stack([places, headings[:-1]])
+    return np.column_stack([np.vstack([[0.0, 0.0], moved])[:-1] + begin, headings[:-1]])
 
 
 def loops_of(plan: Lines) -> np.ndarray:
-    """Return along, across [m] and heading [rad] (N, K, 3) of the cars in their lanes, a period of K steps."""
-    at = line_path(plan)[(plan.starts[:, None] + np.arange(plan.period)) % plan.period]
+    """Return along, across [m] and heading [rad] (N, K, 3) of the cars in their lanes, a period of K steps.
+
+    The lines are spread evenly over the period; the first one begins its sweep at the left end.
+    """
+    starts = np.array([round(line * plan.period / (plan.line_of.max() + 1)) for line in plan.line_of])
+    at = plan.path[(starts[:, None] + np.arange(plan.period)) % plan.period]
     return np.stack([at[..., 0], at[..., 1] + plan.lanes[:, None], at[..., 2]], axis=-1)

@@ -1,16 +1,7 @@
 """Area partition: one cell of the rectangle for each car, synchronised loops in the cells, and their repair.
 
-That each robot patrols a part of its own is among the oldest strategies of multi-robot patrolling: D. Portugal, R.
-Rocha, "A survey on multi-robot patrolling algorithms" (2011). Parts of equal measure balance the work: M. Pavone, A.
-Arsie, E. Frazzoli, F. Bullo, "Distributed algorithms for environment partitioning in mobile robotic networks", IEEE
-Transactions on Automatic Control 56 (2011). Against an adversary with knowledge of the strategy, a deterministic patrol
-is as good as its weakest moment: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
-full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). So the plan is the one with the least
-worst-case undetected time (`baselines.policies.partition_plan`).
-
-Robustness, that the work is completed as long as a robot can move, is the second reason for a team beside efficiency:
-N. Hazon, G. A. Kaminka, "On redundancy, efficiency, and robustness in coverage for multiple robots", Robotics and
-Autonomous Systems 56 (2008).
+The cells and loops are those with the least worst-case undetected time (`baselines.policies.partition_plan`).
+docs/policies.md has the literature, and the limits of both policies.
 """
 
 import itertools
@@ -198,13 +189,11 @@ class PartitionRepair(TimedPaths):
     collision filter, as in `partition`.
 
     If the loops of different cells do not overlap, a collision filter moves a car that is off its place around others,
-    and a loop moves slowly to another place. If loops cross, as in `evaders`, only their common phase separates the
-    cars. A filter that expects the others to drive straight on does not account for this: there a robot that stops dead
-    at once before another one is not always avoided in time.
+    and a loop moves slowly to another place. If loops cross, only their common phase separates the cars, which a filter
+    that expects the others to drive straight on does not account for.
 
-    A robot learns of failures only from its own row (`baselines.policies.taking_over`): the row shows only those of
-    its ring neighbours. So a cell may remain uncovered if the ring neighbours of its robot have failed too, or have no
-    cell beside it. An `AssumptionWarning` says so where robots can fail and the loops lie apart.
+    A robot learns only of failures of its ring neighbours (`baselines.policies.taking_over`), so a cell may remain
+    uncovered. An `AssumptionWarning` says so where robots can fail and the loops lie apart.
 
     Args:
         scenario: The scenario, of cars.

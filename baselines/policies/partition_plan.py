@@ -32,6 +32,8 @@ _MOST_SHAPES = 60
 """Shapes whose motion is followed within an inset if none of the first has a bound."""
 _MOST_PLANS = 8
 """Plans within an inset that are tried in turn until there are ways to the loops."""
+_WIDER = 1.0, 2.0
+"""Tightest turns of loops that are compared for differential drives, in those that they can drive."""
 _SENSED = 0.98
 """Share of the sensing radius within an inset, where errors of the following must not open a gap along a wall."""
 
@@ -51,6 +53,9 @@ class PartitionParameters(Checked):
     """Extent of the loops along y: 0 is a turning circle, 1 the height of the cell."""
     lanes: int | None = whole(None, 2, 64)
     """Lanes of a loop, an even number."""
+    turning: float | None = number(None, 1e-6, 1e4, "m")
+    """Radius of the tightest turns of loops [m], if it is above that of the robots; None is that of the robots, or of
+    differential drives that or twice that, whichever detects sooner."""
     clearance: float | None = number(None, 0, 1e4, "m")
     """Least distance of two bodies on the loops [m]; None is the radius of a body."""
     in_phase: bool = flag(False)
@@ -236,16 +241,20 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
         raise UnsuitableScenarioError(f"{rule}, of radius {turning:.3g} m, {got}")
     if parameters.rows is not None and parameters.rows > scenario.num_robots:
         raise ValueError(f"rows must be at most the {scenario.num_robots} robots, got {parameters.rows}")
-    ranked = _ranked(room, replace(parameters, speed=None, clearance=None))
+    # A drive, also as the car that stands for it, gains its yaw rate in some time.
+    is_drive = math.isfinite(scenario.robot.top_yaw_acceleration) and parameters.turning is None
+    widths = [w for w in (_WIDER if is_drive else _WIDER[:1]) if w == 1 or w * turning <= smallest]
+    relative = replace(parameters, speed=None, clearance=None, turning=None)
+    ranked = [plan for width in widths for plan in _ranked(replace(room, turning=width * room.turning), relative)]
     if not ranked:
         rule = f"partition requires room for {scenario.num_robots} loops of radius {turning:.3g} m"
         rule = f"{rule}, in phase at least {room.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
     plans = []
-    for shape, loop in ranked:
+    for _, shape, loop in sorted(ranked, key=_score)[:_MOST_PLANS]:
         speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
         plans.append(PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
-    return plans
+    return plans if room.inside else plans[:1]
 
 
 def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
@@ -257,7 +266,7 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
         driven=(scenario.driven.half_width / unit, scenario.driven.half_height / unit),
         sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
         apart=required_distance(scenario, parameters.clearance) / unit,
-        turning=turning_radius_of(scenario) / unit,
+        turning=max(turning_radius_of(scenario), parameters.turning or 0.0) / unit,
         speed=(parameters.speed or RESERVE * robot.top_speed) * step / unit,
         slowest=slowest_speed(scenario) * step / unit,
         grip=RESERVE * robot.lateral_acceleration_max * step**2 / unit,
@@ -266,8 +275,8 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
 
 
 @lru_cache(maxsize=256)
-def _ranked(room: Room, parameters: PartitionParameters) -> list[tuple[Shape, np.ndarray]]:
-    """Return shapes and their loops (N, K, 2) at the cells, the best plan first; none if no loops have room."""
+def _ranked(room: Room, parameters: PartitionParameters) -> list[tuple[tuple, Shape, np.ndarray]]:
+    """Return scores, shapes and their loops (N, K, 2) at the cells, the best plan first; none if none have room."""
     half = (room.half_width, 1.0)
     shapes = []
     for shape in shapes_of(room, parameters, half):
@@ -292,14 +301,14 @@ def _ranked(room: Room, parameters: PartitionParameters) -> list[tuple[Shape, np
     quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
     for phases in itertools.product(quarters, quarters):
         _compare(compared, room, shape, (turn_x, turn_y, *phases))
-    best: dict[int, tuple[Shape, np.ndarray]] = {}
-    for _, shape, pattern in sorted(compared, key=_score):
-        best.setdefault(id(shape), (shape, shape.placed(room.driven, *pattern)))
+    best: dict[int, tuple[tuple, Shape, np.ndarray]] = {}
+    for score, shape, pattern in sorted(compared, key=_score):
+        best.setdefault(id(shape), (score, shape, shape.placed(room.driven, *pattern)))
     return list(best.values())[: _MOST_PLANS if room.inside else 1]
 
 
 def _score(entry: tuple) -> tuple[float, float, float]:
-    """Return the score of a compared shape: worst-case undetected time, share never visited, time between visits."""
+    """Return the score of a shape or plan: worst-case undetected time, share never visited, time between visits."""
     return entry[0]
 
 

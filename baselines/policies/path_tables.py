@@ -104,14 +104,9 @@ def _references(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: 
     turn = np.diff(heading[:, :, whole], axis=2)
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
     way = 0.5 * (speed[:, :, whole[1:]] + speed[:, :, whole[:-1]]) * (step / FINE)
-    turn, way = (_over_a_step(series) for series in (turn, way))
+    # of successive pieces, the sum over a control step
+    turn, way = (np.sum([pieces[:, :, k : k + size] for k in range(FINE)], axis=0) for pieces in (turn, way))
     curvature = np.divide(turn, way, out=np.zeros_like(turn), where=way > 0)
     acceleration = (speed[:, :, whole[FINE:]] - speed) / step
     pose = np.concatenate([places, heading[..., None], speed[..., None]], axis=-1)
     return pose, np.stack([curvature, acceleration], axis=-1)
-
-
-def _over_a_step(pieces: np.ndarray) -> np.ndarray:
-    """Return the sums of FINE successive pieces."""
-    size = pieces.shape[2] - FINE + 1
-    return np.sum([pieces[:, :, k : k + size] for k in range(FINE)], axis=0)

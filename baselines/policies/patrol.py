@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.policies.driving import Driving, drive_towards, driving_of, steady_speed
+from baselines.policies.driving import EAGERNESS, drive_towards, motor_rate, steady_speed
 from baselines.policies.loops import (
     SweepParameters,
     cruising_speed,
@@ -18,6 +18,7 @@ from baselines.policies.loops import (
     patrol_loop,
 )
 from baselines.policies.own_row import hears, lead, own_heading, own_key, own_phase, own_position, own_speed
+from baselines.similarity import motion_scale
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
@@ -27,15 +28,16 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.func
-def nearest_on_loop(loop: wp.array(dtype=wp.vec2), place: wp.vec2) -> int:
-    """Return the index of the nearest point of the loop to a position."""
+def nearest_among(loop: wp.array(dtype=wp.vec2), first: int, count: int, place: wp.vec2) -> int:
+    """Return the index of the nearest point to a position, of `count` points of the loop from the first."""
     nearest = int(0)
     least = float(1.0e30)
-    for k in range(loop.shape[0]):
-        square = wp.length_sq(loop[k] - place)
+    for k in range(first, first + count):
+        at = wp.where(k < 0, k + loop.shape[0], wp.where(k < loop.shape[0], k, k - loop.shape[0]))
+        square = wp.length_sq(loop[at] - place)
         if square < least:
             least = square
-            nearest = k
+            nearest = at
     return nearest
 
 
@@ -55,11 +57,11 @@ def slot_of(
     """
     n = equilibrium.shape[0]
     size = loop.shape[0]
-    own = nearest_on_loop(loop, point2(curve, alpha * phase))
+    own = nearest_among(loop, 0, size, point2(curve, alpha * phase))
     rank = int(0)
     total = int(0)
     for j in range(n):
-        other = nearest_on_loop(loop, point2(curve, alpha * (phase + equilibrium[j] - equilibrium[i])))
+        other = nearest_among(loop, 0, size, point2(curve, alpha * (phase + equilibrium[j] - equilibrium[i])))
         total += other
         if other < own or (other == own and j < i):
             rank += 1
@@ -91,7 +93,7 @@ def agreed_phase(
 def follow_loop(
     curve: CurveStruct,
     robot: RobotStruct,
-    driving: Driving,
+    eagerness: float,
     alpha: float,
     equilibrium: wp.array(dtype=float),
     ring: wp.array(dtype=wp.vec2i),
@@ -138,12 +140,12 @@ def follow_loop(
     # At cruising speed the distance of the goal stays `lookahead`; a car that is farther from it drives faster.
     wanted = cruise * wp.length(goal - position) / lookahead
     if slowest >= 0.0:
-        here = nearest_on_loop(loop, position)
+        here = nearest_among(loop, 0, size, position)
         turns = (place - float(here)) / float(size)
         ahead = (turns - wp.floor(turns + 0.5)) * float(size) * spacing
         wanted = wp.max(cruise * ahead / lookahead, slowest)
         goal = loop[(here + int(lookahead / spacing)) % size]
-    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, goal, wanted)
+    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, goal, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -152,7 +154,7 @@ def follow_loop(
 def go_around(
     curve: CurveStruct,
     robot: RobotStruct,
-    driving: Driving,
+    eagerness: float,
     loop: wp.array(dtype=wp.vec2),
     cruise: float,
     ahead: int,
@@ -169,19 +171,13 @@ def go_around(
     position = own_position(w, i, curve, observation)
     here = memory[w, i] - 1
     if here < 0:
-        here = nearest_on_loop(loop, position)
+        here = nearest_among(loop, 0, size, position)
     else:
-        around = here
-        least = float(1.0e30)
-        for k in range(around - ahead, around + ahead + 1):
-            square = wp.length_sq(loop[(k + size) % size] - position)
-            if square < least:
-                least = square
-                here = (k + size) % size
+        here = nearest_among(loop, here - ahead, 2 * ahead + 1, position)
     memory[w, i] = here + 1
     goal = loop[(here + ahead) % size]
     speed = own_speed(w, i, steady_speed(robot), observation)
-    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, goal, cruise)
+    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, goal, cruise)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -190,12 +186,13 @@ def go_around(
 def wander(
     curve: CurveStruct,
     robot: RobotStruct,
-    driving: Driving,
+    eagerness: float,
+    near: float,
     goals: wp.array2d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Drive to a random place in the rectangle, and choose the next one on arrival."""
+    """Drive to a random place in the rectangle, slower where it is `near` [m], and choose the next one on arrival."""
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
     goal = goals[w, i]
@@ -210,8 +207,8 @@ def wander(
     speed = own_speed(w, i, speed_max, observation)
     to = wp.vec2(goal[0], goal[1])
     # Slow down where the car would otherwise circle around a near goal.
-    wanted = speed_max * wp.min(1.0, wp.length(to - position) / driving.near)
-    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, to, wanted)
+    wanted = speed_max * wp.min(1.0, wp.length(to - position) / near)
+    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, to, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -244,9 +241,8 @@ class _Patrol(Policy):
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
-        self._curve = curve_struct(self.scenario.curve, self.device)
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._driving = driving_of(self.scenario)
+        robot = to_struct(RobotStruct, self.scenario.robot)
+        self._inputs = [curve_struct(self.scenario.curve, self.device), robot, motor_rate(self.scenario, EAGERNESS)]
 
 
 class Sweep(_Patrol):
@@ -257,24 +253,21 @@ class Sweep(_Patrol):
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
-        loop = patrol_loop(self.scenario, parameters=self.parameters)
-        self._alpha = float(self.scenario.alpha)
-        self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
-        self._ring = wp.array(self.scenario.neighbours, dtype=wp.vec2i, device=self.device)
+        scenario, parameters = self.scenario, self.parameters
+        loop, cruise = patrol_loop(scenario, parameters=parameters), parameters.cruise or cruising_speed(scenario)
+        slowest = -1.0 if parameters.slowest is None else parameters.slowest
+        in_file = file_by_phase(scenario, loop) if parameters.by_phase else (0.0, 0.0)
+        equilibrium = wp.array(scenario.equilibrium, dtype=wp.float32, device=self.device)
+        ring = wp.array(scenario.neighbours, dtype=wp.vec2i, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
-        self._cruise = self.parameters.cruise or cruising_speed(self.scenario)
-        self._spacing = loop_spacing(loop)
-        self._lookahead = lookahead(self.scenario, self._cruise, self.parameters)
-        self._slowest = -1.0 if self.parameters.slowest is None else self.parameters.slowest
-        self._file = file_by_phase(self.scenario, loop) if self.parameters.by_phase else (0.0, 0.0)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
+        self._inputs += [float(scenario.alpha), equilibrium, ring, self._loop, cruise, loop_spacing(loop)]
+        self._inputs += [lookahead(scenario, cruise, parameters), scenario.task.step, parameters.gather, slowest]
+        self._inputs += [*in_file, self._memory]
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, self._driving, self._alpha, self._equilibrium, self._ring, self._loop,
-                  self._cruise, self._spacing, self._lookahead, self.scenario.task.step, self.parameters.gather,
-                  self._slowest, *self._file, self._memory, observation]  # fmt: skip
-        self.launch(follow_loop, self.shape, inputs, [self.action])
+        self.launch(follow_loop, self.shape, [*self._inputs, observation], [self.action])
 
 
 class Laps(_Patrol):
@@ -288,17 +281,15 @@ class Laps(_Patrol):
 
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
-        self._cruise = self.parameters.cruise or fastest_speed(self.scenario)
-        loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=self._cruise))
-        self._ahead = round(lookahead(self.scenario, self._cruise, self.parameters) / loop_spacing(loop))
-        self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
+        cruise = self.parameters.cruise or fastest_speed(self.scenario)
+        loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=cruise))
+        ahead = round(lookahead(self.scenario, cruise, self.parameters) / loop_spacing(loop))
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
+        self._inputs += [wp.array(loop, dtype=wp.vec2, device=self.device), cruise, ahead, self._memory]
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, self._driving, self._loop, self._cruise, self._ahead, self._memory,
-                  observation]  # fmt: skip
-        self.launch(go_around, self.shape, inputs, [self.action])
+        self.launch(go_around, self.shape, [*self._inputs, observation], [self.action])
 
 
 class RandomWaypoint(_Patrol):
@@ -311,13 +302,14 @@ class RandomWaypoint(_Patrol):
     def __init__(self, *given: Any, **named: Any):
         super().__init__(*given, **named)
         self._rate = self.scenario.formation.phase_rate / self.scenario.alpha
+        self._near = motion_scale(self.scenario).length
         self._memory = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         kernel, inputs = {
-            "car": (wander, [self._curve, self._robot, self._driving, self._memory, observation]),
-            "curve": (wander_on_curve, [self._robot, self._rate, observation]),
+            "car": (wander, [*self._inputs, self._near, self._memory, observation]),
+            "curve": (wander_on_curve, [self._inputs[1], self._rate, observation]),
         }.get(self.scenario.actuation, (act_at_random, [observation]))
         self.launch(kernel, self.shape, inputs, [self.action])
 

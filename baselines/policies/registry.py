@@ -26,20 +26,46 @@ from lissajous_env.wording import few_of, nearest, shown
 
 @dataclass(frozen=True)
 class Entry:
-    """A registered policy, with or without a filter; `register` describes the other fields."""
+    """What a name denotes: a registered policy or that of a folder, with or without a filter.
+
+    `entry(scenario, num_worlds, device)` makes the policy, also in another process, to which the factory travels by
+    value. `register` describes the other fields.
+    """
 
     name: str
     kind: str | None
     factory: Callable[..., Any]
-    made_for: tuple[str, ...]
-    about: str
-    learned: bool
-    on_request: bool
+    made_for: tuple[str, ...] = ()
+    about: str = ""
+    learned: bool = False
+    on_request: bool = False
     filter: type[Filter] | None = None
     """Class of its filter; None for none."""
 
     def __reduce__(self) -> tuple:
         return Entry, (self.name, self.kind, ByValue(self.factory), *list(vars(self).values())[3:])
+
+    def __call__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+        """Make the policy; one of cars drives the robots of another model as if they were cars."""
+        self.check(scenario)
+        if self.kind not in (None, scenario.actuation):
+            policy: Policy = AsCars(self, scenario, num_worlds, device)
+        else:
+            policy = self.factory(scenario, num_worlds, device)
+            policy.name = unwrapped(self.name)[0]
+            if self.filter is not None:
+                policy = Filtered(policy, self.filter)
+        policy.name = self.name
+        return policy
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise ValueError if the policy is for another kind of robot than that of a scenario."""
+        if not self.drives(scenario.actuation):
+            rule = f"policy for {scenario.name} must drive robots of kind {scenario.actuation}"
+            if not self.drives(None):
+                rule = f"policy must drive robots of kind car to be wrapped by {unwrapped(self.name)[1]}"
+            hint = nearest(self.name, names(scenario))
+            raise ValueError(f"{rule}, got {self.name}, which drives kind {self.kind}{hint}")
 
     def filtered(self, suffix: str) -> "Entry":
         """Return the policy with the filter of a suffix, which of a policy for all robots drives cars."""
@@ -62,8 +88,8 @@ class Loader(NamedTuple):
 
     make: Callable[..., Policy]
     """`make(folder, scenario, num_worlds, device)` returns the policy."""
-    home: Callable[[str], Scenario]
-    """`home(folder)` returns the scenario of the policy."""
+    own_scenario: Callable[[str], Scenario]
+    """`own_scenario(folder)` returns the scenario of the policy."""
     parts: Callable[[str], dict[str, str]]
     """`parts(folder)` returns what identifies the policy, as `parts` does."""
 
@@ -169,51 +195,27 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,
             the number of worlds is below 1, or the device is not available.
     """
-    num_worlds = whole_number("num_worlds", num_worlds)
-    if not isinstance(name, (str, os.PathLike)):
-        raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
-    task = build_scenario(scenario)
-    if is_folder(name):
-        folder = unwrapped(name)[0]
-        return build(str(name), partial(_loader_of(folder).make, folder), task, num_worlds, device)
-    return build(name, check(name, task).factory, task, num_worlds, device)
+    num_worlds, task = whole_number("num_worlds", num_worlds), build_scenario(scenario)
+    return find(name)(task, num_worlds, device)
 
 
-def check(name: str, scenario: Scenario) -> Entry:
-    """Return the entry of a policy that drives the robots of a scenario.
+def find(name: str) -> Entry:
+    """Return the entry of a registered policy, or of that in a folder, with or without the suffix of a filter.
 
     Raises:
-        ValueError: the name is unknown, or the policy is for another kind of robot.
+        ValueError: the name is unknown; the message suggests the closest match.
     """
-    entry = entry_of(name)
-    if entry is None:
-        known = names()
-        words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}"
-        raise ValueError("; ".join([words + nearest(name, known), *_BROUGHT.broken]))
-    if not entry.drives(scenario.actuation):
-        rule = f"policy for {scenario.name} must drive robots of kind {scenario.actuation}"
-        if not entry.drives(None):
-            rule = f"policy must drive robots of kind car to be wrapped by {unwrapped(name)[1]}"
-        raise ValueError(f"{rule}, got {name}, which drives kind {entry.kind}{nearest(name, names(scenario))}")
-    return entry
-
-
-def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_worlds: int, device: Any) -> Policy:
-    """Return a policy that a factory makes, under a name, and with the filter that the name has.
-
-    A policy of cars drives the robots of another model as if they were cars.
-    """
+    if not isinstance(name, (str, os.PathLike)):
+        raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
+    if (entry := entry_of(name)) is not None:
+        return entry
     plain, suffix = unwrapped(name)
-    entry = entry_of(name)
-    if entry is not None and entry.kind not in (None, scenario.actuation):
-        policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
-    else:
-        policy = factory(scenario, num_worlds, device)
-        policy.name = plain
-        if suffix:
-            policy = Filtered(policy, _FILTERS[suffix])
-    policy.name = name
-    return policy
+    if is_folder(name):
+        kind = "car" if suffix else None
+        return Entry(str(name), kind, partial(_loader_of(plain).make, plain), filter=_FILTERS.get(suffix))
+    known = names()
+    words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}"
+    raise ValueError("; ".join([words + nearest(name, known), *_BROUGHT.broken]))
 
 
 def is_folder(name: str) -> bool:
@@ -226,14 +228,14 @@ def _loader_of(folder: str) -> Loader:
     return next(fitting, [*LOADERS.values()][-1])
 
 
-def home(folder: str) -> Scenario:
+def own_scenario(folder: str) -> Scenario:
     """Return the scenario that the policy in a folder was made for.
 
     Raises:
         ValueError: there is no policy in it, or its scenario cannot be made.
     """
     inside = unwrapped(folder)[0]
-    return _loader_of(inside).home(inside)
+    return _loader_of(inside).own_scenario(inside)
 
 
 def parts(name: str) -> dict[str, str]:
@@ -270,9 +272,3 @@ def is_classical(name: str) -> bool:
     """Return whether a name is that of a registered classical policy, with or without a filter."""
     entry = entry_of(name)
     return entry is not None and not entry.learned
-
-
-def remember(entry: Entry | None) -> None:
-    """Register the entry of a policy in another process, unless this process has a policy of the name."""
-    if entry is not None:
-        _entries().setdefault(entry.name, entry)

@@ -61,11 +61,12 @@ class PolicySettings:
         Raises:
             ValueError: an unknown policy, one that does not fit the scenario, or an unknown or invalid parameter.
         """
-        factory = registry.check(self.policy, scenario).factory
+        entry = registry.find(self.policy)
+        factory = entry.factory
         if self.coordinator:
             factory = _with_coordinator(self, factory, scenario)
         given = {ARGUMENT: _made(self.policy, ARGUMENT, factory, self.parameters, scenario)} if self.parameters else {}
-        return registry.build(self.policy, partial(factory, **given), scenario, num_worlds, device)
+        return dataclasses.replace(entry, factory=partial(factory, **given))(scenario, num_worlds, device)
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> "PolicySettings":

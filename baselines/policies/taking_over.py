@@ -109,22 +109,18 @@ def watch_neighbours(
             place = position + offset_heard(w, i, side, curve, observation)
             # One step more than the age, so that 0 means that nothing was heard yet.
             age = message_age(w, i, side, repair.time_unit, observation) + repair.step
-            if known[AGE] == 0.0:
+            is_first = known[AGE] == 0.0
+            # A message that was heard before is older by a step and does not count.
+            if is_first or age < known[AGE] + 0.5 * repair.step:
+                moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
+                known[STILL] = wp.where(moved < repair.still and not is_first, known[STILL] + 1.0, 0.0)
                 known[HEARD_X] = place[0]
                 known[HEARD_Y] = place[1]
-                known[AGE] = age
-            else:
-                # A message that was heard before is older by a step and does not count.
-                if age < known[AGE] + 0.5 * repair.step:
-                    moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
-                    known[STILL] = wp.where(moved < repair.still, known[STILL] + 1.0, 0.0)
-                    known[HEARD_X] = place[0]
-                    known[HEARD_Y] = place[1]
-                known[AGE] = age
-                if known[STILL] == 0.0:
-                    known[STATE] = float(WORKS)
-                if known[STILL] >= float(repair.patience):
-                    known[STATE] = float(STANDS)
+            known[AGE] = age
+            if known[STILL] == 0.0:
+                known[STATE] = float(WORKS)
+            if known[STILL] >= float(repair.patience):
+                known[STATE] = float(STANDS)
         if known[STATE] != float(WORKS):
             case_out[w, i] += 1 + side
         stands = wp.where(known[STATE] == float(STANDS), 1.0, 0.0)

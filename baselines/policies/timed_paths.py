@@ -32,6 +32,7 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.driving import steady_speed
+from baselines.policies.inside import Inside
 from baselines.policies.own_row import own_heading, own_position, own_speed, own_works
 from baselines.policies.path_tables import FINE, PathTables
 from baselines.policies.safety.filter import Safe, SafetyParameters
@@ -329,6 +330,8 @@ class TimedPaths(Policy):
         self.variant = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self.shift = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
+        if self._inside is not None and tables.filtered_until == 0:  # paths that are planned from the start turn early
+            self._inside = Inside(self.scenario, self.num_worlds, self.device, turns_early=True)
         self._tolerance, self._filter = math.inf, None
         if tables.filtered_until > 0:
             self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))

@@ -49,14 +49,13 @@ from baselines.mpcc.solver import Mpcc
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.coordinators import (
-    OPEN_LOOP,
     PHASES,
-    RUNNING,
     Consensus,
     Coordinator,
     Kuramoto,
     KuramotoByArc,
     PhaseRates,
+    ReferenceParameters,
     TrackedReference,
 )
 from baselines.policies.driving import motor_rate, steady_speed, throttle_for
@@ -374,11 +373,12 @@ def register_coordinator(name: str, coordinator: Callable[..., Coordinator] | No
 
 
 register_coordinator("kuramoto", Kuramoto, "Time-inverted Kuramoto coordination, the paper's method")
-_OPEN_LOOP = partial(TrackedReference, parameters=OPEN_LOOP)
+_OPEN_LOOP = partial(TrackedReference, parameters=ReferenceParameters(tracking=0.0))
 register_coordinator("open-loop", _OPEN_LOOP, "Constant phase rate of every robot, without feedback (Borkar et al.)")
 _TRACKS = "Each robot tracks its own reference, which"
 register_coordinator("tracked-reference", TrackedReference, f"{_TRACKS} stops with the robot (Borkar et al.)")
-_RUNNING = partial(TrackedReference, parameters=RUNNING)
+# Cars under MPCC catch up soonest with this value; larger ones make cars leave the curve.
+_RUNNING = partial(TrackedReference, parameters=ReferenceParameters(runs_on=True, catch_up=1.5))
 register_coordinator("running-reference", _RUNNING, f"{_TRACKS} keeps moving if the robot stops")
 register_coordinator("consensus", Consensus, "Linear consensus with the desired spacing given (Yao et al.)")
 register_coordinator("arc", KuramotoByArc, "Kuramoto on the arc length at constant ground speed, without the guarantee")

@@ -208,15 +208,16 @@ class _Search:
         lengths, duration = pieces.sum(axis=-1), (self.times * self.step)[:, None]
         swell = lengths / duration - (before + after) / 2
         possible = np.isfinite(lengths)
-        if np.isfinite(car.within).all():
-            reach = dubins_reach(start, np.where(possible[..., None], pieces, 0.0), TURNS, np.array(car.turning))
-            possible &= (reach <= np.maximum(car.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
         for share in _PROFILE:
             speed = before + (after - before) * share + 6 * swell * share * (1 - share)
             gain = (after - before + 6 * swell * (1 - 2 * share)) / duration
             possible &= speed >= np.minimum(car.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * car.speed
             possible &= speed <= np.maximum(car.speed, np.maximum(before, after)) * (1 + 1e-9)
             possible &= (gain <= car.drag * (car.top_speed - speed)) & (gain >= -0.85 * car.drag * speed)
+        if np.isfinite(car.within).all():
+            turns = np.broadcast_to(TURNS, pieces.shape)[possible]
+            reach = dubins_reach(start, pieces[possible], turns, np.array(car.turning))
+            possible[possible] = (reach <= np.maximum(car.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
         return pieces, possible
 
     def ways(self, robot: int, loop: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:

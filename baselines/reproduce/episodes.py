@@ -1,4 +1,4 @@
-"""Episodes of a batch of worlds, stored as arrays over time; the same one is played once, for all callers."""
+"""PlayedEpisodes of a batch of worlds, stored as arrays over time; the same one is played once, for all callers."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -29,7 +29,7 @@ BARE: dict[str, Any] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
+class PlayedEpisodes:
     """W episodes of F moments, the reset first."""
 
     scenario: Scenario
@@ -108,7 +108,7 @@ class Player:
 
     def __init__(self, seed: int = 0, device: Any = "cpu"):
         self.seed, self.device = seed, device
-        self._kept: dict[tuple, Played] = {}
+        self._played: dict[tuple, PlayedEpisodes] = {}
 
     def play(
         self,
@@ -117,34 +117,36 @@ class Player:
         worlds: int = 1,
         only_ends: bool = False,
         **parameters: float,
-    ) -> Played:
+    ) -> PlayedEpisodes:
         """Play one episode in each world, from `seed` on.
 
         Args:
             policy: Name of the policy.
             scenario: Name of the scenario, or one that was made.
             worlds: Number of episodes.
-            only_ends: Keep the first and the last moment only.
+            only_ends: Store the first and the last moment only.
             **parameters: Parameters of the policy.
         """
         task = make_scenario(scenario).resolve()
         key = (policy, task.digest(), worlds, only_ends, tuple(parameters.items()))
-        if key in self._kept:
-            return self._kept[key]
+        if key in self._played:
+            return self._played[key]
         acting = PolicySettings(policy, parameters).make(task, worlds, self.device)
         simulation = Simulation(task, worlds, self.device, self.seed)
         robots, frames = simulation.robots, []
 
-        def keep(taken: int) -> None:
+        def record(taken: int) -> None:
             if only_ends and 0 < taken < task.task.steps:
                 return
             arrays = (robots.phase, robots.position, robots.heading, robots.status, simulation.tally.phase_error)
             frames.append([np.array(array.numpy()) for array in arrays])
 
-        EpisodeRunner(acting, simulation).play(on_moment=keep)
+        EpisodeRunner(acting, simulation).play(on_moment=record)
         phase, position, heading, status, deviation = (np.stack(moments) for moments in zip(*frames, strict=True))
         scores = simulation.score()
         waited, detections = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
-        played = Played(task, scores, phase, position, heading, status == int(STUCK), deviation, waited, detections)
-        self._kept[key] = played
+        played = PlayedEpisodes(
+            task, scores, phase, position, heading, status == int(STUCK), deviation, waited, detections
+        )
+        self._played[key] = played
         return played

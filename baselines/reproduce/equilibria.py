@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from baselines.reproduce.claims import Claim, Part, all_of
-from baselines.reproduce.episodes import BARE, Played, Player
+from baselines.reproduce.episodes import BARE, PlayedEpisodes, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.tally import RECOVERED
@@ -99,7 +99,7 @@ def lemmas(player: Player) -> Part:
     return Part(claims)
 
 
-def _random_starts(player: Player, n: int) -> Played:
+def _random_starts(player: Player, n: int) -> PlayedEpisodes:
     """Return the phases of N points, simulated from uniform random ones until they rest."""
     bare = BARE | {"formation.start": "random", "formation.alpha": 1, "formation.p": None, "robot.count": n}
     bare |= {"task.step": 0.25, "task.duration": 150.0}
@@ -109,7 +109,7 @@ def _random_starts(player: Player, n: int) -> Played:
     return player.play("kuramoto", scenario("failure", **bare), worlds=_STARTS, only_ends=True)
 
 
-def _settled(played: Played) -> np.ndarray:
+def _settled(played: PlayedEpisodes) -> np.ndarray:
     """Return whether all steps along the ring are equal (W,), so that the state is some equilibrium (2)."""
     ahead = played.steps_ahead[-1]
     target = 2 * np.pi * played.winding[-1][:, None] / ahead.shape[-1]

@@ -20,7 +20,7 @@ from baselines.reproduce.drawing import (
     panel_name,
     sheet,
 )
-from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
+from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, spread_of_cars
 from lissajous_env.world.columns import COLLISIONS
 
 _SIMULATED = (0, 4)
@@ -120,7 +120,7 @@ def fig8(player: Player) -> Part:
     return Part(claims, [picture])
 
 
-def _chosen(played: Played) -> str:
+def _chosen(played: PlayedEpisodes) -> str:
     """Return the choices where the paper states no value."""
     scenario = played.scenario
     first, last = scenario.faults.schedule[0][1:]
@@ -131,21 +131,21 @@ def _chosen(played: Played) -> str:
     )
 
 
-def _spans(played: Played) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _spans(played: PlayedEpisodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return masks (F,) of the time before the failure, in it, and 8 s or more after it."""
     first, last = played.scenario.faults.schedule[0][1:]
     time = played.time
     return time < first, (time >= first) & (time < last), time >= last + 8
 
 
-def _back(played: Played, claim: str) -> Claim:
+def _back(played: PlayedEpisodes, claim: str) -> Claim:
     before, _, after = _spans(played)
     swing = 1.25 * played.deviation[before].max()
     why = f"from 8 s after the resume on within {swing:.2f} rad, 1.25 times the swing before the failure"
     return all_of(claim, "yes", (played.deviation[after] < swing).all(axis=0), "seeds", why)
 
 
-def _draw_car(axes: Axes, played: Played, robot: int, moment: int) -> None:
+def _draw_car(axes: Axes, played: PlayedEpisodes, robot: int, moment: int) -> None:
     """Draw a car's disc, its heading, its number and its way of the last 1.5 s."""
     colour = PINK if robot in _SIMULATED else BLUE
     place, heading = played.position[moment, 0, robot, :2], played.heading[moment, 0, robot]

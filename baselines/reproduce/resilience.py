@@ -19,7 +19,7 @@ from baselines.reproduce.drawing import (
     panel_name,
     sheet,
 )
-from baselines.reproduce.episodes import BARE, SEEDS, Played, Player
+from baselines.reproduce.episodes import BARE, SEEDS, PlayedEpisodes, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.columns import COLLISIONS, RECOVERY
@@ -40,7 +40,7 @@ _FINE = 0.01
 
 def _displaced(
     player: Player, name: str, angle: float, duration: float, only_ends: bool = False, **overrides: object
-) -> Played:
+) -> PlayedEpisodes:
     bare = {**BARE, "task.duration": duration, "task.step": 0.25, "formation.displaced": ((0, float(angle)),)}
     return player.play("kuramoto", scenario(name, **bare | overrides), only_ends=only_ends)
 

@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter1d
 from baselines.mpcc.model import MpccParameters
 from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, within_range
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, sheet
-from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
+from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, spread_of_cars
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import geometry
@@ -55,7 +55,7 @@ def fig9(player: Player) -> Part:
     return Part(claims, [_picture_of_distances(played, player.seed)])
 
 
-def _picture_of_distances(played: Played, seed: int) -> Picture:
+def _picture_of_distances(played: PlayedEpisodes, seed: int) -> Picture:
     """Draw Fig. 9: the distances of one run, and the rank of the paper's run among ours."""
     task = played.scenario
     spacing, body = task.neighbour_distance, 2 * task.robot.radius
@@ -152,23 +152,23 @@ def experiment1(player: Player) -> Part:
     return Part(claims)
 
 
-def _at_the_end(played: Played) -> np.ndarray:
+def _at_the_end(played: PlayedEpisodes) -> np.ndarray:
     """Return the deviation from the equilibrium at the end of each episode, (W,) [rad]."""
     return played.deviation[-round(_SETTLED / played.scenario.task.step) :].mean(axis=0)
 
 
-def _moving_mean(played: Played, values: np.ndarray) -> np.ndarray:
+def _moving_mean(played: PlayedEpisodes, values: np.ndarray) -> np.ndarray:
     """Return the mean of (F, W) values over the 5 s around each moment, (F, W)."""
     return uniform_filter1d(values, round(_SETTLED / played.scenario.task.step), axis=0, mode="nearest")
 
 
-def _time_above(played: Played, limit: float) -> np.ndarray:
+def _time_above(played: PlayedEpisodes, limit: float) -> np.ndarray:
     """Return the first time at which the mean deviation over 5 s is above a limit, (W,) [s]; NaN if it never is."""
     above = _moving_mean(played, played.deviation) > limit
     return np.where(above.any(axis=0), played.time[np.argmax(above, axis=0)], np.nan)
 
 
-def _each_minute(played: Played) -> np.ndarray:
+def _each_minute(played: PlayedEpisodes) -> np.ndarray:
     """Return the collisions per minute (W,)."""
     return 60 * played.score(COLLISIONS) / played.time[-1]
 
@@ -215,7 +215,7 @@ def printed(player: Player) -> Part:
     return Part(claims)
 
 
-def _step(player: Player, baseline: Played) -> Claim:
+def _step(player: Player, baseline: PlayedEpisodes) -> Claim:
     """Report the effect of the one constant of the controller that the paper does not print."""
     touches = []
     for step in (0.05, 0.15):
@@ -269,7 +269,7 @@ def _around_one(good: list[bool]) -> tuple[float, float]:
     return _GAINS[first], _GAINS[last]
 
 
-def _outside(played: Played) -> float:
+def _outside(played: PlayedEpisodes) -> float:
     """Return how far a robot gets out of the rectangle [m]."""
     curve = played.scenario.curve
     beyond = np.abs(played.position[..., :2]) - np.array([curve.half_width, curve.half_height])

@@ -16,8 +16,8 @@ import numpy as np
 from baselines.onboard import Odometry, Onboard, Output
 from baselines.ros import library as ros
 from baselines.ros import messages
+from baselines.ros.control_loop import ControlLoop, SpeedOfPoses, in_scenario_frame, relative_to_robot
 from baselines.ros.messages import named_numbers, ring_message, yaw
-from baselines.ros.pilot import Pilot, SpeedOfPoses, inside, relative
 from baselines.ros.settings import RobotSettings, check_command
 from lissajous_env.logs.messages import seconds
 from lissajous_env.parameters.scenario import Scenario
@@ -58,7 +58,7 @@ class RobotNode(ros.Node):
         self.onboard = Onboard(settings.policy, scenario or settings.scenario, settings.robot, settings)
         check_command(self.onboard.scenario, settings.command)
         self.scenario = self.onboard.scenario
-        self._pilot = Pilot(self.onboard, settings.message_wait)
+        self._loop = ControlLoop(self.onboard, settings.message_wait)
         self._speed = SpeedOfPoses(self.scenario.task.step)
         self._random = random.Random(settings.robot)
         self._wrong_frame, self._reported = "", "?"
@@ -82,7 +82,7 @@ class RobotNode(ros.Node):
     @property
     def reason(self) -> str:
         """Reason for which the robot is stopped; empty while it drives."""
-        if self._wrong_frame or not self._pilot.started:
+        if self._wrong_frame or not self._loop.started:
             return self._wrong_frame or _WAITS
         return "there is no pose yet" if self._output is None else self._output.stopped
 
@@ -121,7 +121,7 @@ class RobotNode(ros.Node):
             "robots": (ros.PointCloud2, partial(self._see, "robots", 4)),
             "targets": (ros.PointCloud2, partial(self._see, "targets", 2)),
         }
-        measurements |= {f"/robot_{k}/message": (ros.JointState, partial(self._hear, k)) for k in self._pilot.heard}
+        measurements |= {f"/robot_{k}/message": (ros.JointState, partial(self._hear, k)) for k in self._loop.heard}
         if settings.pose == "odometry":
             measurements["odom"] = ros.Odometry, self._take_odometry
         else:
@@ -159,37 +159,37 @@ class RobotNode(ros.Node):
     def _take(self, header: Any, pose: Any, speed: float | None = None) -> None:
         """Take a pose, with a measured speed [m/s] or with that of the poses before."""
         place, stamp = (pose.position.x, pose.position.y, yaw(pose.orientation)), seconds(header.stamp)
-        place = inside(self.settings.origin, *place)
+        place = in_scenario_frame(self.settings.origin, *place)
         odometry = self._speed.add(*place, stamp) if speed is None else Odometry(*place, speed, stamp)
         if header.frame_id not in ("", self.settings.frame):
             self._wrong_frame = f"the pose is in frame {header.frame_id}, it must be {self.settings.frame}"
         elif odometry is not None:
             self._wrong_frame = ""
-            self._pilot.take(odometry)
+            self._loop.take(odometry)
             self._tick()
 
     def _take_status(self, message: Any) -> None:
-        self._pilot.works = message.data == 0
+        self._loop.works = message.data == 0
 
     def _hear(self, sender: int, message: Any) -> None:
         heard = messages.heard(message, sender)
         if heard is not None and self._random.random() >= self.settings.message_loss:
-            self._pilot.heard[sender] = heard
+            self._loop.heard[sender] = heard
             self._tick()
 
     def _see(self, name: str, width: int, message: Any) -> None:
-        frame, pose = message.header.frame_id, self._pilot.pose
+        frame, pose = message.header.frame_id, self._loop.pose
         try:
             rows = messages.cloud_rows(message, width)
             if pose is not None or frame.endswith("aligned"):
-                rows = relative(rows, frame, self.settings.frame, pose, self.settings.origin)
-                self._pilot.see(name, rows, seconds(message.header.stamp))
+                rows = relative_to_robot(rows, frame, self.settings.frame, pose, self.settings.origin)
+                self._loop.take_detections(name, rows, seconds(message.header.stamp))
         except ValueError as error:
             self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)
 
     def _serve(self, name: str, _request: Any, response: Any) -> Any:
         if name == "start":
-            self._pilot.start(self.now)
+            self._loop.start(self.now)
             self._output = None
         else:
             getattr(self.onboard, name)()
@@ -203,10 +203,10 @@ class RobotNode(ros.Node):
             return  # A simulated clock reads zero until its first message.
         if self._starts:
             self._starts = False
-            self._pilot.start(now)
-        if (message := self._pilot.announce(now)) is not None:
+            self._loop.start(now)
+        if (message := self._loop.announce(now)) is not None:
             self._send_message(ring_message(message, self.settings.frame))
-        if (output := self._pilot.act(now)) is not None:
+        if (output := self._loop.act(now)) is not None:
             self._output = output
             self._send_command()
             # A simulated world that has received the action takes the command that came before it.
@@ -239,7 +239,7 @@ class RobotNode(ros.Node):
         if kind != self._reported:
             self._reported = kind
             self.get_logger().info(self.reason or "drives")
-        now, heard = self.now, self._pilot.heard
+        now, heard = self.now, self._loop.heard
         values: dict[str, Any] = {"policy": self.settings.policy}
         for sender, last in heard.items():
             values[f"message of robot {sender}, age [s]"] = math.nan if last is None else now - last.sent_at

@@ -11,7 +11,7 @@ from matplotlib.patches import FancyBboxPatch
 
 import lissajous_env
 from docs.generator.concepts import drawn
-from lissajous_env.world.stages import step_stages
+from lissajous_env.world.stages import stages_of
 
 ROOT = Path(lissajous_env.__file__).resolve().parent.parent
 PACKAGES = "lissajous_env", "baselines", "training"
@@ -23,7 +23,7 @@ _LONGEST = 72
 
 def stages() -> bytes:
     """Draw the stages of a step of `evaders-failure`, which has nearly all."""
-    listed = [stage for stage in step_stages(lissajous_env.scenario("evaders-failure").resolve()) if stage.when]
+    listed = [stage for stage in stages_of(lissajous_env.scenario("evaders-failure").resolve()) if stage.when]
     return drawn(lambda figure: _draw_stages(figure, listed), 8.0, 0.3 * len(listed) + 0.5)
 
 

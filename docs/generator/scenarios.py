@@ -184,10 +184,10 @@ def _feedback(made: Scenario) -> str:
     entry, value = measured().get(made.name), value_of_feedback(made)
     if entry is not None:
         interval = f"{entry['low']:.3g} to {entry['high']:.3g}"
-        sees_all = f"a rule that sees all targets, which is no bound, reaches {entry['sees_all']:.3g}"
+        all_interval = f"{entry['sees_all_low']:.3g} to {entry['sees_all_high']:.3g}"
         return (
-            f"The value of feedback is {value:.3g} ({interval}), with {entry['policy']}; {sees_all}"
-            " (`python benchmarks/feedback.py`)."
+            f"The value of feedback is {value:.3g} ({interval}), with {entry['policy']}; a rule that sees all targets, "
+            f"which is no bound, reaches {entry['sees_all']:.3g} ({all_interval}) (`python benchmarks/feedback.py`)."
         )
     if value is None:
         return "The value of feedback has not been measured."

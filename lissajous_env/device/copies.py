@@ -42,7 +42,9 @@ class Copyable:
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy every array of the object to the host, by name."""
-        return {name: np.array(array.numpy() if _is_warp_array(array) else array) for name, array in _arrays(self)}
+        return {
+            name: np.array(array.numpy() if isinstance(array, wp.array) else array) for name, array in _arrays(self)
+        }
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Restore what `save_state` returned, in an object that was made alike.
@@ -52,7 +54,7 @@ class Copyable:
         """
         own = dict(_arrays(self))
         for name, array in own.items():
-            wanted = array.numpy() if _is_warp_array(array) else array
+            wanted = array.numpy() if isinstance(array, wp.array) else array
             got = f"shape {saved[name].shape} of {saved[name].dtype}" if name in saved else "none"
             if got != f"shape {wanted.shape} of {wanted.dtype}":
                 raise ValueError(
@@ -63,10 +65,7 @@ class Copyable:
                 f"saved state must contain only the arrays of {type(self).__name__}, got {few_of(unknown)}"
             )
         for name, array in own.items():
-            if _is_warp_array(array):
-                array.assign(saved[name])
-            else:
-                np.copyto(array, saved[name])
+            array.assign(saved[name]) if isinstance(array, wp.array) else np.copyto(array, saved[name])
 
     def __reduce__(self) -> tuple:
         args, more = self.__dict__[_MADE_WITH]
@@ -96,7 +95,7 @@ def _arrays(
     for key, value in sorted(_entries(owner), key=lambda entry: (str(entry[0]).startswith("_"), str(entry[0]))):
         if isinstance(value, (wp.array, np.ndarray)):
             if value.size and id(value) not in known:
-                known |= {id(value)} if _is_warp_array(value) else set()
+                known |= {id(value)} if isinstance(value, wp.array) else set()
                 yield f"{prefix}{key}", value
         elif id(value) not in within and (isinstance(value, Copyable) or _needs_making(value)):
             yield from _arrays(value, f"{prefix}{key}.", (*within, id(owner)), known)
@@ -120,7 +119,7 @@ def _is_value(value: Any) -> bool:
 
 def _needs_making(value: Any, within: tuple[int, ...] = ()) -> bool:
     """Return whether a value is Warp's, a function, or contains one."""
-    if _is_warp_array(value) or _stays(value):
+    if isinstance(value, wp.array) or _stays(value):
         return True
     if isinstance(value, np.ndarray) or id(value) in within:
         return False
@@ -131,11 +130,6 @@ def _needs_making(value: Any, within: tuple[int, ...] = ()) -> bool:
 
 
 def _stays(value: Any) -> bool:
-    if isinstance(value, _AS_MADE):
-        return True
     of_warp = type(value).__module__.partition(".")[0] == "warp"
-    return of_warp and not isinstance(value, (wp.array, ctypes.Array))  # vectors and matrices are values
-
-
-def _is_warp_array(value: Any) -> bool:
-    return isinstance(value, wp.array)
+    is_value = isinstance(value, (wp.array, ctypes.Array))  # vectors and matrices are values
+    return isinstance(value, _AS_MADE) or (of_warp and not is_value)

@@ -127,13 +127,8 @@ def compile_quietly() -> Iterator[None]:
             wp.config.log_level, wp.config.enable_tiles_in_stack_memory = level, tiles
 
 
-def _start() -> None:
-    with COMPILING:
-        _started()
-
-
 @cache
-def _started() -> None:
+def _start() -> None:
     with compile_quietly():
         compilation.start(silent_stderr)
 

@@ -32,11 +32,11 @@ def half_of(bits: wp.uint64, half: int) -> wp.uint32:
 
 
 @wp.func
-def along(track: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
+def along(path: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
     """Place of a robot at a share of the latest step [m]."""
-    last = track.shape[2] - 1
+    last = path.shape[2] - 1
     s = wp.min(int(share * float(last)), last - 1)
-    place = wp.lerp(track[w, i, s], track[w, i, s + 1], share * float(last) - float(s))
+    place = wp.lerp(path[w, i, s], path[w, i, s + 1], share * float(last) - float(s))
     return wp.vec2(place[0], place[1])
 
 

@@ -1,6 +1,6 @@
 """Locks that a forked process can use: turns at an object, and the compiler's lock.
 
-Threads do not survive a fork, but the locks that they own do. So a child renews the locks of other threads, and refuses
+Threads do not survive a fork, but the locks that they own do. So a child renews the lock of an object, and refuses
 an object on which another thread was working. It waits for kernels that are being compiled, for at most a few seconds,
 because the compiler has locks of its own.
 """
@@ -8,7 +8,6 @@ because the compiler has locks of its own.
 import functools
 import os
 import threading
-import weakref
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -16,8 +15,6 @@ _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 COMPILING = threading.RLock()
 """Owned while kernels are compiled or loaded, of which Warp does not bear two at once, or standard error is silent."""
-
-_TURNS: "weakref.WeakSet[Turn]" = weakref.WeakSet()
 
 
 class Turn:
@@ -31,13 +28,12 @@ class Turn:
         owner: Name of the object, for messages.
 
     Attributes:
-        lock: Lock that the thread with the turn owns.
+        lock: Lock that the thread with the turn owns, of the process `process`.
         taken: True if the work of a turn has begun and not ended.
     """
 
     def __init__(self, owner: str):
-        self.owner, self.lock, self.taken = owner, threading.RLock(), False
-        _TURNS.add(self)
+        self.owner, self.lock, self.process, self.taken = owner, threading.RLock(), os.getpid(), False
 
 
 def in_turn(method: _Method) -> _Method:
@@ -50,6 +46,8 @@ def in_turn(method: _Method) -> _Method:
     @functools.wraps(method)
     def waiting(self: Any, *args: Any, **named: Any) -> Any:
         turn = self.turn
+        if turn.process != os.getpid():  # a thread of the parent may own the lock; its turn remains taken
+            turn.lock, turn.process = threading.RLock(), os.getpid()
         with turn.lock:
             if turn.taken:
                 words = "a signal handler or an extension must not call it, nor a process that was forked meanwhile"
@@ -63,14 +61,4 @@ def in_turn(method: _Method) -> _Method:
     return waiting  # type: ignore[return-value]
 
 
-def _renew() -> None:
-    """Renew the locks that threads of the parent own; their turns remain taken."""
-    COMPILING.release()
-    for turn in _TURNS:
-        if turn.lock.acquire(blocking=False):
-            turn.lock.release()
-        else:
-            turn.lock = threading.RLock()
-
-
-os.register_at_fork(before=COMPILING.acquire, after_in_parent=COMPILING.release, after_in_child=_renew)
+os.register_at_fork(before=COMPILING.acquire, after_in_parent=COMPILING.release, after_in_child=COMPILING.release)

@@ -5,7 +5,7 @@ Its parameters are matched by name.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 from typing import Any, cast
 
@@ -67,6 +67,11 @@ class Stage:
         """Names of what it changes, as `robots.phase`; none where its kernel does not say it."""
         return getattr(self.run, "writes", ())
 
+    def among(self, values: Mapping[str, Any]) -> "Stage":
+        """Return the stage in a program of these values, with the reduced kernel where they lack an optional one."""
+        lacks = self.is_kernel and any(name not in values for name in self.run.optional)
+        return replace(self, run=self.run.reduced) if lacks else self
+
     @property
     def labels(self) -> list[str]:
         """Names of the kernel's parameters."""
@@ -113,7 +118,7 @@ class Program:
         blocks: int = 1,
         threads: int = 1,
     ):
-        self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
+        self.stages = tuple(stage.among(values) for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
         self._values, self._sizes, self._device = values, sizes, device
         load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores())
         edges = np.linspace(0, num_worlds, blocks + 1).astype(int).tolist()

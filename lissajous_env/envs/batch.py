@@ -31,8 +31,8 @@ from lissajous_env.world.selection import drawn_seeds, fold_seed
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import ENDED, RUNNING
 
-LOOKED_AT = 64
-"""Number of scenarios of a split, its first ones, whose largest team is the largest of a batch."""
+FIRST_SCENARIOS = 64
+"""Number of first scenarios of a split, whose largest team and most targets a batch has room for."""
 _FROM_SYSTEM, _NEXT = -2, -1
 """Seeds of a world's next episode: one of the operating system, or the one that follows from the latest."""
 
@@ -42,8 +42,8 @@ class Batch:
 
     Without a space all worlds are one group. Of a space, each group draws its first scenario at its first reset, and
     its next one whenever all of its worlds are reset together. Scenarios, and the episodes in them, depend on the seed
-    and on the number of the group alone. Scenarios with more robots or more target slots than the first `LOOKED_AT` of
-    the split have are skipped.
+    and on the number of the group alone. Scenarios with more robots or more target slots than the first
+    `FIRST_SCENARIOS` of the split have are skipped.
 
     Attributes:
         sides: Sides whose agents act.
@@ -102,14 +102,15 @@ class Batch:
             if num_groups != 1:
                 raise ValueError(f"num_groups must be 1 without a space of scenarios, got {num_groups}")
             given = {"rogues": AGENTS} | dict(overrides) if roles == "rogues" else overrides
-            first = largest = self._changed(named.scenario(scenario, **given))  # type: ignore[arg-type]
+            first = largest = self._resolved(named.scenario(scenario, **given))  # type: ignore[arg-type]
             self._most_targets = first.target_capacity
         else:
             self.space, self.split = space[0].overridden(overrides), space[1]
-            seen = [self._changed(sample) for sample in itertools.islice(self.space.scenarios(self.split), LOOKED_AT)]
-            first, largest = seen[0], max(seen, key=lambda sample: sample.num_robots)
-            self._first, self._most_targets = first, max(sample.target_capacity for sample in seen)
-            for sample in seen:
+            samples = itertools.islice(self.space.scenarios(self.split), FIRST_SCENARIOS)
+            samples = [self._resolved(sample) for sample in samples]
+            first, largest = samples[0], max(samples, key=lambda sample: sample.num_robots)
+            self._first, self._most_targets = first, max(sample.target_capacity for sample in samples)
+            for sample in samples:
                 self._check(sample)
         self._most_robots = largest.num_robots
         self.sides = sides_of(first, largest.num_robots, discrete_actions, roles)
@@ -185,7 +186,7 @@ class Batch:
         """Begin episodes in the worlds of a space; groups that are reset as a whole draw their next scenario."""
         if self._draws is None:
             seed = int(drawn_seeds(1)[0]) if self._seeds[0] == _FROM_SYSTEM else int(self._seeds[0])
-            self._draws, chosen = Draws(self.space, self.split, seed, self._changed, self._fits), np.ones_like(chosen)  # type: ignore[arg-type]
+            self._draws, chosen = Draws(self.space, self.split, seed, self._resolved, self._fits), np.ones_like(chosen)  # type: ignore[arg-type]
         for group, simulation in enumerate(self.simulations):
             of_group = chosen[self.worlds_of(group)]
             if of_group.all():
@@ -302,7 +303,7 @@ class Batch:
     def _simulation(self, scenario: Scenario, seed: int = 0) -> Simulation:
         return Simulation(scenario, self.group_size, device=self._device, seed=seed, threads=self._threads)
 
-    def _changed(self, scenario: Scenario) -> Scenario:
+    def _resolved(self, scenario: Scenario) -> Scenario:
         """Return a scenario with the number of steps of an episode, and every derived field."""
         return named.with_cycles(scenario, self._max_cycles).resolve()
 

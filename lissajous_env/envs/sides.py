@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 import warp as wp
+from gymnasium.vector.utils import batch_space
 
 from lissajous_env.device.devices import is_torch
 from lissajous_env.parameters import named
@@ -69,11 +70,7 @@ class Side:
 
     def team_spaces(self) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
         """Return the spaces of all agents together: rows (N, D); actions (N, action_size), or indices (N,)."""
-        low, high = (np.tile(end, (self.places, 1)) for end in (self.layout.low, self.layout.high))
-        rows = gymnasium.spaces.Box(low, high, dtype=np.float32)
-        if self.table is not None:
-            return rows, gymnasium.spaces.MultiDiscrete([len(self.table)] * self.places)
-        return rows, gymnasium.spaces.Box(-1.0, 1.0, (self.places, self.action_size), np.float32)
+        return tuple(batch_space(space, self.places) for space in self.spaces())  # type: ignore[return-value]
 
     def rows(self, simulation: Simulation, library: Any = np) -> Rows:
         """Return the rows of this side of a simulation, as arrays of `numpy`, or of `torch` on its device."""

@@ -72,7 +72,7 @@ class EpisodeRunner:
     def __init__(self, policy: ActingPolicy, simulation: Simulation):
         self.policy, self.simulation = policy, simulation
         self.name = name_of(policy)
-        self._seen = simulation.invalid.numpy() if simulation.device.is_cpu else None
+        self._invalid = simulation.invalid.numpy() if simulation.device.is_cpu else None
         self._steps = 0
 
     def step(self) -> None:
@@ -83,7 +83,7 @@ class EpisodeRunner:
         """
         self.simulation.step(self._checked(self.policy.act(self.simulation.observation)))
         self._steps += 1
-        if self._seen is not None or self._steps % self.EVERY == 0:
+        if self._invalid is not None or self._steps % self.EVERY == 0:
             self.check()
 
     def play(self, seeds: Sequence[int] | None = None, on_moment: Callable[[int], None] | None = None) -> None:
@@ -112,10 +112,10 @@ class EpisodeRunner:
         Raises:
             InvalidActionError: an action was not finite.
         """
-        seen = self.simulation.invalid.numpy() if self._seen is None else self._seen
-        if seen.any():
+        invalid = self.simulation.invalid.numpy() if self._invalid is None else self._invalid
+        if invalid.any():
             at = self.simulation.invalid_at.numpy()
-            world = min(np.flatnonzero(seen), key=lambda index: at[index])
+            world = min(np.flatnonzero(invalid), key=lambda index: at[index])
             seed = self.simulation.clock.seed.numpy()[world]
             where = f"step {at[world]} of {self.simulation.scenario.name} in world {world} (seed {seed})"
             raise InvalidActionError(f"policy {self.name} must return finite actions, got NaN or infinity in {where}")

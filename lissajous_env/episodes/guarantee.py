@@ -27,7 +27,7 @@ CELLS = 90
 _HALVINGS = 9
 
 
-class Reach(NamedTuple):
+class FormationGuarantee(NamedTuple):
     """Guarantee of a formation with one sensing radius."""
 
     radius: float
@@ -38,7 +38,9 @@ class Reach(NamedTuple):
     """Longest time for which a target of a given speed can stay undetected [s]; may be infinite."""
 
 
-def reach_of(scenario: str | Scenario, speed: float, radius: float | None = None, cells: int = CELLS) -> Reach:
+def formation_guarantee(
+    scenario: str | Scenario, speed: float, radius: float | None = None, cells: int = CELLS
+) -> FormationGuarantee:
     """Return the guarantee of the formation of a scenario against targets of a speed [m/s].
 
     Args:
@@ -49,7 +51,8 @@ def reach_of(scenario: str | Scenario, speed: float, radius: float | None = None
     """
     scenario = named.build(scenario)
     radius = scenario.sensing_radius if radius is None else radius
-    return Reach(radius, critical_speed(scenario, radius, cells), guaranteed_time(scenario, radius, speed, cells))
+    critical, longest = critical_speed(scenario, radius, cells), guaranteed_time(scenario, radius, speed, cells)
+    return FormationGuarantee(radius, critical, longest)
 
 
 def worst_undetected_times(policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int]) -> np.ndarray:
@@ -132,8 +135,8 @@ def guaranteed_time(
         cells: Grid cells along the longer side of the rectangle.
     """
     simulation = Simulation(in_formation(scenario, radius, speed, cells), threads=1)
-    ages = _played(simulation, until_cleared=False)
-    return math.inf if ages is None else ages * simulation.scenario.task.step
+    age = _largest_age(simulation, until_cleared=False)
+    return math.inf if age is None else age * simulation.scenario.task.step
 
 
 def critical_speed(scenario: str | Scenario, radius: float | None = None, cells: int = CELLS) -> float:
@@ -169,11 +172,13 @@ def fastest_rogue(scenario: str | Scenario, cells: int = CELLS) -> float:
 
 def _clears(scenario: Scenario, radius: float | None, speed: float, cells: int) -> bool:
     simulation = Simulation(in_formation(scenario, radius, speed, cells), threads=1)
-    return _played(simulation, until_cleared=True) is not None
+    return _largest_age(simulation, until_cleared=True) is not None
 
 
-def _played(simulation: Simulation, until_cleared: bool) -> int | None:
-    """Return the largest age until the end, or until all initial targets are detected [step]; None if it still grows.
+def _largest_age(simulation: Simulation, until_cleared: bool) -> int | None:
+    """Play the formation; return the largest age [step], or None if it still grows at the end.
+
+    The episode ends early when all initial targets are detected, if requested.
 
     The formation is periodic, so a target that can evade for ever from some moment on could also do so from the start:
     once all targets of the start are detected, none can.

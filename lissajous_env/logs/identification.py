@@ -96,7 +96,7 @@ _FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02, 0.1])
 
 
 @wp.func
-def moved(
+def advanced(
     robot: RobotStruct, is_car: int, constants: wp.array2d(dtype=float), p: int, now: State, given: wp.vec2, h: float
 ) -> State:
     """Return the state of a robot with a set of constants after a time h [s] under a command."""
@@ -144,7 +144,7 @@ def roll_out(
             until = wp.min(time[j], now + _LONGEST)
             if k < last:
                 until = wp.min(until, wp.max(command_time[k + 1] + delay, now))
-            state = moved(robot, is_car, constants, p, state, command[k], float(until - now))
+            state = advanced(robot, is_car, constants, p, state, command[k], float(until - now))
             now = until
             following = wp.min(k + 1, last)
             if following > k and command_time[following] + delay <= now + _ON_TIME:

@@ -24,7 +24,7 @@ wp.set_module_options(OPTIONS)
 class Paths:
     """Paths of N robots at M moments, with S + 1 places on the way to each moment."""
 
-    track: wp.array3d(dtype=wp.vec3)
+    path: wp.array3d(dtype=wp.vec3)
     """(M, N, S + 1) places from the moment before to this one [m]."""
     heading: wp.array2d(dtype=wp.float32)
     """(M, N) headings [rad]."""
@@ -52,18 +52,18 @@ def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: Ep
         tally.fault_end[w] = -1
 
 
-@stage(ROBOT, writes="robots: heading, phase, position, speed, status, track")
+@stage(ROBOT, writes="robots: heading, path, phase, position, speed, status")
 def follow_paths(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
     """Move the robots along their paths, or place them where these begin; a removed robot stays where it was."""
     moment = clock.step[w]
-    last = robots.track.shape[2] - 1
+    last = robots.path.shape[2] - 1
     if robots.status[w, i] == REMOVED:
         for s in range(last + 1):
-            robots.track[w, i, s] = robots.position[w, i]
+            robots.path[w, i, s] = robots.position[w, i]
     else:
         for s in range(last + 1):
-            robots.track[w, i, s] = paths.track[moment, i, s]
-        robots.position[w, i] = paths.track[moment, i, last]
+            robots.path[w, i, s] = paths.path[moment, i, s]
+        robots.position[w, i] = paths.path[moment, i, last]
         robots.heading[w, i] = wrap(paths.heading[moment, i])
         robots.speed[w, i] = paths.speed[moment, i]
         if not wp.isnan(paths.phase[moment, i]):
@@ -82,27 +82,19 @@ class PrescribedSimulation(Simulation):
     """
 
     def __init__(self, scenario: Scenario, paths: Mapping[str, np.ndarray], num_worlds: int):
-        m, n, places, _ = paths["track"].shape
-        self._paths: Any = allocate(Paths, {"track": (m, n, places)}, (m, n), as_device("cpu"))
+        m, n, places, _ = paths["path"].shape
+        self._paths: Any = allocate(Paths, {"path": (m, n, places)}, (m, n), as_device("cpu"))
         for name, values in paths.items():
             getattr(self._paths, name).assign(values)
         super().__init__(scenario, num_worlds)
 
-    def _own_stages(self) -> tuple[list[Stage], list[Stage]]:
-        at_reset, at_step = super()._own_stages()
+    def _own_stages(self, begins: bool) -> list[Stage]:
+        """Return the stages in which robots follow their paths, and are hidden from the measurements to the score."""
         own = {"paths": self._paths}
-        place = [stage.name for stage in at_reset].index("robots") + 1
-        at_reset.insert(place, Stage("paths", follow_paths, own=own))
-        follow = Stage("phase", follow_curve, when=bool(np.isnan(self._paths.phase.numpy()).any()))
-        moved = [stage for stage in at_step if stage.name != "phase"]
-        place = [stage.name for stage in moved].index("motion")
-        moved[place : place + 1] = [Stage("motion", follow_paths, own=own), follow]
-        return _hiding(at_reset, own), _hiding(moved, own)
-
-
-def _hiding(stages: list[Stage], own: dict[str, Any]) -> list[Stage]:
-    """Return stages between which robots are hidden: from the measurements to the score."""
-    names = [stage.name for stage in stages]
-    first, last = names.index("measurement") + 1, names.index("score") + 1
-    begin, end = Stage("hiding", hide, own=own), Stage("showing", unhide, own=own)
-    return [*stages[:first], begin, *stages[first:last], end, *stages[last:]]
+        follow = Stage("motion", follow_paths, own=own)
+        phase = Stage("phase", follow_curve, when=bool(np.isnan(self._paths.phase.numpy()).any()))
+        replaced = {"motion": [follow], "phase": [phase]}
+        after = {"robots": [follow], "measurement": [Stage("hiding", hide, own=own)]}
+        after["score"] = [Stage("showing", unhide, own=own)]
+        stages = super()._own_stages(begins)
+        return [new for one in stages for new in (*replaced.get(one.name, [one]), *after.get(one.name, ()))]

@@ -236,7 +236,7 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
         pose = np.column_stack([places[:, -1, :2], heading])
         phase = _phases(log, scenario, robot, times, pose, hidden[:, robot])
         columns.append((places, heading, speed, phase, hidden[:, robot].astype(int)))
-    names = ("track", "heading", "speed", "phase", "hidden")
+    names = ("path", "heading", "speed", "phase", "hidden")
     return {
         name: np.stack(of_robots, axis=1) for name, of_robots in zip(names, zip(*columns, strict=True), strict=True)
     }

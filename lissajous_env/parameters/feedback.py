@@ -16,7 +16,7 @@ _FILE = Path(__file__).with_name("feedback.json")
 def measured() -> dict[str, dict[str, Any]]:
     """Return for each measured scenario its `value` of feedback, its 95 % interval, and the policy that reaches it.
 
-    `sees_all` is the ratio for a rule that sees all targets, which is no bound.
+    `sees_all` is the ratio for a rule that sees all targets, with its interval; it is no bound.
     """
     values: dict[str, dict[str, Any]] = json.loads(_FILE.read_text(encoding="utf-8"))
     return values

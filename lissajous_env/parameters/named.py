@@ -7,7 +7,7 @@ after `:` for a file: SEED or SHIFT-SEED is a scenario, SPLIT a split or a shift
 import itertools
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -77,12 +77,9 @@ def register_scenario(scenario: Scenario) -> Scenario:
         ValueError: the argument is no scenario, its name is invalid, or a different scenario has that name. In a
             notebook, it replaces one that was registered before.
     """
-    if not isinstance(scenario, Scenario):
-        raise ValueError(f"scenario must be a Scenario to be registered, got {shown(scenario)}")
-    if _INCLUDED.get(scenario.name) != scenario:
-        plugins.register(SCENARIOS, "scenario", scenario, NAMES, _INCLUDED, plugins.is_notebook())
+    if _INCLUDED.get(getattr(scenario, "name", "")) != scenario:
+        _register(SCENARIOS, "scenario", scenario, Scenario, _INCLUDED)
         warn_of_violations(scenario)
-        register_ids(scenario.name)
     return scenario
 
 
@@ -95,11 +92,15 @@ def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
         ValueError: the argument is no space, its name is invalid, or a different space has that name. In a notebook, it
             replaces one that was registered before.
     """
-    if not isinstance(space, ScenarioSpace):
-        raise ValueError(f"space must be a ScenarioSpace to be registered, got {shown(space)}")
-    plugins.register(SPACES, "space", space, NAMES, _INCLUDED_SPACES, plugins.is_notebook())
-    register_ids(space.name, is_space=True)
+    _register(SPACES, "space", space, ScenarioSpace, _INCLUDED_SPACES)
     return space
+
+
+def _register(registry: dict[str, Any], thing: str, new: Any, kind: type, included: Collection[str]) -> None:
+    if not isinstance(new, kind):
+        raise ValueError(f"{thing} must be a {kind.__name__} to be registered, got {shown(new)}")
+    plugins.register(registry, thing, new, NAMES, included, plugins.is_notebook())
+    register_ids(new.name, is_space=kind is ScenarioSpace)
 
 
 def register_ids(name: str, is_space: bool = False) -> None:
@@ -250,28 +251,29 @@ def _split(name: Any) -> tuple[ScenarioSpace | None, str]:
     text = os.fspath(name) if isinstance(name, (str, os.PathLike)) else ""
     path, part = match.groups() if (match := _OF_FILE.fullmatch(text)) else (text, "")
     if is_file(path):
-        return _space_in(path), part
+        return (found if isinstance(found := _in_file(path), ScenarioSpace) else None), part
     known = [space for space in scenario_spaces() if re.match(rf"{re.escape(space)}([-:]|$)", text)]
     if not known:
         return None, ""
     space = max(known, key=len)
     if space not in SPACES:
-        SPACES[space] = _space_in(_INCLUDED_SPACES[space])
+        SPACES[space] = _in_file(_INCLUDED_SPACES[space])
     return SPACES[space], text[len(space) + 1 :]
 
 
-def _space_in(path: str) -> Any:
-    """Return the space in a file; None for the file of a scenario."""
+def _in_file(path: str) -> Scenario | ScenarioSpace:
+    """Return the scenario or the space of a file; its default name is that of the file, not that of its base."""
     table = read_toml(path)
-    if "draw" not in table:
-        return None
     try:
+        table["name"] = name_in_file(table, path)
+        if "draw" not in table:
+            return scenario_from(table, _registered)
         check_keys(table, _OF_SPACE)
         base = _registered(table["base"]) if "base" in table else Scenario()
         rules, shifts, words = table.get("require", ()), table.get("shift", {}), table.get("description", "")
-        return ScenarioSpace(name_in_file(table, path), base, table["draw"], rules, shifts, words)
+        return ScenarioSpace(table["name"], base, table["draw"], rules, shifts, words)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise type(error)(f"{path}: {error}") from error
 
 
 def _known(name: Any) -> Scenario | None:
@@ -300,26 +302,12 @@ def _registered(name: str) -> Scenario:
 
 
 def _loaded(name: Any) -> Scenario:
-    if is_file(name):
-        return _of_file(name)
-    if (entry := _known(name)) is not None:
-        return entry
-    if not isinstance(name, str) or space_and_split(name) is not None:
-        raise unknown_scenario(name)
-    if ":" in name:
+    found = _in_file(name) if is_file(name) else _known(name)
+    if isinstance(found, Scenario):
+        return found
+    if found is None and isinstance(name, str) and ":" in name and space_and_split(name) is None:
         return _imported(name)
     raise unknown_scenario(name)
-
-
-def _of_file(path: str) -> Scenario:
-    """Make the scenario of a file; its default name is that of the file, not that of its base."""
-    table = read_toml(path)
-    if "draw" in table:
-        raise unknown_scenario(path)
-    try:
-        return scenario_from(table | {"name": name_in_file(table, path)}, "", _registered)
-    except ValueError as error:
-        raise type(error)(f"{path}: {error}") from error
 
 
 def _imported(reference: str) -> Scenario:

@@ -54,7 +54,7 @@ class RobotModel:
     """Kernel that moves the robots by a step; arguments are matched by name, see `lissajous_env.world.stages`.
 
     `command` (W, N, len(actions)) is the clipped action with noise. The kernel writes position, heading and speed of
-    `robots`, and the track `robots.track` (W, N, S + 1) from the old position to the new one. A robot that is not
+    `robots`, and the path `robots.path` (W, N, S + 1) from the old position to the new one. A robot that is not
     WORKING does not move.
     """
     speed_unit: Callable[[Curve, Formation, Robot], float]

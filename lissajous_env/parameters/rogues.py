@@ -22,7 +22,7 @@ AGENTS = "agents"
 
 @dataclass(frozen=True)
 class Rogue:
-    """A scripted rogue; after `lissajous_env.register_rogue`, `targets.rogues` can name it."""
+    """A scripted or learned rogue; after `lissajous_env.register_rogue`, `targets.rogues` can name it."""
 
     name: str
     """Name, as in `targets.rogues`."""
@@ -32,9 +32,6 @@ class Rogue:
     that writes `rogues.action`, see `lissajous_env.world.stages`."""
     about: str = ""
     """Description of its motion in one line."""
-    bind: Callable[[Any, Any], Callable[[], None]] | None = None
-    """Function `bind(scenario, rogues)` that is used instead of `decide`, if given: it returns a function without
-    arguments that writes `rogues.action` for `rogues.observation` on their device."""
     trained_on: str = ""
     """Scenario on which a learned rogue was trained."""
     trained_against: str = ""
@@ -45,8 +42,7 @@ class Rogue:
 
     def __reduce__(self) -> tuple:
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        code = {name: ByValue(values[name]) for name in ("decide", "bind")}
-        return Rogue, tuple((values | code).values())
+        return Rogue, tuple((values | {"decide": ByValue(self.decide)}).values())
 
 
 CHECKPOINT = "checkpoint.json"
@@ -93,17 +89,13 @@ class BringsRogues:
     def __getstate__(self) -> dict[str, Any]:
         name = self.targets.rogues
         known = [_ROGUES[name]] if name in _ROGUES else []
-        brought = [rogue for rogue in known if not isinstance(rogue.decide, wp.Kernel) and not _is_ours(rogue)]
-        return {"rogues": brought} | self.__dict__
+        theirs = [rogue for rogue in known if getattr(rogue.decide, "__module__", "").partition(".")[0] not in OURS]
+        return {"rogues": [rogue for rogue in theirs if not isinstance(rogue.decide, wp.Kernel)]} | self.__dict__
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for rogue in state.pop("rogues", ()):
             _ROGUES.setdefault(rogue.name, rogue)
         self.__dict__.update(state)
-
-
-def _is_ours(rogue: Rogue) -> bool:
-    return getattr(rogue.decide, "__module__", "").partition(".")[0] in OURS
 
 
 def rogues() -> tuple[str, ...]:

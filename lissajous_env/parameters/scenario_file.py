@@ -166,12 +166,11 @@ def check_keys(table: Mapping[str, Any], known: Mapping[str, tuple[type, str]]) 
             raise ValueError(f"{key} must be {words}, got {type(value).__name__}")
 
 
-def scenario_from(table: Mapping[str, Any], name: str, base_of: Callable[[str], Scenario]) -> Scenario:
+def scenario_from(table: Mapping[str, Any], base_of: Callable[[str], Scenario]) -> Scenario:
     """Make the scenario of a file from its table.
 
     Args:
-        table: Keys and values of the file.
-        name: Name if the table contains none.
+        table: Keys and values of the file, with a name.
         base_of: Function that returns the scenario of a name.
 
     Raises:
@@ -180,7 +179,7 @@ def scenario_from(table: Mapping[str, Any], name: str, base_of: Callable[[str], 
     check_keys(table, _OF_SCENARIO)
     base = base_of(table["base"]) if "base" in table else Scenario()
     scenario = overridden(base, {key: value for key, value in table.items() if key not in _TEXTS})
-    return dataclasses.replace(scenario, name=table.get("name", name), description=table.get("description", ""))
+    return dataclasses.replace(scenario, name=table["name"], description=table.get("description", ""))
 
 
 @cache
@@ -188,7 +187,7 @@ def included_scenarios() -> dict[str, Scenario]:
     """Return the included scenarios by name, from `shipped.toml`."""
     scenarios: dict[str, Scenario] = {}
     for name, table in read_toml(str(Path(__file__).with_name("shipped.toml"))).items():
-        scenarios[name] = scenario_from(table, name, scenarios.__getitem__)
+        scenarios[name] = scenario_from(table | {"name": name}, scenarios.__getitem__)
     return scenarios
 
 

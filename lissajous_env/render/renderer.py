@@ -55,18 +55,18 @@ class Renderer:
         Returns:
             (H, W, 3) uint8, the caller's own.
         """
-        seen = simulation
-        if not isinstance(seen, Snapshot):
-            seen = Snapshot.of(seen, world, self._ground.most_cells)
-        steps, trail = self._trail(seen)
-        sensing = seen.position[seen.status == int(WORKING), :2]
-        self._ground.draw(self._fine, seen.sensed_at, seen.step, sensing)
+        snapshot = simulation
+        if not isinstance(snapshot, Snapshot):
+            snapshot = Snapshot.of(snapshot, world, self._ground.most_cells)
+        steps, trail = self._trail(snapshot)
+        sensing = snapshot.position[snapshot.status == int(WORKING), :2]
+        self._ground.draw(self._fine, snapshot.sensed_at, snapshot.step, sensing)
         self._fine.set_clip(self.view.plot())
-        self._team.draw_links(self._fine, seen, steps, trail)
-        self._targets.draw(self._fine, seen)
-        self._team.draw(self._fine, seen)
+        self._team.draw_links(self._fine, snapshot, steps, trail)
+        self._targets.draw(self._fine, snapshot)
+        self._team.draw(self._fine, snapshot)
         self._fine.set_clip(None)
-        self._panel.draw(self._fine, seen)
+        self._panel.draw(self._fine, snapshot)
         pygame.transform.smoothscale(self._fine, self.view.size, self.picture)
         return pixels(self.picture)
 
@@ -86,18 +86,18 @@ class Renderer:
             self._window.close()
             self._window = None
 
-    def _trail(self, seen: Snapshot) -> tuple[np.ndarray, np.ndarray]:
+    def _trail(self, snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray]:
         """Return the steps (K,) and positions (K, N, 2) of the trails, oldest first, ending at the robots."""
         past, longest = self._past, self._team.trail_steps
-        if self._episode != (seen.world, seen.seed):
-            self._episode = seen.world, seen.seed
+        if self._episode != (snapshot.world, snapshot.seed):
+            self._episode = snapshot.world, snapshot.seed
             past.clear()
-        while past and past[-1][0] >= seen.step:
+        while past and past[-1][0] >= snapshot.step:
             past.pop()
-        while past and past[0][0] < seen.step - longest:
+        while past and past[0][0] < snapshot.step - longest:
             past.popleft()
-        now = seen.step, seen.position[:, :2]
+        now = snapshot.step, snapshot.position[:, :2]
         trail = [*past, now]
-        if not past or seen.step - past[-1][0] >= longest / _LONGEST_TRAIL:
+        if not past or snapshot.step - past[-1][0] >= longest / _LONGEST_TRAIL:
             past.append(now)
         return np.array([step for step, _ in trail]), np.stack([place for _, place in trail])

@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
-_FOLDERS = [files("lissajous_env") / part / "assets" for part in ("replay", "report")]
-"""Folders of templates, style sheets and modules."""
+_FOLDERS = [files("lissajous_env") / "replay" / part for part in ("assets", "report")]
+"""Folders of templates, style sheets and modules: those of replays, and those of the report of a benchmark."""
 
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./([\w-]+\.js)";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:async function|function|class|const|let) )", re.MULTILINE)

@@ -67,7 +67,7 @@ def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue |
         "collisions": counts(recording.collisions[moments], int(recording.collisions.max())),
         "reward": {
             "names": list(recording.reward_names),
-            "terms": quantised_each(_since_kept(recording.reward_terms.mean(axis=1), every)),
+            "terms": quantised_each(_since_stored(recording.reward_terms.mean(axis=1), every)),
         },
         "rogue": None if missed is None else _rogue(missed),
     }
@@ -78,7 +78,7 @@ def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
     return [quantised(table[..., k]) for k in range(table.shape[-1])]
 
 
-def _since_kept(values: np.ndarray, every: int) -> np.ndarray:
+def _since_stored(values: np.ndarray, every: int) -> np.ndarray:
     """Sum numbers (F, ...) of the steps since the previous stored moment."""
     return np.diff(np.cumsum(values, axis=0, dtype=np.float64)[::every], axis=0, prepend=0.0)
 
@@ -144,18 +144,20 @@ def _targets(recording: Recording, moments: slice) -> dict[str, Any]:
     places = recording.target_position[moments]
     total = places.shape[1]
     # A slot in which nothing appeared until the end is no target.
-    came = np.flatnonzero(recording.appears_at < len(recording))
+    appeared = np.flatnonzero(recording.appears_at < len(recording))
     most = max(_MOST_PLACES // max(2 * len(places), 1), 1)
-    came = came[:: max(math.ceil(len(came) / most), 1)]
-    found_at = recording.found_at[came]
+    appeared = appeared[:: max(math.ceil(len(appeared) / most), 1)]
+    found_at = recording.found_at[appeared]
     return {
-        "count": len(came),
+        "count": len(appeared),
         "total": int(np.count_nonzero(recording.appears_at < len(recording))) if total else 0,
-        "x": quantised(places[:, came, 0]),
-        "y": quantised(places[:, came, 1]),
-        "motion": recording.motion[came].tolist(),
-        "appears": recording.appears_at[came].tolist(),
-        "found": np.where(found_at < len(recording), found_at - recording.found_early[came], -1.0).round(4).tolist(),
+        "x": quantised(places[:, appeared, 0]),
+        "y": quantised(places[:, appeared, 1]),
+        "motion": recording.motion[appeared].tolist(),
+        "appears": recording.appears_at[appeared].tolist(),
+        "found": np.where(found_at < len(recording), found_at - recording.found_early[appeared], -1.0)
+        .round(4)
+        .tolist(),
     }
 
 

@@ -28,14 +28,15 @@ def number(
     default: float | None, low: float, high: float, unit: str = "", or_zero: bool = False, or_infinite: bool = False
 ) -> Any:
     """Declare a number from `low` to `high`, both included, and on request also zero or infinity."""
-    rule = "must be " + "0 or " * or_zero + f"from {_text(low)} to {_text(high)}" + " or infinite" * or_infinite
+    rule = "must be " + "0 or " * or_zero + f"from {low:.9g} to {high:.9g}" + " or infinite" * or_infinite
+    rule += f" [{unit}]" if unit else ""
 
     def holds(value: Any) -> bool:
         return _is_number(value) and (
             low <= value <= high or (or_zero and value == 0) or (or_infinite and value == math.inf)
         )
 
-    return _checked(default, rule + _bracket(unit), holds, float, units=(unit,))
+    return _checked(default, rule, holds, float, units=(unit,))
 
 
 def whole(default: int | None, low: int, high: int) -> Any:
@@ -220,14 +221,6 @@ def _product(units: str, length: float, time: float) -> float:
     match = re.fullmatch(r"\(?([\w ]*)\)?(?:\^(\d))?", units)
     assert match, units
     return math.prod(scales[name] for name in match[1].split()) ** int(match[2] or 1)
-
-
-def _text(value: float) -> str:
-    return f"{value:.9g}"
-
-
-def _bracket(unit: str) -> str:
-    return f" [{unit}]" if unit else ""
 
 
 def _is_number(value: Any) -> bool:

@@ -53,6 +53,11 @@ class Sensing(Checked):
         self._require(fits, "cells_seen", "must be (columns, rows) or None")
 
     @property
+    def most_seen(self) -> int:
+        """Largest number of entries in a list of an observation."""
+        return max(self.robots_seen, self.targets_seen, self.tracks_seen, self.teammates_seen)
+
+    @property
     def has_tracks(self) -> bool:
         """True if the observation contains tracks or teammates."""
         return self.tracks_seen + self.teammates_seen > 0

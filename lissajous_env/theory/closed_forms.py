@@ -58,12 +58,12 @@ def detection_time_bound(phase_rate: float, num_robots: int, clusters: int = 1) 
 def fewest_robots(half_width: float, half_height: float, sensor_radius: float) -> tuple[int, int, int]:
     """Return the fewest robots that (7) and (8) permit for a sensor, and the smallest odd a and smallest b of (7)."""
 
-    def steps(extent: float, half_turn: float) -> int:
+    def fewest(extent: float, half_turn: float) -> int:
         # A sensor of exactly the bound counts as large enough, whatever the last digit.
         return math.ceil(half_turn / math.asin(min(sensor_radius / extent, 1.0)) - 1e-9)
 
-    a, b = steps(half_height, math.pi / 2) | 1, steps(half_width, math.pi / 2)
-    return max(a + b, steps(math.hypot(half_width, half_height), math.pi)), a, b
+    a, b = fewest(half_height, math.pi / 2) | 1, fewest(half_width, math.pi / 2)
+    return max(a + b, fewest(math.hypot(half_width, half_height), math.pi)), a, b
 
 
 # Equilibria: p, clusters and alpha.

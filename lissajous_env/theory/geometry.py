@@ -82,8 +82,8 @@ def turning_radius(wheelbase: float, steering_max: float) -> float:
 
 def tight_share(curve: Curve, radius: float) -> float:
     """Return the share of the arc of the plane curve that turns tighter than `radius` [m], between 0 and 1."""
-    speed, bends = along_lap(curve)
-    return float(speed[bends < radius].sum() / speed.sum())
+    speed, radii = along_lap(curve)
+    return float(speed[radii < radius].sum() / speed.sum())
 
 
 def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> np.ndarray:
@@ -123,9 +123,9 @@ def largest_neighbour_distance(curve: Curve, num_robots: int, p: int, alpha: int
 def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
     """Return the least sensing radius with which one lap covers the rectangle [m]; (7) is an upper bound.
 
-    It is the largest distance of a point of the rectangle from the curve. Since the distance
-    is 1-Lipschitz, a cell of a grid needs no division once its centre's distance plus half of its diagonal is at most
-    the largest distance found, up to `precision` times the half diagonal of the rectangle.
+    It is the largest distance of a point of the rectangle from the curve. Since the distance is 1-Lipschitz, a cell of
+    a grid needs no division once its centre's distance plus half of its diagonal is at most the largest distance so
+    far, up to `precision` times the half diagonal of the rectangle.
     """
     half_extent = np.array([curve.half_width, curve.half_height])
     tolerance = precision * math.hypot(*half_extent)

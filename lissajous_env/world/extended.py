@@ -14,6 +14,7 @@ from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
 from lissajous_env.parameters.extensions import (
     LARGEST,
+    REDUCTIONS,
     Extension,
     ObservationEntry,
     RewardTerm,
@@ -123,6 +124,7 @@ class _Arrays(_Fixed):
 wp.set_module_options(OPTIONS)
 
 _LARGEST = wp.constant(LARGEST)
+_MAX, _MIN, _LAST = (wp.constant(REDUCTIONS.index(name)) for name in ("max", "min", "last"))
 
 
 @wp.func
@@ -145,19 +147,19 @@ def take_entries(w, i, start: int, low: float, high: float, value: wp.array3d(dt
 
 
 @stage(WORLD, writes="kept_out")
-def keep_column(w, value: wp.array(dtype=wp.float64), clock, kept_out: wp.array2d(dtype=wp.float64)):
-    """Update sum, largest, least and last of an extension's score column."""
+def keep_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, kept_out: wp.array(dtype=wp.float64)):
+    """Reduce an extension's score column over the steps: to the sum, largest, least or last; NaN before the first."""
+    latest = wp.where(wp.abs(value[w]) <= wp.float64(_LARGEST), value[w], wp.float64(0.0))
     if clock.step[w] == 0:
-        kept_out[w, 0] = wp.float64(0.0)
-        kept_out[w, 1] = wp.float64(-wp.inf)
-        kept_out[w, 2] = wp.float64(wp.inf)
-        kept_out[w, 3] = wp.float64(wp.nan)
-    else:
-        latest = wp.where(wp.abs(value[w]) <= wp.float64(_LARGEST), value[w], wp.float64(0.0))
-        kept_out[w, 0] += latest
-        kept_out[w, 1] = wp.max(kept_out[w, 1], latest)
-        kept_out[w, 2] = wp.min(kept_out[w, 2], latest)
-        kept_out[w, 3] = latest
+        latest = wp.float64(wp.nan)
+    elif clock.step[w] > 1:
+        if reduction == _MAX:
+            latest = wp.max(kept_out[w], latest)
+        elif reduction == _MIN:
+            latest = wp.min(kept_out[w], latest)
+        elif reduction != _LAST:
+            latest += kept_out[w]
+    kept_out[w] = latest
 
 
 @stage(TARGET, writes="targets: heading, position")
@@ -194,8 +196,8 @@ class ExtensionStages:
         observation: (W, N, D) the rows.
 
     Attributes:
-        kept: For each `ScoreColumn`, by name, its sum, largest, least and last (W, 4) of the episode; and the state of
-            the extensions.
+        kept: For each `ScoreColumn`, by name, its value (W,) so far, for a mean the sum; and the state of the
+            extensions.
     """
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: wp.array):
@@ -223,7 +225,8 @@ class ExtensionStages:
                 own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
             elif isinstance(extension, ScoreColumn):
                 place, takes, value = "reward", keep_column, self._room(shape[:1], wp.float64)
-                self.kept[extension.name] = own["kept_out"] = self._room((shape[0], 4), wp.float64)
+                self.kept[extension.name] = own["kept_out"] = self._room(shape[:1], wp.float64)
+                own["reduction"] = REDUCTIONS.index(extension.reduce)
             elif isinstance(extension, (TargetMotion, TargetEntry)):
                 moves = isinstance(extension, TargetMotion)
                 place, takes = ("collisions", take_places) if moves else ("respawn", take_entry)
@@ -242,18 +245,16 @@ class ExtensionStages:
             elif isinstance(extension, ScoreColumn):
                 self._after_reset.setdefault("score", []).append(take)
 
-    def step_stages(self, stages: Sequence[Stage]) -> list[Stage]:
-        """Return the stages of a step with those of extensions."""
-        return _among(stages, self._after)
-
-    def reset_stages(self, stages: Sequence[Stage]) -> list[Stage]:
-        """Return the stages of a reset with those of extensions."""
-        return _among(stages, self._after_reset)
+    def among(self, stages: Sequence[Stage], begins: bool) -> list[Stage]:
+        """Return the stages of a step, or of the reset that `begins` an episode, with those of extensions."""
+        after = self._after_reset if begins else self._after
+        return [entry for stage in stages for entry in (stage, *after.get(stage.name, ()))]
 
     def columns(self, steps: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values (W,) of the score columns after so many steps (W,) of the episodes."""
-        reduced = {column.name: column.reduce for column in self.scenario.extensions if isinstance(column, ScoreColumn)}
-        return {name: _reduced(self.kept[name].numpy(), how, steps) for name, how in reduced.items()}
+        columns = [column for column in self.scenario.extensions if isinstance(column, ScoreColumn)]
+        divisors = {column.name: np.maximum(steps, 1) if column.reduce == "mean" else 1 for column in columns}
+        return {name: self.kept[name].numpy() / divisor for name, divisor in divisors.items()}
 
     def _room(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self.device)
@@ -341,14 +342,3 @@ def _check_names(scenario: Scenario) -> None:
         names = extension.entries if isinstance(extension, ObservationEntry) else (extension.name,)
         if clashes := [name for name in names if name in taken.get(type(extension), ())]:
             raise ValueError(f"name of an extension must be new, got {clashes[0]}")
-
-
-def _among(stages: Sequence[Stage], after: Mapping[str, Sequence[Stage]]) -> list[Stage]:
-    return [entry for stage in stages for entry in (stage, *after.get(stage.name, ()))]
-
-
-def _reduced(statistics: np.ndarray, how: str, steps: np.ndarray) -> np.ndarray:
-    """Sum, largest, least and last (W, 4) of a column as one number of each world; NaN before the first step."""
-    if how == "mean":
-        return np.where(steps > 0, statistics[:, 0] / np.maximum(steps, 1), np.nan)
-    return np.where(steps > 0, statistics[:, ("sum", "max", "min", "last").index(how)], np.nan)

@@ -6,10 +6,10 @@ With many robots or targets, bins are used to compute those that a robot detects
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import ROBOT, part, stage
+from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, TARGET_SIZE
-from lissajous_env.world.robots.nearby import Bins, bin_of, column_of, row_of
+from lissajous_env.world.robots.nearby import bin_of, column_of, row_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
@@ -93,47 +93,50 @@ def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
     return one[0] < other[0] or (one[0] == other[0] and one[1] < other[1])
 
 
-@wp.func
-def keep_nearest(w: int, i: int, filled: int, room: int, offset: wp.vec2, index: int, bins: Bins) -> int:
-    """Insert an object at `offset` into the sorted list of a robot's nearest ones; return the length of the list."""
+@part
+def keep_nearest(w, i, filled: int, room: int, offset: wp.vec2, index: int, nearest) -> int:
+    """Insert an object at `offset` into the sorted list of a robot's nearest ones; return the length of the list.
+
+    `nearest` (W, N, entries) has the squared distance [radius^2] and the index of each.
+    """
     new = wp.vec2(wp.dot(offset, offset), float(index))
     place = int(filled)
     while place > 0:
-        if not comes_before(new, bins.nearest[w, i, place - 1]):
+        if not comes_before(new, nearest[w, i, place - 1]):
             break
         place -= 1
     is_known = bool(False)  # a robot may be in a list twice
     if place > 0:
-        is_known = bins.nearest[w, i, place - 1] == new
+        is_known = nearest[w, i, place - 1] == new
     if place == room or is_known:
         return filled
     for k in range(wp.min(filled, room - 1), place, -1):
-        bins.nearest[w, i, k] = bins.nearest[w, i, k - 1]
-    bins.nearest[w, i, place] = new
+        nearest[w, i, k] = nearest[w, i, k - 1]
+    nearest[w, i, place] = new
     return wp.min(filled + 1, room)
 
 
 @part
-def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, bins) -> int:
+def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, nearest) -> int:
     """Enter robot j as `keep_nearest` does, if it is in the disc."""
     away = planar(robots.position[w, j]) - planar(robots.position[w, i])
     if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
-        return keep_nearest(w, i, filled, room, away / radius, j, bins)
+        return keep_nearest(w, i, filled, room, away / radius, j, nearest)
     return filled
 
 
 @part
-def nearest_robots(w, i, room: int, radius: float, robots, bins) -> int:
+def nearest_robots(w, i, room: int, radius: float, robots, bins, nearest) -> int:
     """Find the nearest robots in the disc; returns how many, at most `room`."""
     filled = int(0)
     if bins.columns > 0:
         entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
         while entry[0] >= 0:
-            filled = keep_robot(w, i, entry[0], filled, room, radius, robots, bins)
+            filled = keep_robot(w, i, entry[0], filled, room, radius, robots, nearest)
             entry = bins.entry[w, entry[1]]
     else:
         for j in range(robots.status.shape[1]):
-            filled = keep_robot(w, i, j, filled, room, radius, robots, bins)
+            filled = keep_robot(w, i, j, filled, room, radius, robots, nearest)
     return filled
 
 
@@ -168,7 +171,7 @@ def in_disc(
 
 
 @part
-def nearest_targets(w, i, room: int, radius: float, robots, targets, bins) -> int:
+def nearest_targets(w, i, room: int, radius: float, robots, targets, bins, nearest) -> int:
     """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
     filled = int(0)
@@ -182,7 +185,7 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins) -> in
                     seen = bins.seen[w, place]
                     away = wp.vec2(seen[0], seen[1]) - here
                     if wp.dot(away, away) < radius * radius:
-                        filled = keep_nearest(w, i, filled, room, away / radius, int(seen[2]), bins)
+                        filled = keep_nearest(w, i, filled, room, away / radius, int(seen[2]), nearest)
                     place = int(seen[3])
     else:
         for first in range(0, targets.in_sight.shape[1], 32):
@@ -190,16 +193,16 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins) -> in
             while near != wp.uint32(0):
                 t = first + int(wp.bit_count(~near & (near - wp.uint32(1))))
                 near &= near - wp.uint32(1)
-                filled = keep_nearest(w, i, filled, room, (targets.position[w, t] - here) / radius, t, bins)
+                filled = keep_nearest(w, i, filled, room, (targets.position[w, t] - here) / radius, t, nearest)
     return filled
 
 
 @part
-def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observation_out):
+def observe_robots(w, i, filled: int, sensing, speed_unit, robots, nearest, observation_out):
     """List the nearest robots in the disc."""
     entry = OWN_SIZE + 2 * LINK_SIZE
     for k in range(filled):
-        j = int(bins.nearest[w, i, k][1])
+        j = int(nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
         relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
         observation_out[w, i, entry] = 1.0
@@ -212,11 +215,11 @@ def observe_robots(w, i, filled: int, sensing, speed_unit, robots, bins, observa
 
 
 @part
-def observe_targets(w, i, filled: int, sensing, robots, targets, bins, observation_out):
+def observe_targets(w, i, filled: int, sensing, robots, targets, nearest, observation_out):
     """List the nearest targets in the disc."""
     entry = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * sensing.robots_seen
     for k in range(filled):
-        offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
+        offset = (targets.position[w, int(nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
         observation_out[w, i, entry] = 1.0
         observation_out[w, i, entry + 1] = offset[0]
         observation_out[w, i, entry + 2] = offset[1]
@@ -224,7 +227,7 @@ def observe_targets(w, i, filled: int, sensing, robots, targets, bins, observati
     empty(w, i, entry, TARGET_SIZE, sensing.targets_seen - filled, observation_out)
 
 
-@stage(ROBOT, writes="bins: nearest; observation_out")
+@stage(ROBOT, writes="nearest; observation_out")
 def observe(
     w,
     i,
@@ -238,21 +241,22 @@ def observe(
     links,
     messages,
     targets,
-    bins,
+    nearest,
     latest,
     observation_out,
+    bins=OPTIONAL,
 ):
     """Fill the row of each robot."""
     observe_self(w, i, curve, speed_unit, robots, observation_out)
     observe_ring(w, i, clock.step[w], curve, age_per_step, message_start, robots, links, messages, observation_out)
     filled = int(0)
     if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
-        filled = nearest_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins)
-    observe_robots(w, i, filled, sensing, speed_unit, robots, bins, observation_out)
+        filled = nearest_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins, nearest)
+    observe_robots(w, i, filled, sensing, speed_unit, robots, nearest, observation_out)
     filled = 0
     if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
-        filled = nearest_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins)
-    observe_targets(w, i, filled, sensing, robots, targets, bins, observation_out)
+        filled = nearest_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins, nearest)
+    observe_targets(w, i, filled, sensing, robots, targets, nearest, observation_out)
 
 
 @stage(ROBOT, writes="final_observation_out")

@@ -28,24 +28,27 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     """
     if worlds is None:
         return np.arange(num_worlds)
-    try:
-        chosen = np.asarray(worlds)
-    except ValueError as error:  # rows of different lengths
-        raise ValueError(f"worlds must be a mask or indices of worlds, got {shown(worlds)}") from error
+    chosen = _as_array(worlds, rule := "worlds must be a mask or indices of worlds")
     if chosen.dtype == bool:
         if chosen.shape != (num_worlds,):
             raise ValueError(f"worlds must be a mask of shape ({num_worlds},), got shape {chosen.shape}")
         return np.flatnonzero(chosen)
-    chosen = np.atleast_1d(chosen)
     if chosen.size == 0:
         return np.zeros(0, dtype=np.int64)
     if chosen.dtype.kind not in "iu":
-        raise ValueError(f"worlds must be a mask or indices of worlds, got {shown(worlds)}")
+        raise ValueError(f"{rule}, got {shown(worlds)}")
     if chosen.min() < 0 or chosen.max() >= num_worlds:
         raise ValueError(f"worlds must be from 0 to {num_worlds - 1}, got {shown(worlds)}")
     if chosen.ndim != 1 or len(np.unique(chosen)) != len(chosen):
         raise ValueError(f"worlds must be in one row, each once, got {shown(worlds)}")
     return chosen.astype(np.int64)
+
+
+def _as_array(given: Any, rule: str) -> np.ndarray:
+    try:
+        return np.atleast_1d(np.asarray(given))
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"{rule}, got {shown(given)}") from error
 
 
 def drawn_seeds(count: int) -> np.ndarray:
@@ -68,12 +71,9 @@ def checked_seeds(seeds: Any, count: int) -> np.ndarray:
     Raises:
         ValueError: they are not that many whole numbers from 0 to 2^31 - 1.
     """
-    try:
-        array = np.atleast_1d(np.asarray(seeds))
-    except ValueError as error:  # rows of different lengths
-        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}") from error
+    array = _as_array(seeds, rule := f"seed must be a whole number from 0 to {LAST_SEED}")
     if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > LAST_SEED):
-        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}")
+        raise ValueError(f"{rule}, got {shown(seeds)}")
     if array.shape != (count,):
         raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
     return array.astype(np.int32)

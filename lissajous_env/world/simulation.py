@@ -18,12 +18,12 @@ from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.clock import initial_of
 from lissajous_env.world.columns import number_names, plain, score_of
-from lissajous_env.world.episode import detection_times, episodes_of
+from lissajous_env.world.episode import episodes_of
 from lissajous_env.world.extended import ExtensionStages
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.robots.nearby import bins_of
 from lissajous_env.world.selection import checked_seeds, chosen_worlds, world_mask
-from lissajous_env.world.stages import reset_stages, step_stages
+from lissajous_env.world.stages import stages_of
 from lissajous_env.world.state import RUNNING
 from lissajous_env.world.tally import TERMS
 from lissajous_env.world.values import constants_of, state_of
@@ -195,10 +195,7 @@ class Simulation(Copyable):
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Return the time until each target (K,) that appeared was detected, or until now [s], and whether it was."""
-        targets, now = self.targets, int(self.clock.step.numpy()[world])
-        arrays = (array.numpy()[world] for array in (targets.appears_at, targets.found_at, targets.found_early))
-        times, detected = detection_times(*arrays, now=now)
-        return times * self.scenario.task.step, detected
+        return next(episodes_of(self.scenario, self._structs, self._chosen([world]))).detections
 
     @property
     def over(self) -> np.ndarray:
@@ -230,21 +227,24 @@ class Simulation(Copyable):
         values |= {name: getattr(self, name) for name in ("action", "command", "observation", "final_observation")}
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         values["initial"] = initial_of(self._structs, self.device)
+        seen = self.num_worlds, self.num_robots, self.scenario.sensing.most_seen
+        values["nearest"] = wp.zeros(seen, dtype=wp.vec2, device=self.device)
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         blocks = blocks_of(work, self.num_worlds, self.device, self.threads)
-        values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
-        sizes[BIN] = values["bins"].columns * values["bins"].rows
+        if (bins := bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)) is not None:
+            values["bins"], sizes[BIN] = bins, bins.columns * bins.rows
         place = self.num_worlds, self.device, blocks, self.threads
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
-        at_reset, at_step = self._own_stages()
-        self._reset = Program(self._extended.reset_stages(at_reset), values, sizes, *place)
-        self._step = Program(self._extended.step_stages(at_step), values, sizes, *place)
+        self._reset, self._step = (
+            Program(self._extended.among(self._own_stages(begins), begins), values, sizes, *place)
+            for begins in (True, False)
+        )
 
-    def _own_stages(self) -> tuple[list[Stage], list[Stage]]:
-        """Return the stages of a reset and of a step without those of extensions."""
-        return reset_stages(self.scenario), step_stages(self.scenario, self.rogues)
+    def _own_stages(self, begins: bool) -> list[Stage]:
+        """Return the stages of a step, or of the reset that `begins` an episode, without those of extensions."""
+        return stages_of(self.scenario, self.rogues, begins)
 
     def _take(self, action: Any, rogue_action: Any) -> None:
         if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):

@@ -6,7 +6,6 @@ arguments are matched by the names of its parameters, among the state (`lissajou
 `idle=True`.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from lissajous_env.world.robots.deviations import find_deviations, watch_boundar
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots, turn_inside
-from lissajous_env.world.robots.signals import hear, measure, send, take_commands
+from lissajous_env.world.robots.signals import hear, hear_messages, measure, send, send_messages, take_commands
 from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
 from lissajous_env.world.tally import clear_events, give_reward, keep_score
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen
@@ -36,8 +35,67 @@ from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, re
 from lissajous_env.world.tracks import cover_known, observe_tracks, sight, update_tracks
 
 
-def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
-    """Return the stages of a control step, with those of rogues if there are any."""
+def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> list[Stage]:
+    """Return the stages of a control step, or of the reset that begins an episode: a step in which nothing moves.
+
+    `rogues` is their state, if targets are rogues.
+    """
+    many, tracks, model = has_bins(scenario), scenario.sensing.has_tracks, model_of(scenario.robot.kind)
+    task, targets, speak, are_rogues = scenario.task, scenario.targets, scenario.messages.size > 0, rogues is not None
+    moves = not begins
+    return [
+        *(_beginning(scenario) if begins else _motion(scenario)),
+        Stage("measurement", measure),
+        Stage("sending", send),
+        Stage("messages", send_messages, when=speak),
+        Stage("targets", reset_targets, when=begins),
+        Stage("arrivals", reset_arrivals, when=begins and targets.arrival_rate > 0),
+        Stage("bins", clear_bins, when=many),
+        Stage("listing", list_robots, when=many),
+        Stage("collisions", find_collisions, when=moves),
+        *(_decision(rogue_of(targets.rogues), rogues) if moves and targets.rogues is not None else []),
+        Stage("rogues", move_rogues, when=moves and are_rogues),
+        Stage("respawn", respawn, when=targets.respawn),
+        Stage("entry", place_unseen, when=targets.entry == "unseen"),
+        Stage("detection" if begins else "targets", move_and_detect),
+        Stage("coverage", cover, when=task.grid is not None),
+        Stage("labels", reset_labels, when=begins and task.contamination is not None),
+        Stage("bounds", reset_bounds, when=begins and task.conservative),
+        *(_contamination(scenario, begins) if task.contamination is not None else []),
+        Stage("consequences", take_consequences, when=moves and task.on_collision != "count"),
+        Stage("boundary", watch_boundary),
+        Stage("walls", watch_walls, when=moves and task.boundary == "wall" and not model.keeps_to_curve),
+        Stage("deviations", find_deviations),
+        Stage("score", keep_score),
+        Stage("end", end_episodes, when=moves),
+        Stage("reward", give_reward, when=moves),
+        Stage("hearing", hear),
+        Stage("message hearing", hear_messages, when=speak),
+        Stage("final", keep_final, when=begins),
+        Stage("sighting", sight, when=tracks),
+        Stage("tracking", update_tracks, when=tracks),
+        Stage("tracks", observe_tracks, when=tracks),
+        Stage("cells", cover_known, when=scenario.sensing.cells_seen is not None),
+        Stage("observation", observe),
+        Stage("rogue reward", reward_rogues, when=are_rogues),
+        Stage("rogue observation", fill_rows, when=are_rogues),
+    ]
+
+
+def _beginning(scenario: Scenario) -> list[Stage]:
+    """Return the stages in which robots are placed."""
+    return [
+        Stage("clock", reset_clock),
+        Stage("arrays", reset_arrays),
+        Stage("losses", reset_losses),
+        Stage("robots", reset_robots),
+        Stage("headway", draw_apart, when=scenario.formation.start_headway > 0),
+        Stage("facing", turn_inside, when=scenario.start_turning > 0),
+    ]
+
+
+def _motion(scenario: Scenario) -> list[Stage]:
+    """Return the stages in which robots move by their actions."""
     model = model_of(scenario.robot.kind)
     return [
         Stage("clock", advance_clock),
@@ -47,115 +105,29 @@ def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
         Stage("driver", drive, when=scenario.task.action == "velocity"),
         Stage("motion", model.move),
         Stage("phase", follow_curve, when=not model.keeps_to_curve),
-        Stage("measurement", measure),
-        Stage("sending", send),
-        *_bin_stages(scenario),
-        Stage("collisions", find_collisions),
-        *_rogue_motion(scenario, rogues),
-        *_target_stages(scenario, "targets"),
-        Stage("coverage", cover, when=scenario.task.grid is not None),
-        *_contamination_stages(scenario, range(scenario.spreading.ticks)),
-        Stage("consequences", take_consequences, when=scenario.task.on_collision != "count"),
-        Stage("boundary", watch_boundary),
-        Stage("walls", watch_walls, when=scenario.task.boundary == "wall" and not model.keeps_to_curve),
-        Stage("deviations", find_deviations),
-        Stage("score", keep_score),
-        Stage("end", end_episodes),
-        Stage("reward", give_reward),
-        Stage("hearing", hear),
-        *_track_stages(scenario),
-        Stage("observation", observe),
-        *_rogue_results(scenario),
     ]
 
 
-def reset_stages(scenario: Scenario) -> list[Stage]:
-    """Return the stages of a reset."""
-    return [
-        Stage("clock", reset_clock),
-        Stage("arrays", reset_arrays),
-        Stage("losses", reset_losses),
-        Stage("robots", reset_robots),
-        Stage("headway", draw_apart, when=scenario.formation.start_headway > 0),
-        Stage("facing", turn_inside, when=scenario.start_turning > 0),
-        Stage("measurement", measure),
-        Stage("sending", send),
-        Stage("targets", reset_targets),
-        Stage("arrivals", reset_arrivals, when=scenario.targets.arrival_rate > 0),
-        *_bin_stages(scenario),
-        *_target_stages(scenario, "detection"),
-        Stage("coverage", cover, when=scenario.task.grid is not None),
-        Stage("labels", reset_labels, when=scenario.task.contamination is not None),
-        Stage("bounds", reset_bounds, when=scenario.task.conservative),
-        *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
-        Stage("boundary", watch_boundary),
-        Stage("deviations", find_deviations),
-        Stage("score", keep_score),
-        Stage("hearing", hear),
-        Stage("final", keep_final),
-        *_track_stages(scenario),
-        Stage("observation", observe),
-        *_rogue_results(scenario),
-    ]
-
-
-def _track_stages(scenario: Scenario) -> list[Stage]:
-    """Return the stages in which robots remember what they observe and cover, and what they hear of the others."""
-    there = scenario.sensing.has_tracks
-    return [
-        Stage("sighting", sight, when=there),
-        Stage("tracking", update_tracks, when=there),
-        Stage("tracks", observe_tracks, when=there),
-        Stage("cells", cover_known, when=scenario.sensing.cells_seen is not None),
-    ]
-
-
-def _bin_stages(scenario: Scenario) -> list[Stage]:
-    """Return the stages that list the robots near each bin."""
-    many = has_bins(scenario)
-    return [Stage("bins", clear_bins, when=many), Stage("listing", list_robots, when=many)]
-
-
-def _target_stages(scenario: Scenario, name: str) -> list[Stage]:
-    """Return the stages in which targets appear, and the stage of this name, in which they move and are detected."""
-    unseen = scenario.targets.entry == "unseen"
-    return [
-        Stage("respawn", respawn, when=scenario.targets.respawn),
-        Stage("entry", place_unseen, when=unseen),
-        Stage(name, move_and_detect),
-    ]
-
-
-def _contamination_stages(scenario: Scenario, ticks: Iterable[int]) -> list[Stage]:
-    """Return the stages of each tick of contamination, then that of the worst-case undetected time."""
-    if scenario.task.contamination is None:
-        return []
+def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:
+    """Return the stages of contamination, at a reset those of the last tick, then of the worst-case undetected time."""
+    guarantee, ticks = Stage("guarantee", keep_guarantee), scenario.spreading.ticks
     if scenario.task.conservative:
-        return [Stage("contamination", bound_labels), Stage("guarantee", keep_guarantee)]
+        return [Stage("contamination", bound_labels), guarantee]
     stages = []
-    for tick in ticks:
-        count, own = f" {tick + 1}" if scenario.spreading.ticks > 1 else "", {"tick": tick}
+    for tick in range(ticks - 1 if begins else 0, ticks):
+        count, own = f" {tick + 1}" if ticks > 1 else "", {"tick": tick}
         stages.append(Stage(f"clearing{count}", clear_cells, own=own))
         stages.append(Stage(f"contamination{count}", spread, own=own))
-    return [*stages, Stage("guarantee", keep_guarantee)]
+    return [*stages, guarantee]
 
 
-def _rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
-    """Return the stages in which scripted rogues decide, and all rogues move."""
-    if scenario.targets.rogues is None:
+def _decision(rogue: Rogue | None, rogues: Any) -> list[Stage]:
+    """Return the stage in which a scripted or learned rogue decides; none for agents."""
+    if rogue is None:
         return []
-    rogue = rogue_of(scenario.targets.rogues)
-    decides = [] if rogue is None else [_decision(rogue, scenario, rogues)]
-    return [*decides, Stage("rogues", move_rogues)]
-
-
-def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
-    """Return the stage in which a scripted or learned rogue decides."""
     name = f"rogue {rogue.name}"
-    if rogue.bind is not None:
-        return Stage(name, rogue.bind(scenario, rogues))
     if isinstance(rogue.decide, wp.Kernel):
-        return Stage(name, rogue.decide)
+        return [Stage(name, rogue.decide)]
 
     def decide() -> None:
         action = np.asarray(rogue.decide(rogues.observation.numpy().copy()))
@@ -166,13 +138,4 @@ def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
         rogues.action.assign(action.astype(np.float32))
 
     decide.__doc__ = rogue.about
-    return Stage(name, decide)
-
-
-def _rogue_results(scenario: Scenario) -> list[Stage]:
-    """Return the stages in which rogues are rewarded and observe."""
-    is_on = scenario.targets.rogues is not None
-    return [
-        Stage("rogue reward", reward_rogues, when=is_on),
-        Stage("rogue observation", fill_rows, when=is_on),
-    ]
+    return [Stage(name, decide)]

@@ -58,7 +58,7 @@ class Robots:
     """Speed over the ground [m/s]."""
     phase: wp.array2d(dtype=wp.float64)
     """theta of (1) in [0, 2 pi) [rad]; the curve's parameter is alpha theta."""
-    track: wp.array3d(dtype=wp.vec3)
+    path: wp.array3d(dtype=wp.vec3)
     """(W, N, S + 1) positions through the latest step [m]."""
     status: wp.array2d(dtype=wp.int32)
     """WORKING, STUCK or REMOVED."""
@@ -368,6 +368,7 @@ named(
     **dict.fromkeys(("places", "removals", "seeds"), wp.array(dtype=int)),
     **dict.fromkeys(("neighbours", "schedule"), wp.array2d(dtype=int)),
     driving=wp.array2d(dtype=float),
+    nearest=wp.array3d(dtype=wp.vec2),
     equilibrium=wp.array(dtype=wp.float64),
 )
 

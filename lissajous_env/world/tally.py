@@ -97,8 +97,8 @@ def tally_motion(w, now, robots, latest, tally):
     distance = float(0.0)
     change = float(0.0)
     for i in range(robots.status.shape[1]):
-        for s in range(1, robots.track.shape[2]):
-            distance += wp.length(robots.track[w, i, s] - robots.track[w, i, s - 1])
+        for s in range(1, robots.path.shape[2]):
+            distance += wp.length(robots.path[w, i, s] - robots.path[w, i, s - 1])
         if robots.status[w, i] != REMOVED:
             there += 1
             lateral += wp.float64(latest.lateral[w, i])

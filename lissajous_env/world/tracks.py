@@ -16,12 +16,13 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.discs import CENTRE, columns_of, disc_run, points_per_metre
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
 from lissajous_env.world.observing import empty, far, keep_nearest
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, REMOVED
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -122,8 +123,10 @@ def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_
     observation_out[w, i, entry + 3] = wp.min(age, 1.0)
 
 
-@stage(ROBOT, writes="bins: nearest; observation_out")
-def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, bins, observation_out):
+@stage(ROBOT, writes="nearest; observation_out")
+def observe_tracks(
+    w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, nearest, observation_out
+):
     """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
     now = clock.step[w]
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
@@ -135,10 +138,10 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
             age = float(now - tracks.seen_at[w, i, t]) * task.step
             if tracks.seen_at[w, i, t] >= 0 and age <= sensing.memory:
                 offset = (tracks.place[w, i, t] - here) / unit
-                kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, bins)
+                kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, nearest)
     entry = int(track_start)
     for k in range(kept):
-        t = int(bins.nearest[w, i, k][1])
+        t = int(nearest[w, i, k][1])
         age = float(now - tracks.seen_at[w, i, t]) * task.step / sensing.memory
         put_place(w, i, entry, tracks.place[w, i, t] - here, age, curve, observation_out)
         velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
@@ -156,9 +159,9 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
             age = float(now - tracks.heard_at[w, i, j]) * task.step
             if tracks.heard_at[w, i, j] >= 0 and age <= sensing.memory:
                 offset = (tracks.mate_at[w, i, j] - here) / unit
-                mates = keep_nearest(w, i, mates, sensing.teammates_seen, offset, j, bins)
+                mates = keep_nearest(w, i, mates, sensing.teammates_seen, offset, j, nearest)
     for k in range(mates):
-        j = int(bins.nearest[w, i, k][1])
+        j = int(nearest[w, i, k][1])
         age = float(now - tracks.heard_at[w, i, j]) * task.step / sensing.memory
         put_place(w, i, entry, tracks.mate_at[w, i, j] - here, age, curve, observation_out)
         entry += TEAMMATE_SIZE
@@ -167,16 +170,15 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
 
 @part
 def cover_around(w, i, place: wp.vec2, covered_at: int, curve, sensing, tracks):
-    """Note that the cells around a sensor [m] were covered in a step."""
+    """Note that the cells around a sensor [m] were covered in a step; NOWHERE is around none."""
     rows = tracks.covered_at.shape[2]
     columns = tracks.covered_at.shape[3]
-    if place[0] < 0.5 * NOWHERE:
-        for row in range(rows):
-            y = curve.half_height * ((2.0 * float(row) + 1.0) / float(rows) - 1.0) - place[1]
-            for column in range(columns):
-                x = curve.half_width * ((2.0 * float(column) + 1.0) / float(columns) - 1.0) - place[0]
-                if x * x + y * y < sensing.radius * sensing.radius:
-                    tracks.covered_at[w, i, row, column] = wp.max(covered_at, tracks.covered_at[w, i, row, column])
+    scale = points_per_metre(columns, CENTRE, curve.half_width)
+    for row in range(rows):
+        y = (float(row) + CENTRE) / points_per_metre(rows, CENTRE, curve.half_height) - curve.half_height
+        run = columns_of(disc_run(place, sensing.radius, y), curve.half_width, scale, CENTRE, columns)
+        for column in range(run[0], run[1] + 1):
+            tracks.covered_at[w, i, row, column] = wp.max(covered_at, tracks.covered_at[w, i, row, column])
 
 
 @stage(ROBOT, writes="tracks: covered_at, sensor_at; observation_out")

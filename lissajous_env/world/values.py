@@ -108,7 +108,7 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     of_robots = {name: robot for name, array in variables_of(EpisodeTotals).items() if array.type.ndim == 2}
     shapes: dict[str, tuple[tuple[int, ...], dict[str, tuple[int, ...]]]] = {
         "clock": (world, {}),
-        "robots": (robot, {"track": (w, n, s + 1)}),
+        "robots": (robot, {"path": (w, n, s + 1)}),
         "links": ((w, n, delay + 1), {"heard": (w, n, 2), "heard_at": (w, n, 2)}),
         "messages": (world, {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}),
         "targets": ((w, t), {}),

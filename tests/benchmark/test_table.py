@@ -26,7 +26,7 @@ from baselines.benchmark.types import Benchmark, Outcome, cells_of
 from baselines.benchmark.written import latex, markdown, summarized, table_of
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
-from lissajous_env.episodes.limits import mean_time_limit
+from lissajous_env.episodes.lower_bounds import mean_time_lower_bound
 from lissajous_env.world.columns import DETECTION_TIME, LARGEST, OPEN, task_score
 
 SCENARIOS = {name: lissajous_env.scenario(name) for name in ("intruders", "evaders", "team", "redundant")}
@@ -62,13 +62,13 @@ def printed(table, width=200, scenario="intruders"):
 
 def test_over_the_lower_bound_is_a_mean_and_a_bound_of_nothing_has_no_ratio():
     # Oracle: by hand; the interquartile mean of these would be 2.
-    limit = mean_time_limit(INTRUDERS["intruders"])
+    limit = mean_time_lower_bound(INTRUDERS["intruders"])
     of = Table.of(rows("a", detection_time_mean=[2.0] * 4 + [12.0]), INTRUDERS).estimates["intruders"]["a"]
     of = of[OVER_LOWER_BOUND.name]
     assert of.value == pytest.approx(4 / limit)
     assert of.low < of.value < of.high
     experiment = lissajous_env.scenario("experiment")
-    assert mean_time_limit(experiment) == 0
+    assert mean_time_lower_bound(experiment) == 0
     assert math.isnan(bounds_of(experiment).mean_time)
 
 
@@ -194,7 +194,7 @@ def views_of(episodes):
     }
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.lists(st.tuples(st.integers(20, 400).map(lambda time: time / 10), st.booleans()), min_size=2, max_size=6))
 def test_every_view_shows_the_largest_and_the_number_of_episodes(episodes):
     # Law: of any episodes, every view shows the same three numbers.

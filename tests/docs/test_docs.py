@@ -7,6 +7,7 @@ import ast
 import re
 import shlex
 import tomllib
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import speed
 import baselines
 import lissajous_env
 import training
+from baselines.benchmark.types import Benchmark, cells_of
 from benchmarks import figures
 from docs.generator import concepts, design
 from lissajous_env.console import cli
@@ -64,6 +66,8 @@ IMAGES = {
     "fig9.png": "lissajous reproduce fig3 fig6 fig9",
 }
 """Stored pictures, each with the command that makes it."""
+OPTIONS_OF_OTHERS = {"--long", "--params-file", "--ros-args"}
+"""Options of pytest and of ROS 2."""
 
 
 def test_every_block_is_of_a_kind_that_is_tried_here():
@@ -166,6 +170,7 @@ CHECKS = {"pip": check_install, "python": check_python, "sphinx-build": check_si
 
 
 @cache
+@cache
 def options_of(command):
     """Return the options in the help of a command."""
     import contextlib
@@ -185,6 +190,26 @@ def test_commands_in_the_text_are_commands(path):
         assert set(re.findall(r"(?<= )--[\w-]+", rest)) <= options_of(command), (command, rest)
     for line in re.findall(r"`(?:[^`]* && )?(python (?:benchmarks/|-m (?:training|tests))[^`]*)`", text):
         check_python(line)
+
+
+@pytest.mark.parametrize("path", [*figures.PAGES, ROOT / "SECURITY.md"], ids=lambda path: path.name)
+def test_options_in_the_text_are_options(path):
+    # Story: an option is removed, but a page still explains it.
+    sources = " ".join(program.read_text(encoding="utf-8") for program in (ROOT / "benchmarks").rglob("*.py"))
+    known = {*re.findall(r'"(--[\w-]+)"', sources), *OPTIONS_OF_OTHERS, *options_of("")}
+    known = known.union(*map(options_of, cli.commands()))
+    for words in re.findall(r"`(--[^`]*)`", path.read_text(encoding="utf-8")):
+        assert set(re.findall(r"(?<!\S)--[\w-]+", words)) <= known, words
+
+
+def test_the_pages_count_what_there_is():
+    # Story: a policy leaves the standard comparison, or an extra goes, but the pages still have it.
+    counts = Counter(cell.scenario.name for cell in cells_of(Benchmark()))
+    start, faq = (" ".join((ROOT / "docs" / name).read_text().split()) for name in ("start.md", "faq.md"))
+    assert f"up to {max(counts.values())} policies on each of {len(counts)} scenarios" in start
+    extras = re.search(r"Which extras are there\?\*\*(.*?)Ray pins", faq)[1]
+    known = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert set(re.findall(r"`(\w+)`", extras)) == set(known)
 
 
 CALLS = re.findall(

@@ -137,7 +137,7 @@ def test_an_address_names_the_moment_and_the_robot(browser, one, folder, recordi
 
 
 def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
-    # Oracle: the witness, and the colour of the page's own legend at the rogue's place.
+    # Oracle: the missed rogue, and the colour of the page's own legend at the rogue's place.
     made = lissajous_env.scenario("evaders", **{"task.duration": 8.0})
     found = missed_rogue(baselines.make("kuramoto-mpcc", made), made, 1)
     run = opened(browser, folder, page(record_again(found.played, found.policy), missed=found))

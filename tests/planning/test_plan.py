@@ -154,7 +154,7 @@ def worst_of(rows):
 numbers = st.integers(0, 3).map(float)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(numbers, numbers, numbers, numbers, numbers, st.booleans()), max_size=12))
 def test_no_printed_plan_is_dominated(table):
     """Oracle: comparison of all pairs by brute force; what is left out collides, is dominated, or is a twin."""
@@ -264,7 +264,7 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
 
 def test_the_fewest_robots_that_guarantee_a_time(small, capsys):
     """Story: one more robot guarantees what the lower bound denies to two; the search ends there."""
-    limit = Outcome.of(Request(small, robots=2)).limits[2]
+    limit = Outcome.of(Request(small, robots=2)).lower_bounds[2]
     line = "plan", small, "--robots", "2:5", "--guarantee", max(10 * limit, 1.0)
     code, said, _ = called(capsys, *line, "--plans", 12, "--json")
     found = json.loads(said)
@@ -273,7 +273,7 @@ def test_the_fewest_robots_that_guarantee_a_time(small, capsys):
     good = [each for each in found["plans"] if each["figures"]["worst_case"] <= line[-1]]
     assert {each["robots"] for each in good} == {fewest}
     assert list(found["refusals"]) == [str(number) for number in range(2, fewest + 1)]
-    assert all(found["limits"][str(each["robots"])] <= each["figures"]["worst_case"] for each in good)
+    assert all(found["lower_bounds"][str(each["robots"])] <= each["figures"]["worst_case"] for each in good)
     assert any(f"{fewest} robots are the fewest" in word for word in found["words"])
 
 

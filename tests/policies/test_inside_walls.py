@@ -69,6 +69,13 @@ def test_drives_in_a_narrow_rectangle_turn_in_time():
     assert row["wall_contacts"] == 0
 
 
+def test_drives_that_do_not_know_their_start_turn_before_walls():
+    """Oracle: the score. If turns counted as instant, there would be 18 contacts: drives gain their yaw rate slowly."""
+    drives = lissajous_env.scenario("hall", **{"robot.kind": "differential", "task.duration": 20.0})
+    _, rows = play(baselines.make("partition", drives, num_worlds=7), drives, 7)
+    assert sum(row["wall_contacts"] for row in rows) <= 4
+
+
 def test_lines_turn_inside():
     """Oracle: the simulated contamination, collisions and places; the ideal motion's time, from the start on."""
     scenario = lissajous_env.scenario(HALL, **{"task.boundary": "wall"})

@@ -11,7 +11,6 @@ from baselines.policies.line_path import (
     LineParameters,
     best_plan,
     ideal_worst_case,
-    line_path,
     plans_of,
     spacing_of,
     speed_limit,
@@ -73,7 +72,7 @@ def test_a_turn_comes_back_into_its_lane(curvature):
     np.testing.assert_allclose(end, 0, atol=1e-5)
     assert turn.headings[-1] == pytest.approx(-math.pi)
     assert np.abs(rates).max() <= curvature
-    assert turn.steps <= 1.15 * 7 * math.pi / 3 / curvature + 1
+    assert len(turn.headings) <= 1.15 * 7 * math.pi / 3 / curvature + 1
 
 
 def test_lines_share_the_span():
@@ -183,8 +182,7 @@ def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
         for lines in (1, 2):
             for plan in plans_of(scenario, LineParameters(), lines)[0]:
                 played += 1
-                path = line_path(plan)
-                assert len(path) == plan.period
+                path = plan.path
                 y = path[:, 1, None] + plan.lanes
                 assert np.abs(path[:, 0]).max() <= reach[0] * (1 + 1e-9)
                 assert np.abs(y).max() <= reach[1] * (1 + 1e-9)

@@ -16,7 +16,7 @@ from baselines.policies.safety.filter import Safe, SafetyParameters
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.world.robots.point import POINT
 from training.learned.card import Card
-from training.learned.team_policy import LearnedTeam
+from training.learned.policy import LearnedTeam
 
 wp.set_module_options(OPTIONS)
 

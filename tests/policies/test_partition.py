@@ -9,6 +9,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.policies import partition_plan as partition_module
+from baselines.policies.as_cars import like_cars
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart
@@ -141,6 +142,22 @@ def test_the_ideal_guarantee_is_that_of_the_simulated_cars_and_nobody_collides()
     assert times.max() <= 4.0
     scenario = lissajous_env.scenario("evaders")
     assert times[50:].max() == pytest.approx(worst_of(scenario, partition_plan(scenario)), abs=0.3)
+
+
+def test_drives_plan_wider_loops_where_these_are_better():
+    """Law: drives can drive the loops of cars of the same speed, so their plan is as good. Oracle: the ideal motion."""
+    times, turns = [], []
+    for kind in ("car", "differential"):
+        made = plain_of(like_cars(lissajous_env.scenario("hall", **{"robot.kind": kind})))
+        loop, half = partition_plan(made).loop, (made.curve.half_width, made.curve.half_height)
+        times.append(worst_undetected_time(loop, half, made.sensing_radius, made.rogue_speed, made.task.step))
+        turns.append(turning_radius_of(made))
+    assert turns[1] < turns[0]
+    assert times[1] <= times[0]
+    given = partition_plan(made, PartitionParameters(turning=turns[0]))
+    moved = np.diff(given.loop, axis=1)
+    bends = np.linalg.norm(np.diff(moved, axis=1), axis=2) / np.linalg.norm(moved, axis=2)[:, 1:] ** 2
+    assert bends.max() < 1.1 / turns[0]
 
 
 def test_the_speed_is_a_parameter():

@@ -69,6 +69,13 @@ def test_a_parameter_of_a_registered_partial_keeps_the_others():
     assert (policy.coordinator.parameters.runs_on, policy.coordinator.parameters.catch_up) == (True, 1.2)
 
 
+def test_a_folder_accepts_the_suffix_of_a_filter(tmp_path):
+    folder = folder_of(tmp_path / "mine", PolicySettings("sweep"))
+    policy = baselines.make(f"{folder}-safe", SHORT)
+    assert isinstance(policy, Filtered)
+    assert (policy.name, type(policy.filter), type(policy.policy)) == (f"{folder}-safe", Safe, Sweep)
+
+
 def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder_of(tmp_path / "mine", PolicySettings("sweep", {"lanes": 4}))

@@ -228,7 +228,7 @@ LAWS = (
     a_rigid_motion_with_its_origin_and_heights,
     written_and_scored_again,
 )
-GENERATED = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None, "derandomize": True}
+GENERATED = {"suppress_health_check": list(HealthCheck), "database": None, "derandomize": True}
 GENERATED["phases"] = (Phase.generate, Phase.shrink)
 
 

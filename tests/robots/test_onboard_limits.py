@@ -125,7 +125,7 @@ def test_an_action_that_is_not_finite_stops_a_robot():
     assert is_at_rest(output)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.floats(-0.5, 0.5)), min_size=1, max_size=20))
 @example([(True, 0.0), (False, -0.5), (False, -0.5)])
 def test_no_command_outlives_the_watchdog(moves):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import baselines.ros
 import lissajous_env
 from baselines.onboard import Command, Limits, Odometry, inputs_of
-from baselines.ros.pilot import Pilot, SpeedOfPoses, inside, relative
+from baselines.ros.control_loop import ControlLoop, SpeedOfPoses, in_scenario_frame, relative_to_robot
 from baselines.ros.settings import RobotSettings
 from baselines.ros.vehicle import Vehicle
 from lissajous_env.logs.samples import moved
@@ -26,7 +26,7 @@ ANGLES = st.floats(-3.1, 3.1)
 @given(PLACES, PLACES, ANGLES, PLACES, PLACES, ANGLES)
 def test_a_pose_of_the_laboratory_comes_back(x, y, heading, own_x, own_y, own_heading):
     outside = moved(np.array([own_x, own_y]), (x, y, heading))
-    back = inside((x, y, heading), *outside, own_heading + heading)
+    back = in_scenario_frame((x, y, heading), *outside, own_heading + heading)
     np.testing.assert_allclose(back[:2], (own_x, own_y), atol=1e-9)
     assert math.cos(back[2] - own_heading) == pytest.approx(1)
 
@@ -47,10 +47,10 @@ def test_a_sensor_reports_the_same_in_each_frame(heading, origin_heading, x, y):
     absolute = [*moved(np.array([x, y]) + away, origin), *turned(moves, origin_heading)]
     body = [*turned(away, -heading), *turned(velocity, -heading)]
     for row, frame in ((absolute, "map"), (body, "car/base_link"), ([*away, *velocity], "car/aligned")):
-        rows = relative(np.array([row], dtype=np.float64), frame, "map", pose, origin)
+        rows = relative_to_robot(np.array([row], dtype=np.float64), frame, "map", pose, origin)
         np.testing.assert_allclose(rows, [[*away, *velocity]], atol=2e-5)
     with pytest.raises(ValueError, match="must be map, or end in base_link or aligned, got 'laser'"):
-        relative(np.zeros((1, 2)), "laser", "map", pose, origin)
+        relative_to_robot(np.zeros((1, 2)), "laser", "map", pose, origin)
 
 
 @pytest.mark.parametrize("rate", [10, 100])
@@ -69,7 +69,6 @@ def test_the_speed_of_poses_on_a_circle(rate):
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 0.4), st.sampled_from([None, 0.1, math.nan, math.inf])), max_size=20))
-@settings(deadline=None)
 def test_no_sound_command_outlives_the_watchdog_of_a_base(moves):
     vehicle, now, last = Vehicle(EXPERIMENT, 0.25), 0.0, -1.0
     for after, steering in moves:
@@ -86,17 +85,17 @@ def test_no_sound_command_outlives_the_watchdog_of_a_base(moves):
 def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
     # Oracle: the number of control steps in the time; the clock is looked at every 5 ms.
     clock = [0.0]
-    pilot = Pilot(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.02, lambda: clock[0])
-    pilot.start(0.0)
+    loop = ControlLoop(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.02, lambda: clock[0])
+    loop.start(0.0)
     acts, stamps, taken = [], [], 0
     for k in range(1000):
         now = clock[0] = 0.005 * k
         if now >= 0.3 + offset + taken / rate:
             taken += 1
-            pilot.take(Odometry(1.7, 0.0, 1.5, 0.4, now))
-        if (announced := pilot.announce(now)) is not None:
+            loop.take(Odometry(1.7, 0.0, 1.5, 0.4, now))
+        if (announced := loop.announce(now)) is not None:
             stamps.append(announced.sent_at)
-        if (output := pilot.act(now)) is not None:
+        if (output := loop.act(now)) is not None:
             assert output.stopped == "" or now < 0.6
             acts.append(now)
     assert len(acts) == pytest.approx(5.0 / STEP, abs=3)
@@ -108,25 +107,25 @@ def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(1, 3)), min_size=12, max_size=12))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_a_robot_drives_by_a_simulated_clock_in_any_order_of_clock_and_pose(steps):
     # The world sends clock and pose, in any order, and again until the robot has decided if it is patient.
     wall = [0.0]
     onboard = baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 0, limits=Limits(silence=math.inf))
-    pilot = Pilot(onboard, 0.025, lambda: wall[0])
+    loop = ControlLoop(onboard, 0.025, lambda: wall[0])
     now, acts = 3.6, []
-    pilot.start(now)
+    loop.start(now)
 
     def arrives(is_pose, time, ticks):
         nonlocal now
         if is_pose:
-            pilot.take(Odometry(1.7, 0.0, 1.5, 0.4, time))
+            loop.take(Odometry(1.7, 0.0, 1.5, 0.4, time))
         else:
             now = time
         for _ in range(ticks):
             wall[0] += 0.01
-            pilot.announce(now)
-            if (output := pilot.act(now)) is not None:
+            loop.announce(now)
+            if (output := loop.act(now)) is not None:
                 acts.append((now, output.stopped))
 
     for k, (pose_comes_first, is_patient, ticks) in enumerate(steps):
@@ -144,31 +143,31 @@ def test_a_robot_drives_by_a_simulated_clock_in_any_order_of_clock_and_pose(step
 
 def test_a_robot_waits_for_its_neighbours_but_not_for_long():
     clock = [0.0]
-    pilot = Pilot(baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 0), 0.02, lambda: clock[0])
+    loop = ControlLoop(baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 0), 0.02, lambda: clock[0])
 
     def acts_at(now):
         clock[0] = now
-        return pilot.act(now) is not None
+        return loop.act(now) is not None
 
     def take(now):
         clock[0] = now
-        pilot.take(Odometry(1.7, 0.0, 1.5, 0.4, now))
-        return pilot.announce(now)
+        loop.take(Odometry(1.7, 0.0, 1.5, 0.4, now))
+        return loop.announce(now)
 
-    pilot.start(0.99)
+    loop.start(0.99)
     take(1.0)
     assert [acts_at(now) for now in (1.0, 1.015, 1.021)] == [False, False, True]
     announced = take(1.1)
     assert not acts_at(1.101)
-    for sender in pilot.heard:
-        pilot.heard[sender] = announced._replace(sender=sender, sent_at=1.09)
+    for sender in loop.heard:
+        loop.heard[sender] = announced._replace(sender=sender, sent_at=1.09)
     assert acts_at(1.102)
     assert take(1.11) is None, "too early"
     assert not acts_at(1.24)
     assert acts_at(1.26), "on the last pose"
-    assert pilot.announce(1.26) is None, "not twice at one time, as while the clock of a simulation stands still"
-    assert pilot.announce(1.27) is not None
-    pilot.start(1.9)
+    assert loop.announce(1.26) is None, "not twice at one time, as while the clock of a simulation stands still"
+    assert loop.announce(1.27) is not None
+    loop.start(1.9)
     assert acts_at(2.1), "without a pose"
     assert not acts_at(2.2), "the pose of this step may still come"
 
@@ -176,13 +175,13 @@ def test_a_robot_waits_for_its_neighbours_but_not_for_long():
 def test_old_detections_are_not_passed_on():
     rows = []
     for stamp in (1.0, 0.5, None):
-        pilot = Pilot(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.0, lambda: 0.0)
-        pilot.start(0.9)
+        loop = ControlLoop(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.0, lambda: 0.0)
+        loop.start(0.9)
         if stamp is not None:
-            pilot.see("targets", [(0.1, 0.0)], stamp)
-        pilot.take(Odometry(1.7, 0.0, 1.5, 0.4, 1.0))
-        assert pilot.announce(1.0) is not None
-        rows.append(pilot.act(1.0).row)
+            loop.take_detections("targets", [(0.1, 0.0)], stamp)
+        loop.take(Odometry(1.7, 0.0, 1.5, 0.4, 1.0))
+        assert loop.announce(1.0) is not None
+        rows.append(loop.act(1.0).row)
     assert (rows[0] != rows[1]).any()
     np.testing.assert_array_equal(rows[1], rows[2])
 

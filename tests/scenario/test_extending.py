@@ -60,7 +60,7 @@ def home(tmp_path_factory):
 def here(home, monkeypatch):
     """This process in that folder; what is registered meanwhile is forgotten."""
     monkeypatch.chdir(home)
-    monkeypatch.setattr(named, "register_ids", lambda name: None)  # Gymnasium forgets none
+    monkeypatch.setattr(named, "register_ids", lambda name, **_: None)  # Gymnasium forgets none
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield home
     for name in [name for name in sys.modules if name.startswith("my_")]:

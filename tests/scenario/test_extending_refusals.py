@@ -129,7 +129,7 @@ keys = st.sampled_from([
 
 
 @given(st.one_of(st.text(max_size=60), st.dictionaries(keys, values, max_size=4)))
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30, derandomize=True)
 @example({"task.duration": "inf"})
 def test_no_file_ends_in_anything_but_a_scenario_or_a_clear_error(tmp_path_factory, drawn):
     # Oracle: only these two endings, whatever the file contains.

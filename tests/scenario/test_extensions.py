@@ -205,13 +205,13 @@ def test_names_of_ours_are_taken(name):
 # Models of robots.
 
 
-@stage(ROBOT, writes="robots: position, track")
+@stage(ROBOT, writes="robots: path, position")
 def slide(w, i, command, clock, robots):
     """Move by a tenth of the action [m]."""
     old = robots.position[w, i]
     new = old + 0.1 * wp.vec3(command[w, i, 0], command[w, i, 1], 0.0)
-    for s in range(robots.track.shape[2]):
-        robots.track[w, i, s] = wp.lerp(old, new, float(s) / float(robots.track.shape[2] - 1))
+    for s in range(robots.path.shape[2]):
+        robots.path[w, i, s] = wp.lerp(old, new, float(s) / float(robots.path.shape[2] - 1))
     robots.position[w, i] = new
 
 

@@ -39,7 +39,7 @@ def test_a_condition_that_no_curve_meets_is_named(changed, words):
     assert words in "; ".join(best.violations(given["robot_radius"], given["sensor_radius"]))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(0.5, 8), st.floats(0.5, 8), st.floats(0.02, 1), st.floats(0.3, 5), st.integers(3, 9))
 def test_the_best_design_meets_what_any_does(half_width, half_height, body, sensor, robots):
     """Oracle: (6), (7) and (8) on every curve; they are sufficient, so what they promise is measured too."""
@@ -81,7 +81,7 @@ def test_the_phase_rate_is_the_largest_that_robots_can_drive(grip):
         assert used == pytest.approx(0.9, rel=1e-2)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(1, 8), st.floats(0.5, 2), st.floats(0.1, 10), st.floats(0.1, 10), st.integers(2, 15), st.booleans())
 def test_the_same_design_in_other_units(half_width, aspect, length, time, robots, cars):
     # The law of similarity: lengths times L, times times T, all else with them, is the same design.

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lissajous_env.parameters.scenario import Curve
@@ -35,7 +35,6 @@ def test_stable_equilibria_are_those_of_the_dynamics(n):
         assert stable == (p in closed_forms.stable_equilibria(n)) == (n / 4 < p < 3 * n / 4)
 
 
-@settings(deadline=None)
 @given(st.integers(3, 200))
 def test_theorem_2(n):
     assert closed_forms.has_unclustered_equilibrium(n) == (n not in {4, 6})
@@ -43,14 +42,12 @@ def test_theorem_2(n):
     assert closed_forms.default_p(n) in closed_forms.stable_equilibria(n)
 
 
-@settings(deadline=None)
 @given(st.integers(3, 60), st.integers(0, 60), st.integers(1, 9))
 def test_lemma_1_counts_robots_on_a_place(n, p, alpha):
     turns = alpha * p * np.arange(n) % n
     assert np.all(np.unique(turns, return_counts=True)[1] == closed_forms.cluster_size(n, p, alpha))
 
 
-@settings(deadline=None)
 @given(st.integers(1, 30).map(lambda k: 2 * k + 1))
 def test_lemma_2_reaches_every_equilibrium(n):
     p = (n - 1) // 2

@@ -45,7 +45,7 @@ def test_robot_radius_table(curve, bound, measured):
     assert geometry.smallest_distance(curve, n) / 2 == pytest.approx(measured, abs=5e-5)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(curves())
 def test_bound_6_holds(curve):
     n = curve.a + curve.b
@@ -82,7 +82,7 @@ def test_coverage_table(curve, bound, covering):
     assert geometry.measured_coverage_radius(curve, precision=1e-5) == pytest.approx(covering, abs=1e-4)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(curves())
 def test_coverage_bound_7_holds(curve):
     assert geometry.measured_coverage_radius(curve) <= closed_forms.coverage_radius(curve) * (1 + 1e-9)
@@ -97,7 +97,7 @@ def test_detection_radius_is_tight_for_an_odd_number_of_robots():
     assert geometry.largest_neighbour_distance(even, 10, p=3) / 2 == pytest.approx(2.162, abs=5e-4)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(curves())
 def test_detection_bound_8_is_what_neighbours_on_the_ellipse_reach(curve):
     n = curve.a + curve.b
@@ -127,7 +127,7 @@ def test_detection_time_bound():
     assert closed_forms.detection_time_bound(0.3, 6, clusters=2) == pytest.approx(2 * math.pi / 0.3 / 3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.floats(0.5, 20), st.floats(0.5, 20), st.floats(0.2, 30))
 def test_fewest_robots_is_where_7_and_8_begin_to_hold(half_width, half_height, sensor):
     n, a, b = closed_forms.fewest_robots(half_width, half_height, sensor)
@@ -173,7 +173,7 @@ def test_depth_only_adds_room():
 # (4), (5): the ellipse.
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(curves(), st.floats(0, 2 * np.pi))
 def test_formation_lies_on_the_ellipse(curve, shift):
     n = curve.a + curve.b

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -74,7 +74,6 @@ def test_one_disc_that_shuttles_meets_the_bound():
     assert revisiting_time(10, 1e-3, 1, 5.0, 2.0) == 0, "it senses both ends"
 
 
-@settings(deadline=None)
 @given(st.floats(2, 40), st.floats(2, 40), st.integers(1, 8), st.floats(0.1, 3), st.floats(0, 5), st.floats(0.1, 10))
 def test_they_obey_the_laws_of_similarity(width, height, robots, radius, rogue_speed, factor):
     for length, time in ((factor, 1.0), (1.0, factor)):

@@ -21,7 +21,7 @@ from tensordict import TensorDict  # noqa: E402
 from torchrl.envs.utils import ExplorationType, set_exploration_type  # noqa: E402
 
 import lissajous_env  # noqa: E402
-from training.torchrl import LissajousTorchEnv, ModelPolicy, hydra_run  # noqa: E402
+from training.torchrl import LissajousTorchEnv, ModulePolicy, hydra_run  # noqa: E402
 from training.torchrl.benchmarl import LissajousTask, LissajousTaskClass  # noqa: E402
 from training.torchrl.env import SCORES  # noqa: E402
 
@@ -86,7 +86,7 @@ def test_what_was_trained_is_a_policy(algorithm, tmp_path):
     env = LissajousTorchEnv(scenario, 3, seed=6, discrete_actions=algorithm == "qmix")
     with set_exploration_type(ExplorationType.DETERMINISTIC), torch.no_grad():
         last = env.rollout(20, run.policy)["next", "score"][:, -1]
-    policy = ModelPolicy(run.policy, scenario, num_worlds=3)
+    policy = ModulePolicy(run.policy, scenario, num_worlds=3)
     rows = lissajous_env.evaluate(policy, scenario, range(6, 9))
     for name in SCORES:
         scores = np.array([row[name] for row in rows], dtype=np.float32)
@@ -99,9 +99,9 @@ def test_a_module_of_another_shape_is_refused():
 
     seen = np.zeros((2, 5, 42), dtype=np.float32)
     with pytest.raises(ValueError, match=r"action of function must have shape \(2, 5, 2\), or whole numbers of shape"):
-        ModelPolicy(pointless, "intruders", 2).act(seen)
+        ModulePolicy(pointless, "intruders", 2).act(seen)
     with pytest.raises(ValueError, match=r"module must be callable with a TensorDict, got 'policy.pt'"):
-        ModelPolicy("policy.pt", "intruders", 2)
+        ModulePolicy("policy.pt", "intruders", 2)
 
 
 def test_the_example_as_a_program(tmp_path):

@@ -29,9 +29,9 @@ def from_parts(iterations):
     pytest.importorskip("torchrl")
     from torchrl_ppo import train
 
-    from training.torchrl import ModelPolicy
+    from training.torchrl import ModulePolicy
 
-    return ModelPolicy(train(SHORT, iterations, worlds=2, horizon=4), SHORT, 2)
+    return ModulePolicy(train(SHORT, iterations, worlds=2, horizon=4), SHORT, 2)
 
 
 @pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater:DeprecationWarning")

@@ -1,5 +1,6 @@
 """Learned rogues: training against robots of any policy, checkpoints, and their folders in place of a script's name."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -13,9 +14,9 @@ import baselines
 import lissajous_env
 from tests.command_line import called
 from training.learned import checkpoint
-from training.learned.network import Network
 from training.learned.policy import find
-from training.learned.rogue import as_rogue, fit_network, rogue_card
+from training.learned.rogue import as_rogue, open_rogue, rogue_card
+from training.learned.rogue_network import RogueNetwork
 from training.rogue_settings import RogueTraining
 from training.rogue_trainer import train_rogues, undetected_times
 
@@ -34,7 +35,7 @@ def trained(tmp_path_factory):
 def make_network(inputs, seed=0):
     draw = np.random.default_rng(seed)
     weights = (draw.normal(size=(16, inputs)), draw.normal(size=(2, 16)))
-    return Network(weights, (draw.normal(size=16), draw.normal(size=2)))
+    return RogueNetwork(weights, (draw.normal(size=16), draw.normal(size=2)))
 
 
 def test_training_makes_rogues_that_stay_undetected_longer_than_those_that_wander(trained):
@@ -95,15 +96,14 @@ def test_a_rogue_acts_as_its_network_says():
     card = rogue_card(scenario)
     network = make_network(len(card.inputs))
     simulation = lissajous_env.Simulation(scenario, 3)
-    decide = as_rogue("mine", network, card).bind(scenario, simulation.rogues)
+    decide = as_rogue("mine", network, card).decide
     still = np.zeros(simulation.action_shape, np.float32)
     for _ in range(5):
         simulation.step(still, np.zeros(simulation.rogues.action.shape, np.float32))
-    decide()
     rows = simulation.rogues.observation.numpy().astype(float)
     hidden = np.maximum(rows @ network.weights[0].T.astype(float) + network.biases[0], 0)
     wanted = np.clip(hidden @ network.weights[1].T.astype(float) + network.biases[1], -1, 1)
-    assert np.abs(simulation.rogues.action.numpy() - wanted).max() < 1e-4
+    assert np.abs(decide(simulation.rogues.observation.numpy()) - wanted).max() < 1e-4
 
 
 def test_no_learned_rogue_outlasts_the_bound(trained, tmp_path):
@@ -122,22 +122,18 @@ def test_no_learned_rogue_outlasts_the_bound(trained, tmp_path):
             assert all(row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-6 for row in rows)
 
 
-def test_a_rogue_fits_scenarios_with_fewer_and_more_robots():
-    # Law: entries of absent robots are zero, so a rogue acts the same if the network is used without them.
-    three, five = (lissajous_env.scenario("evaders", **{"robot.count": n}) for n in (3, 5))
-    card = rogue_card(five)
-    network = make_network(len(card.inputs))
-    fitted, columns = fit_network(network, card, three)
-    rows = np.random.default_rng(0).normal(size=(7, len(columns)))
-    padded = np.zeros((7, len(card.inputs)))
-    padded[:, : rows.shape[1]] = rows
-    assert np.allclose(rows[:, columns] @ fitted.weights[0].T, padded @ network.weights[0].T)
-    small = rogue_card(three)
-    fitted, columns = fit_network(make_network(len(small.inputs)), small, five)
-    assert [card.inputs[k] for k in columns] == list(small.inputs)
-    lacking = rogue_card(five).__class__("x", "rogue", ("present", "scent"), 2, {})
-    with pytest.raises(ValueError, match="rows of rogues on evaders must contain scent, which they lack"):
-        fit_network(make_network(2), lacking, five)
+def test_a_rogue_fits_scenarios_with_fewer_and_more_robots(tmp_path):
+    # Law: entries of absent robots are zero, so a rogue acts the same without them; of more, the nearest count.
+    card = rogue_card(lissajous_env.scenario("evaders"))
+    network, size = make_network(len(card.inputs)), len(card.inputs)
+    decide = as_rogue("mine", network, card).decide
+    rows = np.random.default_rng(0).normal(size=(1, 7, size + 14)).astype(np.float32)
+    np.testing.assert_array_equal(decide(rows), decide(rows[..., :size]))
+    rows[..., size - 14 :] = 0
+    assert decide(rows[..., : size - 14]) == pytest.approx(decide(rows[..., :size]), abs=1e-5)
+    checkpoint.save(tmp_path, make_network(2), dataclasses.replace(card, inputs=("present", "scent")))
+    with pytest.raises(ValueError, match="must be the entries of a rogue's row in their order, got scent"):
+        open_rogue(tmp_path)
 
 
 def test_a_folder_is_named_like_a_script(trained, tmp_path, capsys, monkeypatch):

@@ -1,7 +1,9 @@
 """Training of teams: it begins from a rule, learns, keeps to its limit of collisions, and resumes from any state."""
 
 import dataclasses
+import itertools
 
+import learned
 import numpy as np
 import pytest
 from rich.console import Console
@@ -10,14 +12,14 @@ import baselines
 import lissajous_env
 import training
 from training.learned import checkpoint
-from training.learned.perception import OWN, TOKEN, Perception, told_to_drive, wish_of
+from training.learned.perception import OWN, TOKEN, Perception, commanded_velocity, wish_of
 
 pytest.importorskip("torch")
 
 import torch
 
 from training.settings import TrainingSettings
-from training.trainer import Team, Training, train
+from training.trainer import TeamModule, Training, train
 from training.validation import limit_of, rank_of
 from training.worlds import Rollout, Worlds, truth
 
@@ -45,6 +47,7 @@ def arrays_of(folder):
         ({"scenario": "hotspots"}, "index-learned"),
         ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
         ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-cover"),
+        ({"base": "none", "critic": "own"}, "greedy-cover"),
     ],
     ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value,
 )
@@ -53,9 +56,19 @@ def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     assert history["rival"] == base
     assert history["curve"][0]["steps"] == 0
     assert history["curve"][-1]["steps"] >= 640
+    limit = limit_of(None, history["rivals"])
+    assert rank_of(history["best"], limit) >= rank_of(history["curve"][0], limit), "the rule is the first candidate"
     policy = training.load(tmp_path / "run" / "best", num_worlds=2)
     rows = lissajous_env.evaluate(policy, policy.scenario, seeds=[1, 2])
     assert all(np.isfinite(row["return_mean"]) for row in rows)
+
+
+def test_a_training_draws_from_the_split_train_and_is_validated_on_the_first_of_validation(tmp_path):
+    settings, space = small(tmp_path, scenario="watch-v1", groups=4), lissajous_env.scenario_space("watch-v1")
+    validated = [scenario.name for scenario in settings.make_validation_scenarios()]
+    assert validated == [scenario.name for scenario in itertools.islice(space.scenarios("validation"), 16)]
+    played = {simulation.scenario.name for simulation in Worlds(settings, 8, 0).batch.simulations}
+    assert {space.split_of(int(name.rpartition("-")[2])) for name in played} == {"train"}
 
 
 def test_ppo_learns_a_problem_of_one_step(tmp_path):
@@ -122,6 +135,22 @@ def test_corrections_begin_at_zero_and_without_an_advantage_become_smaller(tmp_p
     assert (state.actor.action.bias < 0.3).all()
 
 
+def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tmp_path):
+    state = Training(small(tmp_path, base="none"))
+    before = state.actor.action.weight.detach().clone()
+    rollout = state.collect()
+    assert not rollout.rows[0][..., -2:].any()
+    state.update(rollout)
+    assert (state.actor.action.weight != before).any()
+
+
+def test_a_critic_of_its_own_reads_what_the_robot_perceives(tmp_path):
+    # The truth of the critic is the true state, which has more tokens than a robot perceives from what it sees.
+    own, central = (Training(small(tmp_path, critic=critic)).collect() for critic in ("own", "central"))
+    assert all(torch.equal(*of) for of in zip(own.truth, own.rows[1:], strict=True))
+    assert central.truth[1].sum() > own.truth[1].sum()
+
+
 def test_collisions_cost_more_where_there_are_too_many(tmp_path):
     settings = small(tmp_path)
     costs = {}
@@ -137,9 +166,23 @@ def test_collisions_cost_more_where_there_are_too_many(tmp_path):
     assert rank_of(careless, 0.5) < rank_of({"worth": 0.9, "collisions": 0.1}, 0.5)
 
 
-@pytest.mark.parametrize("memory", [0, 4])
-def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, monkeypatch, memory):
-    settings = small(tmp_path, memory=memory)
+def test_trainings_that_differ_only_in_their_seeds_are_a_row_of_the_ablations(tmp_path, monkeypatch):
+    # Oracle: a network whose critic alone has learned plays its rule.
+    monkeypatch.setattr(learned, "SEEDS", range(10_000, 10_002))
+    folders = [tmp_path / name for name in ("a", "b", "c")]
+    for seed, (folder, base) in enumerate(zip(folders, (None, None, "none"), strict=True)):
+        train(small(tmp_path, out=folder, seed=seed, steps=1, base=base), QUIET)
+    table = learned.on_ablations([str(folder) for folder in folders])
+    of = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
+    assert [row["trainings"] for row in of] == ["2", "1"]
+    assert ["--base none" in row["options"] for row in of] == [False, True]
+    assert float(of[0]["over `greedy-cover`"].split()[0]) == pytest.approx(1, abs=0.05)
+    assert all(row["options"].endswith("--set task.duration=16.0`") for row in of)
+
+
+@pytest.mark.parametrize("changes", [{}, {"memory": 4, "base": "none", "critic": "own"}], ids=["base", "none"])
+def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, monkeypatch, changes):
+    settings = small(tmp_path, **changes)
     train(settings, QUIET)
     cut = dataclasses.replace(settings, out=tmp_path / "cut")
     calls, update = [], Training.update
@@ -170,7 +213,7 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
     # Oracle: the same module in float32.
     for heads, memory in ((3, 0), (0, 0), (2, 6)):
         settings = small(tmp_path, heads=heads, memory=memory)
-        module = Team(settings, len(TOKEN), 2, heads, memory)
+        module = TeamModule(settings, len(TOKEN), 2, heads, memory)
         draw = np.random.default_rng(0)
         own, tokens = draw.normal(size=(2, 3, len(OWN))), draw.normal(size=(2, 3, 5, len(TOKEN)))
         present = (draw.random((2, 3, 5)) < 0.6).astype(np.float32)
@@ -179,14 +222,14 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
         held = draw.normal(size=(2, 3, memory)).astype(np.float32)
         flat = [torch.from_numpy(part.reshape(1, 6, *part.shape[2:])) for part in seen]
         with torch.no_grad(), torch.autocast("cpu", enabled=False):
-            wanted, kept = Team.forward.__wrapped__(
+            wanted, kept = TeamModule.forward.__wrapped__(
                 module, flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
             )
         outputs, after = module.arrays()(seen, held)
         assert outputs.reshape(6, 2) == pytest.approx(wanted[0].numpy(), abs=1e-5)
         module.corrects = True
         with torch.no_grad(), torch.autocast("cpu", enabled=False):
-            added, _ = Team.forward.__wrapped__(
+            added, _ = TeamModule.forward.__wrapped__(
                 module, flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
             )
         assert (added - wanted)[0].numpy() == pytest.approx(seen.own.reshape(6, -1)[:, -2:], abs=1e-5)
@@ -230,7 +273,7 @@ def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, wo
 def test_cars_rest_where_a_network_wishes_a_slow_velocity():
     alone, scenario = np.zeros((1, 3, 200), np.float32), lissajous_env.scenario("watch").resolve()
     wish = np.array([[[0.2, -0.1], [0.26, 0.0], [0.6, -0.8]]], np.float32)
-    assert told_to_drive(wish, alone, scenario) == pytest.approx(wish * np.array([[0], [1], [1]]))
+    assert commanded_velocity(wish, alone, scenario) == pytest.approx(wish * np.array([[0], [1], [1]]))
 
 
 def test_a_base_begins_anew_with_its_world(tmp_path):

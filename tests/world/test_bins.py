@@ -123,7 +123,7 @@ def test_collisions_of_a_thousand_robots_are_those_of_brute_force():
     for _ in range(4):
         drive([simulation], 1)
         there = simulation.robots.status.numpy()[0] != int(REMOVED)
-        least = brute_force(simulation.robots.track.numpy()[0].astype(float), there)
+        least = brute_force(simulation.robots.path.numpy()[0].astype(float), there)
         nearest, in_contact = min(nearest, least.min()), in_contact + (least < 0.04).sum()
         (row,) = simulation.score()
         assert row["min_separation"] == pytest.approx(nearest, abs=1e-5)

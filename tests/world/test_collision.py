@@ -53,7 +53,7 @@ def test_fast_cars_do_not_jump_through_each_other():
     top = simulation.scenario.robot.top_speed
     put(simulation, [[-0.44, 0.015], [0.44, -0.015]], speeds=top, headings=[0.0, np.pi])
     simulation.step(np.broadcast_to(np.array([0.0, 1.0], dtype=np.float32), simulation.action_shape))
-    track = simulation.robots.track.numpy()[0]
+    track = simulation.robots.path.numpy()[0]
     at_instants = np.linalg.norm(track[0] - track[1], axis=-1)
     assert at_instants.min() > 1.2 * TOUCH
     (row,) = simulation.score()

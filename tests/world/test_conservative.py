@@ -16,13 +16,13 @@ from lissajous_env.world.state import NEVER
 SPEED, RADIUS, HALF = 0.25, 0.3, 1.0
 
 
-@stage(ROBOT, writes="robots: position, speed, track")
+@stage(ROBOT, writes="robots: path, position, speed")
 def drift(w, i, task, command, robots):
     """Move at the commanded velocity [m/s], through anything."""
     old = robots.position[w, i]
     new = old + task.step * wp.vec3(command[w, i, 0], command[w, i, 1], 0.0)
-    for s in range(robots.track.shape[2]):
-        robots.track[w, i, s] = wp.lerp(old, new, float(s) / float(robots.track.shape[2] - 1))
+    for s in range(robots.path.shape[2]):
+        robots.path[w, i, s] = wp.lerp(old, new, float(s) / float(robots.path.shape[2] - 1))
     robots.position[w, i] = new
     robots.speed[w, i] = wp.length(new - old) / task.step
 

@@ -96,7 +96,7 @@ def scenarios(draw):
     return lissajous_env.scenario("experiment", **overrides)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, derandomize=True)
 @given(scenario=scenarios(), seed=st.integers(0, 2**20))
 def test_every_world_keeps_its_promises(scenario, seed):
     simulation = lissajous_env.Simulation(scenario, WORLDS, seed=seed)

@@ -118,7 +118,7 @@ def test_no_robots_of_a_team_collide_at_once():
     changed = (before != after).sum(axis=1)
     assert (changed[meets] >= 1).all()
     assert changed.max() <= 4  # of fifteen
-    np.testing.assert_array_equal(apart.robots.track.numpy()[:, :, -1], apart.robots.position.numpy())
+    np.testing.assert_array_equal(apart.robots.path.numpy()[:, :, -1], apart.robots.position.numpy())
 
 
 def test_cars_of_the_included_space_can_all_come_to_rest_from_the_start():

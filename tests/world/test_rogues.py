@@ -36,8 +36,8 @@ def placed(places, robots, **settings):
     simulation = Simulation("experiment", rogues="agents", **settings)
     position = simulation.robots.position.numpy().copy()
     position[0, :, :2] = robots
-    track = np.repeat(position[:, :, None], simulation.robots.track.shape[2], axis=2)
-    for array, value in ((simulation.robots.position, position), (simulation.robots.track, track)):
+    track = np.repeat(position[:, :, None], simulation.robots.path.shape[2], axis=2)
+    for array, value in ((simulation.robots.position, position), (simulation.robots.path, track)):
         array.assign(value)
     simulation.robots.speed.zero_()
     for array in (simulation.targets.position, simulation.targets.before):

@@ -158,7 +158,7 @@ def test_way_speed_smoothness_and_what_was_sensed(name):
             action[0, 2] = np.nan
         simulation.step(action)
         taken.append(np.clip(np.where(np.isfinite(action).all(axis=-1, keepdims=True), action, 0), -1, 1))
-        way += np.linalg.norm(np.diff(simulation.robots.track.numpy(), axis=2), axis=-1).sum(axis=(1, 2))
+        way += np.linalg.norm(np.diff(simulation.robots.path.numpy(), axis=2), axis=-1).sum(axis=(1, 2))
         fastest = np.maximum(fastest, simulation.robots.speed.numpy().max(axis=1))
     rows = simulation.score()
     assert [row["distance_mean"] for row in rows] == pytest.approx(way / 5, rel=1e-5)

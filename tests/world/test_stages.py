@@ -20,9 +20,10 @@ def same_state(one, other):
     return [name for name in before if not np.array_equal(before[name], after[name], equal_nan=True)]
 
 
-@pytest.mark.parametrize("make", [stages.step_stages, stages.reset_stages])
-def test_every_stage_is_a_documented_kernel(make):
-    for stage in [*make(lissajous_env.scenario("experiment")), *make(lissajous_env.scenario("evaders"))]:
+@pytest.mark.parametrize("begins", [False, True])
+def test_every_stage_is_a_documented_kernel(begins):
+    scenarios = map(lissajous_env.scenario, ("experiment", "evaders"))
+    for stage in [stage for scenario in scenarios for stage in stages.stages_of(scenario, begins=begins)]:
         assert stage.about.endswith("."), stage.name
         assert stage.is_kernel
 

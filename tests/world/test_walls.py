@@ -36,7 +36,7 @@ def test_a_wall_takes_the_part_of_the_velocity_that_goes_into_it():
 def test_no_car_jumps_through_a_wall_or_is_caught_in_a_corner():
     simulation = one_robot(heading=0.2, speed=900.0, **{"task.substeps": 4, "task.boundary": "wall"})
     driven(simulation, [[0.0, 1.0]] * 20)
-    assert (np.abs(simulation.robots.track.numpy()[0, 0, :, :2]) <= SIDES).all()
+    assert (np.abs(simulation.robots.path.numpy()[0, 0, :, :2]) <= SIDES).all()
     assert driven(simulation, [[0.0, 1.0]] * 20)[-1, :2] == pytest.approx(SIDES)
     places = driven(simulation, [[-1.0, 1.0]] * 150)[:, :2]
     assert (np.linalg.norm(places - SIDES, axis=1) > 0.3).any()

@@ -28,7 +28,7 @@ class Card:
     """Names of the entries of a rogue's row that its network reads, in order; empty for robots."""
     action_size: int
     """Number of components of a robot's action."""
-    home: Mapping[str, Any]
+    fields: Mapping[str, Any]
     """Scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
     base: str | None = None
     """Name of the classical policy whose action the network reads and adds its output to; None: the output is the
@@ -53,11 +53,11 @@ class Card:
     @classmethod
     def of(cls, scenario: Scenario, **more: Any) -> "Card":
         """Return the card of a policy for a scenario whose network reads what `perceive` returns."""
-        home = plain(scenario.resolve().to_dict())
-        return cls(scenario.name, scenario.actuation, (), scenario.action_size, home, **more)
+        fields = plain(scenario.resolve().to_dict())
+        return cls(scenario.name, scenario.actuation, (), scenario.action_size, fields, **more)
 
     @classmethod
-    def from_dict(cls, policy: Mapping[str, Any], settings: Mapping[str, Any], home: Mapping[str, Any]) -> "Card":
+    def from_dict(cls, policy: Mapping[str, Any], settings: Mapping[str, Any], fields: Mapping[str, Any]) -> "Card":
         """Return the card that `to_dict` converted.
 
         Raises:
@@ -68,7 +68,7 @@ class Card:
         values: dict[str, Any] = {name: policy[name] for name in _NAMES}
         if isinstance(values["inputs"], list):
             values["inputs"] = tuple(values["inputs"])
-        return cls(**values, settings=settings, home=home)
+        return cls(**values, settings=settings, fields=fields)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values of all fields but the settings and the scenario."""
@@ -85,7 +85,7 @@ class Card:
                 f"policy trained on {self.scenario} must drive robots of kind {self.kind}, "
                 f"got {scenario.name}, with robots of kind {scenario.robot.kind}"
             )
-        robot = self.home.get("robot")
+        robot = self.fields.get("robot")
         reverses = isinstance(robot, Mapping) and (robot.get("speed_min") or 0.0) < 0.0
         if scenario.robot.reverses != reverses:
             rule = f"must be {'below 0' if reverses else '0'} for the policy trained on {self.scenario}"

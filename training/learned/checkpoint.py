@@ -28,7 +28,7 @@ from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import shown
 from training.learned.card import Card, require
-from training.learned.network import Network
+from training.learned.rogue_network import RogueNetwork
 from training.learned.team_network import TeamNetwork
 
 FILE = "checkpoint.json"
@@ -43,7 +43,7 @@ _PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3"
 _NAME = r"-[0-9a-f]{12}\.safetensors"
 
 
-def hold(folder: str | Path) -> Folder:
+def locked(folder: str | Path) -> Folder:
     """Lock the folder of a training.
 
     Args:
@@ -57,7 +57,7 @@ def hold(folder: str | Path) -> Folder:
 
 def save(
     folder: str | Path | Folder,
-    network: Network | TeamNetwork,
+    network: RogueNetwork | TeamNetwork,
     card: Card,
     *,
     state: Mapping[str, np.ndarray] | None = None,
@@ -74,7 +74,7 @@ def save(
         notes: Further entries of `checkpoint.json`: scores, counters.
         place: `BEST` for the checkpoint of the best policy, inside the folder.
     """
-    with contextlib.nullcontext(folder) if isinstance(folder, Folder) else hold(folder) as directory:
+    with contextlib.nullcontext(folder) if isinstance(folder, Folder) else locked(folder) as directory:
         if place:
             directory.make_folder(place.rstrip("/"))
         arrays = {"weights": network.to_arrays()} | ({} if state is None else {"state": state})
@@ -83,7 +83,7 @@ def save(
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
-            "scenario": card.home,
+            "scenario": card.fields,
             "versions": _versions(),
             "files": files,
             **(notes or {}),
@@ -95,7 +95,7 @@ def save(
                 directory.remove(name)
 
 
-def read(folder: str | Path) -> tuple[Network | TeamNetwork, Card, dict[str, Any]]:
+def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str, Any]]:
     """Read a checkpoint; return its network, its card and the contents of `checkpoint.json`.
 
     Raises:
@@ -110,7 +110,7 @@ def read(folder: str | Path) -> tuple[Network | TeamNetwork, Card, dict[str, Any
     with _naming(weights):
         for name, array in arrays.items():
             require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
-        kind = TeamNetwork if any(name.startswith("team.") for name in arrays) else Network
+        kind = TeamNetwork if any(name.startswith("team.") for name in arrays) else RogueNetwork
         network = kind.from_arrays(arrays)
     sizes = len(card.inputs), card.action_size
     if (network.inputs, network.outputs) != sizes:
@@ -190,7 +190,7 @@ def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
-def home_scenario(card: Card) -> Scenario:
+def own_scenario(card: Card) -> Scenario:
     """Return the scenario on which a policy was trained, from the values in its folder.
 
     A folder may come from anyone, so no module is imported because of it: the module of an extension must have been
@@ -199,10 +199,10 @@ def home_scenario(card: Card) -> Scenario:
     Raises:
         ValueError: the values are invalid, or the module of an extension has not been imported.
     """
-    extensions = card.home.get("extensions") or ()
+    extensions = card.fields.get("extensions") or ()
     if not isinstance(extensions, (list, tuple)):
         raise ValueError(f"extensions of a scenario must be a list, got {shown(extensions)}")
-    return scenario_of(card.home, [_brought(entry, card) for entry in extensions])
+    return scenario_of(card.fields, [_brought(entry, card) for entry in extensions])
 
 
 def _brought(entry: Any, card: Card) -> Extension:

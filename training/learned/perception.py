@@ -69,7 +69,7 @@ def wish_of(base: Policy, observation: np.ndarray) -> np.ndarray:
     return (wish / np.maximum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)).astype(np.float32)
 
 
-def told_to_drive(velocity: np.ndarray, observation: np.ndarray, scenario: Scenario) -> np.ndarray:
+def commanded_velocity(velocity: np.ndarray, observation: np.ndarray, scenario: Scenario) -> np.ndarray:
     """Return the velocities (W, N, 2) [top speed] that cars are to have for those that a network wishes.
 
     They also lead away from robots that are near, as those of the classical policies do. Slow ones are zeros: a car
@@ -112,21 +112,21 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         if kind == "track":
             offset = _describe_tracks(token, part, offset, here, half, parts["teammate"], sensing.memory * top / sight)
         elif kind == "teammate":
-            token[..., 10] = part[..., 3]
+            token[..., 10] = part[..., 3]  # age
         elif kind == "robot":
-            token[..., 8:10] = 2 * part[..., 3:5]
+            token[..., 8:10] = 2 * part[..., 3:5]  # x_velocity, y_velocity
         distance = _length(offset)
-        token[..., 4:6] = offset / np.maximum(distance, np.float32(1e-6))[..., None]
+        token[..., 4:6] = offset / np.maximum(distance, np.float32(1e-6))[..., None]  # x, y
         token[..., 6] = distance / (1 + distance)
-        token[..., 7] = np.maximum(1 - distance, 0)
+        token[..., 7] = np.maximum(1 - distance, 0)  # near
         token *= part[..., :1] > 0.5
     own = np.zeros((*here.shape[:2], len(OWN)), np.float32)
-    own[..., :4] = observation[..., [2, 3, 4, 7]]
-    own[..., 6:8], own[..., 8:10] = np.clip((half - here) / 4, 0, 1), np.clip((half + here) / 4, 0, 1)
+    own[..., :4] = observation[..., [2, 3, 4, 7]]  # heading, speed, works
+    own[..., 6:8], own[..., 8:10] = np.clip((half - here) / 4, 0, 1), np.clip((half + here) / 4, 0, 1)  # walls
     own[..., 10:12] = half / 8
     own[..., 12], own[..., 13] = scenario.num_robots / 8, top * scenario.task.step / sight
     if scenario.task.action != "velocity":
-        own[..., 4:6] = observation[..., 5:7]
+        own[..., 4:6] = observation[..., 5:7]  # phase
         own[..., 14:-2] = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + len(OWN) - 16]
     if wish is not None:
         own[..., len(OWN) - 2 : len(OWN) - 2 + wish.shape[-1]] = wish[..., :2]
@@ -154,22 +154,22 @@ def _describe_tracks(
         memory: `sensing.memory` in units of sight over top speed.
     """
     age = np.minimum(part[..., 3] * np.float32(memory), np.float32(_MEMORY))
-    token[..., 8:10] = 2 * part[..., 4:6]
-    token[..., 10] = part[..., 3]
-    token[..., 11:14] = part[..., 6:9]
+    token[..., 8:10] = 2 * part[..., 4:6]  # x_velocity, y_velocity
+    token[..., 10] = part[..., 3]  # age
+    token[..., 11:14] = part[..., 6:9]  # own, other, leaves
     here = here[:, :, None]
     offset = np.clip(here + offset + token[..., 8:10] * age[..., None], -half, half) - here
     there = part[..., 0] > 0.5
     mates = np.where(teammates[..., :1] > 0.5, teammates[..., 1:3] * (2 * half), _FAR)
     to_mates = _length(offset[:, :, :, None] - mates[:, :, None])
     nearest = to_mates.min(axis=-1, initial=_FAR)
-    token[..., 14] = nearest / (1 + nearest)
-    token[..., 15] = (to_mates < _length(offset)[..., None]).sum(axis=-1) / np.float32(4)
+    token[..., 14] = nearest / (1 + nearest)  # mate_distance
+    token[..., 15] = (to_mates < _length(offset)[..., None]).sum(axis=-1) / np.float32(4)  # closer_mates
     between = offset[:, :, None] - offset[:, :, :, None]
     close = (_length(between) < 1) & there[:, :, None] & ~np.eye(offset.shape[2], dtype=bool)
     crowd = close.sum(axis=-1)
     token[..., 16] = crowd / np.float32(4)
-    token[..., 17:] = (between * close[..., None]).sum(axis=3) / np.maximum(crowd, 1)[..., None]
+    token[..., 17:] = (between * close[..., None]).sum(axis=3) / np.maximum(crowd, 1)[..., None]  # x_crowd, y_crowd
     return offset
 
 

@@ -1,9 +1,14 @@
-"""Learned policies, with the same interface as the classical ones."""
+"""Learned policies, with the same interface as the classical ones.
+
+Their network reads sets: what a robot perceives, of any number of tracks and teammates.
+"""
 
 import json
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import baselines
 from baselines.policies.base import Policy
@@ -11,8 +16,9 @@ from baselines.policies.registry import LOADERS, Loader
 from lissajous_env import Scenario
 from lissajous_env.wording import few_of
 from training.learned import checkpoint
+from training.learned.card import Card
+from training.learned.perception import commanded_velocity, perceive, wish_of
 from training.learned.team_network import TeamNetwork
-from training.learned.team_policy import LearnedTeam
 
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -24,19 +30,19 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     network, card, _ = checkpoint.read(find(name))
     if not isinstance(network, TeamNetwork):
         raise ValueError(f"policy must drive robots, got {name}, which drives rogues")
-    task = checkpoint.home_scenario(card) if scenario is None else scenario
+    task = checkpoint.own_scenario(card) if scenario is None else scenario
     policy = LearnedTeam(network, card, task, num_worlds, device)
     policy.name = str(name)
     return policy
 
 
-def home(name: str | Path) -> Scenario:
+def own_scenario(name: str | Path) -> Scenario:
     """Return the scenario on which an included policy, or that in a folder, was trained.
 
     Raises:
         ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
     """
-    return checkpoint.home_scenario(checkpoint.read(find(name))[1])
+    return checkpoint.own_scenario(checkpoint.read(find(name))[1])
 
 
 def find(name: str | Path) -> Path:
@@ -61,7 +67,7 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    LOADERS[checkpoint.FILE] = Loader(load, home, checkpoint.parts)
+    LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.parts)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = text["policy"], text["settings"].get("scenario", text["policy"]["scenario"])
@@ -75,3 +81,50 @@ _SHIPPED = Path(__file__).parent.parent / "policies"
 def names() -> tuple[str, ...]:
     """Return the names of the included policies whose actions a network computes."""
     return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{checkpoint.FILE}")))
+
+
+class LearnedTeam(Policy):
+    """Policy whose action is a network's output, added to the wish of the base if the card has one, in [-1, 1].
+
+    Velocities are changed to lead away from robots that are near, as those of the classical policies are. The same
+    network decides for each robot, from the robot's own row and memory alone.
+
+    Args:
+        network: Network of the policy.
+        card: Card of the policy.
+        scenario: Scenario to play.
+        num_worlds: W.
+        device: Warp device; the network is evaluated on the CPU.
+
+    Raises:
+        ValueError: the network does not fit the card, or the robots or actions of the scenario do not fit the policy.
+    """
+
+    def __init__(
+        self, network: TeamNetwork, card: Card, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"
+    ):
+        super().__init__(scenario, num_worlds, device)
+        if network.outputs != card.action_size:
+            raise ValueError(f"network must have {card.action_size} outputs, got {network.outputs}")
+        card.check(self.scenario)
+        self.network, self.card, self.kind = network, card, card.kind
+        self.base = baselines.make(card.base, self.scenario, num_worlds) if card.base else None
+        self._memory = np.zeros((*self.shape, network.memory), np.float32)
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget everything in the masked worlds."""
+        super().forget(mask)
+        self._memory[mask] = 0.0
+
+    def decide(self, observation: np.ndarray) -> np.ndarray:
+        """Return the actions; entries far outside of their ranges count as at most 10."""
+        observation = observation.clip(-10.0, 10.0)
+        wish = None if self.base is None else wish_of(self.base, observation)
+        outputs, self._memory = self.network(perceive(observation, self.scenario, wish), self._memory)
+        if wish is not None:
+            outputs[..., :2] += wish[..., :2]
+        action = np.zeros(self.action.shape, np.float32)
+        action[..., : outputs.shape[-1]] = outputs.clip(-1.0, 1.0)
+        if self.scenario.task.action == "velocity":
+            action[..., :2] = commanded_velocity(action[..., :2], observation, self.scenario)
+        return action

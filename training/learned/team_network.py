@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from training.learned.network import numbers
 from training.learned.perception import OWN, TOKEN, Perception
+from training.learned.rogue_network import numbers
 
 _LAYERS = "own", "token", "query", "trunk", "memory.input", "memory.hidden", "last", "action"
 _OPTIONAL = "query", "memory.input", "memory.hidden"

@@ -56,8 +56,6 @@ from lissajous_env.device.structs import RobotStruct, SensingStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
-__all__ = ["Safe", "SafetyParameters", "speed_limit"]
-
 HEADROOM = 1.5
 """Lower bound of `speed_limit` as a multiple of the formation's speed: a car that fell behind has to catch up, or the
 formation, and with it the bound on the detection time, is lost."""

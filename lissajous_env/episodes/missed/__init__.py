@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
-from lissajous_env.episodes.missed.played import Played, Replayed, play, replay
+from lissajous_env.episodes.missed.played import PlayedEpisode, Replayed, play, replay
 from lissajous_env.episodes.missed.search import Path, longest_path
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
 
-__all__ = ["MissedRogue", "Path", "Played", "Replayed", "missed_rogue", "missed_rogues", "play"]
+__all__ = ["MissedRogue", "Path", "PlayedEpisode", "Replayed", "missed_rogue", "missed_rogues", "play"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class MissedRogue:
 
     policy: str
     """Name of the policy."""
-    played: Played
+    played: PlayedEpisode
     """The episode."""
     path: Path
     """Steps and positions of the rogue."""
@@ -45,14 +45,14 @@ class MissedRogue:
         return self.replayed.undetected
 
     @property
-    def stated(self) -> float:
+    def on_grid(self) -> float:
         """Worst-case undetected time of the contamination stage, which rounds to its cells [s]."""
         return float(self.played.score[WORST_CASE.name])
 
     @property
-    def proved(self) -> float:
+    def upper_bound(self) -> float:
         """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]."""
-        return self.replayed.proved
+        return self.replayed.upper_bound
 
     @property
     def appears(self) -> float:

@@ -50,7 +50,7 @@ class Visits:
     places: list[np.ndarray] = field(default_factory=list)
     """Their positions (V, 2) [m]."""
 
-    def look(self, simulation: Simulation) -> None:
+    def record(self, simulation: Simulation) -> None:
         """Record a moment."""
         robots = simulation.robots
         self.sensors.append(robots.position.numpy()[..., :2].copy())

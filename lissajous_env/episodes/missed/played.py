@@ -23,7 +23,7 @@ _TESTED = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
+class PlayedEpisode:
     """A played episode. T steps, N robots, S sub-steps, A components of an action."""
 
     scenario: Scenario
@@ -32,7 +32,7 @@ class Played:
     """Seed of the world."""
     score: dict[str, Any]
     """Score row of the episode."""
-    track: np.ndarray
+    path: np.ndarray
     """(T + 1, N, S + 1, 2) positions of the robots through the step that led to a moment [m]."""
     works: np.ndarray
     """(T + 1, N) bool: robots that sense in that step."""
@@ -52,7 +52,9 @@ class Played:
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
-def play(policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu") -> list[Played]:
+def play(
+    policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu"
+) -> list[PlayedEpisode]:
     """Play an episode in each world of a policy and copy the tracks of the sensors.
 
     Raises:
@@ -68,7 +70,7 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], d
         robots, action = simulation.robots, simulation.action.numpy()
         moments.append(
             (
-                robots.track.numpy()[..., :2].copy(),
+                robots.path.numpy()[..., :2].copy(),
                 robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE,
                 action.copy() if taken else np.zeros_like(action),
                 simulation.contamination.oldest.numpy().copy(),
@@ -79,7 +81,7 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], d
     steps, rows = simulation.clock.step.numpy(), simulation.score()
     arrays = [np.stack(array, axis=1) for array in zip(*moments, strict=True)]
     return [
-        Played(scenario, seed, row, *(array[w, : steps[w] + 1] for array in arrays))
+        PlayedEpisode(scenario, seed, row, *(array[w, : steps[w] + 1] for array in arrays))
         for w, (seed, row) in enumerate(zip(folded, rows, strict=True))
     ]
 
@@ -112,11 +114,11 @@ class Replayed(NamedTuple):
     undetected: float
     """Time from its appearance to its detection, or to the end of the episode [s]."""
     detected: bool
-    proved: float
+    upper_bound: float
     """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]."""
 
 
-def replay(pairs: Sequence[tuple[Played, Path]], device: Any = "cpu") -> list[Replayed]:
+def replay(pairs: Sequence[tuple[PlayedEpisode, Path]], device: Any = "cpu") -> list[Replayed]:
     """Repeat episodes of one scenario by their actions, each with its rogue as the only target.
 
     Args:
@@ -151,22 +153,22 @@ def replay(pairs: Sequence[tuple[Played, Path]], device: Any = "cpu") -> list[Re
     return replays
 
 
-def _check_same_track(simulation: Simulation, episodes: Sequence[Played], now: int) -> None:
+def _check_same_track(simulation: Simulation, episodes: Sequence[PlayedEpisode], now: int) -> None:
     """Raise a RuntimeError if a robot does not move as in the first run in a step, up to the end of its episode.
 
-    A robot that has moved otherwise does not come back to its track, so every tenth step is tested.
+    A robot that has moved otherwise does not come back to its path, so every tenth step is tested.
     """
     if now % _TESTED:
         return
-    recorded = np.stack([episode.track[min(now, episode.steps)] for episode in episodes])
-    same = (simulation.robots.track.numpy()[..., :2] == recorded).all(axis=(1, 2, 3))
+    recorded = np.stack([episode.path[min(now, episode.steps)] for episode in episodes])
+    same = (simulation.robots.path.numpy()[..., :2] == recorded).all(axis=(1, 2, 3))
     same |= np.array([now > episode.steps for episode in episodes])
     if not same.all():
         seed = episodes[int(np.argmin(same))].seed
         raise RuntimeError(f"robots must move as in the first run, but do not in step {now} of seed {seed}")
 
 
-def record_again(played: Played, policy: str) -> Recording:
+def record_again(played: PlayedEpisode, policy: str) -> Recording:
     """Record an episode by its actions."""
     simulation = Simulation(played.scenario)
     simulation.reset(seeds=[played.seed])

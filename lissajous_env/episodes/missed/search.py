@@ -2,7 +2,7 @@
 
 From the nodes at which a rogue can appear undetected, the set of nodes that it can have reached undetected is followed
 move by move, until it is empty or the episode ends. In a move, which lasts one or several control steps, a rogue goes
-straight at one speed to another node, and each robot goes along its recorded track, as when the simulation detects
+straight at one speed to another node, and each robot goes along its recorded path, as when the simulation detects
 targets; the distance between the two is computed without rounding to moments. A path is then traced back from the last
 set. So every path that is returned is undetected, and no path on the lattice is undetected for longer.
 """
@@ -15,7 +15,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
-from lissajous_env.episodes.missed.played import Path, Played, resolution
+from lissajous_env.episodes.missed.played import Path, PlayedEpisode, resolution
 
 wp.set_module_options(OPTIONS)
 
@@ -36,7 +36,7 @@ _ROUNDING = 1e-6
 class Lattice:
     """A lattice over the rectangle of an episode with T steps, N robots and S sub-steps."""
 
-    track: wp.array3d(dtype=wp.vec2)
+    path: wp.array3d(dtype=wp.vec2)
     """(T + 1, N, S + 1) positions of the robots through the step that led to a moment [m]."""
     works: wp.array2d(dtype=wp.bool)
     """(T + 1, N) robots that sense in that step."""
@@ -65,9 +65,9 @@ def place_of(row: int, column: int, lattice: Lattice) -> wp.vec2:
 @wp.func
 def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: Lattice) -> bool:
     """Return whether a straight move from the end of step `first` to that of step `last` stays out of all discs."""
-    pieces = lattice.track.shape[2] - 1
+    pieces = lattice.path.shape[2] - 1
     count = float((last - first) * pieces)
-    for i in range(lattice.track.shape[1]):
+    for i in range(lattice.path.shape[1]):
         if wp.length_sq(lattice.middle[i] - end) > lattice.near[i] * lattice.near[i]:
             continue
         for step in range(first + 1, last + 1):
@@ -75,8 +75,8 @@ def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: 
                 continue
             for s in range(pieces):
                 share = float((step - first - 1) * pieces + s)
-                a = wp.lerp(start, end, share / count) - lattice.track[step, i, s]
-                way = wp.lerp(start, end, (share + 1.0) / count) - lattice.track[step, i, s + 1] - a
+                a = wp.lerp(start, end, share / count) - lattice.path[step, i, s]
+                way = wp.lerp(start, end, (share + 1.0) / count) - lattice.path[step, i, s + 1] - a
                 nearest = wp.clamp(-wp.dot(a, way) / wp.max(wp.length_sq(way), 1.0e-20), 0.0, 1.0)
                 if wp.length_sq(a + nearest * way) < lattice.radius * lattice.radius:
                     return False
@@ -88,20 +88,20 @@ def appear(
     step: int,
     on_edges: bool,
     lattice: Lattice,
-    there_out: wp.array2d(dtype=wp.bool),
+    nodes_out: wp.array2d(dtype=wp.bool),
     blocks_out: wp.array2d(dtype=wp.bool),
 ):
     """Mark the nodes at which a rogue can appear undetected at the end of a step."""
     row, column = wp.tid()
-    is_inside = row > 0 and column > 0 and row < there_out.shape[0] - 1 and column < there_out.shape[1] - 1
+    is_inside = row > 0 and column > 0 and row < nodes_out.shape[0] - 1 and column < nodes_out.shape[1] - 1
     if on_edges and is_inside:
         return
-    last = lattice.track.shape[2] - 1
-    for i in range(lattice.track.shape[1]):
-        away = lattice.track[step, i, last] - place_of(row, column, lattice)
+    last = lattice.path.shape[2] - 1
+    for i in range(lattice.path.shape[1]):
+        away = lattice.path[step, i, last] - place_of(row, column, lattice)
         if lattice.works[step, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
             return
-    there_out[row, column] = True
+    nodes_out[row, column] = True
     blocks_out[row / lattice.block, column / lattice.block] = True
 
 
@@ -122,9 +122,9 @@ def move(
     first: int,
     last: int,
     lattice: Lattice,
-    there: wp.array2d(dtype=wp.bool),
+    nodes: wp.array2d(dtype=wp.bool),
     blocks: wp.array2d(dtype=wp.bool),
-    there_out: wp.array2d(dtype=wp.bool),
+    nodes_out: wp.array2d(dtype=wp.bool),
     blocks_out: wp.array2d(dtype=wp.bool),
 ):
     """Mark the nodes that an undetected move reaches."""
@@ -132,19 +132,19 @@ def move(
     if not has_neighbour(row, column, lattice.block, blocks):
         return
     end = place_of(row, column, lattice)
-    step = lattice.track.shape[2] - 1
-    for i in range(lattice.track.shape[1]):
-        away = lattice.track[last, i, step] - end
+    step = lattice.path.shape[2] - 1
+    for i in range(lattice.path.shape[1]):
+        away = lattice.path[last, i, step] - end
         if lattice.works[last, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
             return
     for k in range(lattice.moves.shape[0]):
         r = row - lattice.moves[k][1]
         c = column - lattice.moves[k][0]
-        if r < 0 or c < 0 or r >= there.shape[0] or c >= there.shape[1]:
+        if r < 0 or c < 0 or r >= nodes.shape[0] or c >= nodes.shape[1]:
             continue
-        if there[r, c]:  # noqa: SIM102 - Warp computes both sides of `and`
+        if nodes[r, c]:  # noqa: SIM102 - Warp computes both sides of `and`
             if is_undetected(place_of(r, c, lattice), end, first, last, lattice):
-                there_out[row, column] = True
+                nodes_out[row, column] = True
                 blocks_out[row / lattice.block, column / lattice.block] = True
                 return
 
@@ -156,20 +156,20 @@ def trace_back(
     row: int,
     column: int,
     lattice: Lattice,
-    there: wp.array2d(dtype=wp.bool),
+    nodes: wp.array2d(dtype=wp.bool),
     leads_out: wp.array(dtype=wp.bool),
 ):
     """Mark the moves that lead to a node undetected, from a node that was reached."""
     k = wp.tid()
     r = row - lattice.moves[k][1]
     c = column - lattice.moves[k][0]
-    if r >= 0 and c >= 0 and r < there.shape[0] and c < there.shape[1]:  # noqa: SIM102 - the index must be valid
-        if there[r, c]:
+    if r >= 0 and c >= 0 and r < nodes.shape[0] and c < nodes.shape[1]:  # noqa: SIM102 - the index must be valid
+        if nodes[r, c]:
             start = place_of(r, c, lattice)
             leads_out[k] = is_undetected(start, place_of(row, column, lattice), first, last, lattice)
 
 
-def longest_path(played: Played) -> Path | None:
+def longest_path(played: PlayedEpisode) -> Path | None:
     """Return the longest path of an episode on which a rogue stays undetected; None if no rogue ever is.
 
     The oldest rogues of the contamination stage state when the rogue appears. For each of them, finer lattices are
@@ -200,7 +200,7 @@ class _Search:
         least: Least number of nodes in the distance of a move.
     """
 
-    def __init__(self, played: Played, fineness: int, least: int):
+    def __init__(self, played: PlayedEpisode, fineness: int, least: int):
         scenario, grid = played.scenario, played.scenario.spreading
         self.played, self.half = played, np.array([scenario.curve.half_width, scenario.curve.half_height])
         side = 2 * (self.half / (grid.columns, grid.rows)).min() / fineness
@@ -221,30 +221,30 @@ class _Search:
     def path(self, since: int) -> Path | None:
         """Return the longest path of a rogue that appears at the end of step `since`; None if none is undetected."""
         lattice, played = self.lattice, self.played
-        lattice.track, lattice.works = wp.array(played.track, dtype=wp.vec2), wp.array(played.works, dtype=wp.bool)
-        there, on_edges = self._empty(), played.scenario.targets.entry == "boundary"
-        wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, *there])
-        if not there[1].numpy().any():
+        lattice.path, lattice.works = wp.array(played.path, dtype=wp.vec2), wp.array(played.works, dtype=wp.bool)
+        nodes, on_edges = self._empty(), played.scenario.targets.entry == "boundary"
+        wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, *nodes])
+        if not nodes[1].numpy().any():
             return None
-        ends, reached, steps = [since], [_packed(there[0])], self.period
+        ends, reached, steps = [since], [_packed(nodes[0])], self.period
         while ends[-1] < played.steps and steps > 0:
             steps = min(steps, played.steps - ends[-1])
             after = self._empty()
             self._prepare(ends[-1], ends[-1] + steps)
-            wp.launch(move, dim=self.shape, inputs=[ends[-1], ends[-1] + steps, lattice, *there, *after])
+            wp.launch(move, dim=self.shape, inputs=[ends[-1], ends[-1] + steps, lattice, *nodes, *after])
             if not after[1].numpy().any():
                 steps //= 2  # to less than a step, after which the rogue is detected wherever it goes
                 continue
             ends.append(ends[-1] + steps)
             reached.append(_packed(after[0]))
-            there, steps = after, self.period
+            nodes, steps = after, self.period
         return self._traced(ends, reached)
 
     def _prepare(self, first: int, last: int) -> None:
         """Set what the moves from the end of step `first` to that of step `last` have in common."""
-        moves, track = self.moves[last - first], self.played.track[first + 1 : last + 1]
-        middle = (track.max(axis=(0, 2)) + track.min(axis=(0, 2))) / 2
-        away = np.linalg.norm(track - middle[:, None], axis=-1).max(axis=(0, 2))
+        moves, path = self.moves[last - first], self.played.path[first + 1 : last + 1]
+        middle = (path.max(axis=(0, 2)) + path.min(axis=(0, 2))) / 2
+        away = np.linalg.norm(path - middle[:, None], axis=-1).max(axis=(0, 2))
         longest = (1 + _ROUNDING) * (last - first) * self.moved
         self.lattice.moves = wp.array(moves, dtype=wp.vec2i)
         self.lattice.middle = wp.array(middle, dtype=wp.vec2)
@@ -258,18 +258,18 @@ class _Search:
     def _traced(self, ends: Sequence[int], reached: Sequence[np.ndarray]) -> Path:
         """Return the path to the node of the last moment that is farthest from all discs a step later."""
 
-        def there(k: int) -> np.ndarray:
+        def nodes_of(k: int) -> np.ndarray:
             return np.unpackbits(reached[k], axis=1, count=self.shape[1]).view(bool)
 
-        nodes, then = np.argwhere(there(-1))[:, ::-1], min(ends[-1] + 1, self.played.steps)
-        discs = self.played.track[then, self.played.works[then], -1]
+        nodes, after = np.argwhere(nodes_of(-1))[:, ::-1], min(ends[-1] + 1, self.played.steps)
+        discs = self.played.path[after, self.played.works[after], -1]
         away = [np.linalg.norm(nodes * self.spacing - self.half - disc, axis=1) for disc in discs]
         path = [nodes[np.min(away, axis=0).argmax() if away else 0]]
         for k in range(len(ends) - 1, 0, -1):
             moves, (column, row) = self.moves[ends[k] - ends[k - 1]], path[-1].tolist()
             leads = wp.zeros(len(moves), dtype=wp.bool)
             self._prepare(ends[k - 1], ends[k])
-            before = wp.array(there(k - 1), dtype=wp.bool)
+            before = wp.array(nodes_of(k - 1), dtype=wp.bool)
             moment = ends[k - 1], ends[k], row, column, self.lattice, before, leads
             wp.launch(trace_back, dim=len(moves), inputs=moment)
             path.append(path[-1] - moves[leads.numpy().argmax()])
@@ -286,6 +286,6 @@ class _Search:
         return np.concatenate([np.zeros((1, 2), dtype=int), moves[is_ring & (length > 0)]])
 
 
-def _packed(there: wp.array) -> np.ndarray:
+def _packed(nodes: wp.array) -> np.ndarray:
     """Return the bits of a table."""
-    return np.packbits(there.numpy(), axis=1)
+    return np.packbits(nodes.numpy(), axis=1)

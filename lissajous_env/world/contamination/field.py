@@ -64,16 +64,16 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
             end = robots.sensor[w, i]
-            start = planar(robots.track[w, i, 0])
+            start = planar(robots.path[w, i, 0])
             if hops.ticks > 1:
-                end = along(robots.track, w, i, float(tick + 1) / float(hops.ticks))
-                start = along(robots.track, w, i, float(tick) / float(hops.ticks))
+                end = along(robots.path, w, i, float(tick + 1) / float(hops.ticks))
+                start = along(robots.path, w, i, float(tick) / float(hops.ticks))
             mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.sensed)
             # On a short way the disc passes over no more than what it covers at its ends, but for a sliver.
             if wp.length_sq(end - start) > hops.radius * cell:
-                pieces = robots.track.shape[2] - 1
+                pieces = robots.path.shape[2] - 1
                 for piece in range(1, pieces + 1):
-                    end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
+                    end = along(robots.path, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
                     mark_way(
                         w, start, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.swept
                     )

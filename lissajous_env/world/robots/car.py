@@ -85,10 +85,10 @@ def take_input(block, robot, command, robots) -> tuple[Floats, Floats]:
     return curvature, push
 
 
-@stage(ROBOT, writes="robots: curvature, heading, position, speed, track")
+@stage(ROBOT, writes="robots: curvature, heading, path, position, speed")
 def move_cars(block, curve, robot, task, faults, command, clock, robots):
     """Move cars with constant steering and throttle in a step; a failed car stops, or coasts as it steered last."""
-    substeps = robots.track.shape[2] - 1
+    substeps = robots.path.shape[2] - 1
     h = task.step / float(substeps)
     x = abreast.coordinates(block, robots.position, 0)
     y = abreast.coordinates(block, robots.position, 1)
@@ -117,7 +117,7 @@ def move_cars(block, curve, robot, task, faults, command, clock, robots):
                 speed[k] = car[3]
         if task.boundary == WALL:
             x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
-        abreast.put_places(block, moving, x, y, s + 1, robots.track)
+        abreast.put_places(block, moving, x, y, s + 1, robots.path)
     end_motion(block, moving, x, y, heading, speed, robots)
 
 

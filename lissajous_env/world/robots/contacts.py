@@ -10,7 +10,7 @@ from lissajous_env.device.abreast import Floats
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
-from lissajous_env.device.stage import ROBOT, part, stage
+from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
@@ -34,9 +34,9 @@ def compare_pair(w, i, j, now, touch: float, beyond: float, places, robots, late
     least = float(1.0e30)
     if places[i] == places[j]:
         return least
-    before = robots.track[w, i, 0] - robots.track[w, j, 0]
-    for s in range(1, robots.track.shape[2]):
-        after = robots.track[w, i, s] - robots.track[w, j, s]
+    before = robots.path[w, i, 0] - robots.path[w, j, 0]
+    for s in range(1, robots.path.shape[2]):
+        after = robots.path[w, i, s] - robots.path[w, j, s]
         moved = after - before
         ends = wp.min(wp.dot(before, before), wp.dot(after, after))
         if ends < 2.0 * (beyond * beyond + wp.dot(moved, moved)):
@@ -86,11 +86,11 @@ def compare_with_others(
                         nearest = wp.min(nearest, least)
                     entry = bins.entry[w, entry[1]]
     else:
-        last = robots.track.shape[2] - 1
+        last = robots.path.shape[2] - 1
         apart = beyond + 2.0 * way
         for j in range(i + 1, robots.status.shape[1]):
             if robots.status[w, j] != REMOVED:
-                away = robots.track[w, i, last] - robots.track[w, j, last]
+                away = robots.path[w, i, last] - robots.path[w, j, last]
                 if wp.length_sq(away) > apart * apart:
                     part_pair(w, i, j, tally)
                 else:
@@ -99,7 +99,7 @@ def compare_with_others(
 
 
 @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
-def find_collisions(w, lane, lanes, robot, places, clock, robots, bins, latest, tally):
+def find_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins=OPTIONAL):
     """Compare each robot with those after it, over the sub-steps of the latest step."""
     touch = 2.0 * robot.radius
     # A pair this far apart cannot collide, nor be the nearest of the episode.
@@ -155,12 +155,12 @@ def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
 
 @part
 def begin_track(block, standing: int, x: Floats, y: Floats, robots):
-    """Begin the track of a step, and store that of robots which stand, with a speed of 0."""
+    """Begin the path of a step, and store that of robots which stand, with a speed of 0."""
     if standing != 0:
         abreast.put_floats(block, standing, Floats(), robots.speed)
-        for s in range(1, robots.track.shape[2]):
-            abreast.put_places(block, standing, x, y, s, robots.track)
-    abreast.put_places(block, block.active_mask, x, y, 0, robots.track)
+        for s in range(1, robots.path.shape[2]):
+            abreast.put_places(block, standing, x, y, s, robots.path)
+    abreast.put_places(block, block.active_mask, x, y, 0, robots.path)
 
 
 @part
@@ -213,8 +213,8 @@ def watch_walls(w, i, curve, robot, task, driving, clock, robots, taken, tally):
     in a step if the speed that its action requests would take it two radii far in that time.
     """
     if robots.status[w, i] != REMOVED:
-        for s in range(1, robots.track.shape[2]):
-            distance = wall_distance(curve, robot.radius, planar(robots.track[w, i, s]))
+        for s in range(1, robots.path.shape[2]):
+            distance = wall_distance(curve, robot.radius, planar(robots.path[w, i, s]))
             if distance > APART * robot.radius:
                 tally.at_wall[w, i] = 0
             if distance < CONTACT * robot.radius and tally.at_wall[w, i] == 0:

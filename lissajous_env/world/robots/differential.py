@@ -88,10 +88,10 @@ def take_twist(block, robot, command, robots) -> tuple[Floats, Floats, Floats]:
     return speed, turning, push
 
 
-@stage(ROBOT, writes="robots: heading, position, speed, track, yaw_rate")
+@stage(ROBOT, writes="robots: heading, path, position, speed, yaw_rate")
 def move_drives(block, curve, robot, task, command, clock, robots):
     """Move differential drives towards constant commands in a step; one that has failed stops dead."""
-    substeps = robots.track.shape[2] - 1
+    substeps = robots.path.shape[2] - 1
     h = task.step / float(substeps)
     x = abreast.coordinates(block, robots.position, 0)
     y = abreast.coordinates(block, robots.position, 1)
@@ -119,7 +119,7 @@ def move_drives(block, curve, robot, task, command, clock, robots):
                 yaw_rate[k] = ramp(turned, towards, robot.yaw_acceleration_max * h)
         if task.boundary == WALL:
             x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
-        abreast.put_places(block, moving, x, y, s + 1, robots.track)
+        abreast.put_places(block, moving, x, y, s + 1, robots.path)
     end_motion(block, moving, x, y, heading, speed, robots)
     abreast.put_floats(block, moving, yaw_rate, robots.yaw_rate)
 

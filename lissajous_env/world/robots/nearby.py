@@ -15,7 +15,7 @@ A list is read from the first entry of its bin to an entry without a robot:
 
 The last functions find the robots that have a place in their sensing discs, at the end of a step and first within it.
 Within a step a target goes straight from its old place to its new one at one speed, past the robots, each of which goes
-along its track of sub-steps.
+along its path of sub-steps.
 """
 
 import math
@@ -38,7 +38,7 @@ PARTED = wp.constant(1.05)
 
 @named_struct("bins")
 class Bins:
-    """The K bins of each world; none where robots are few."""
+    """The K bins of each world; programs for few robots have none, and `columns` is 0 there."""
 
     half_width: wp.float32
     half_height: wp.float32
@@ -71,9 +71,6 @@ class Bins:
     many times."""
     seen_used: wp.array(dtype=wp.int32)
     """(W,) number of places in use."""
-    nearest: wp.array3d(dtype=wp.vec2)
-    """(W, N, entries) squared distance [radius^2] and index of each object that a robot senses, while the list is
-    built."""
 
 
 @wp.func
@@ -97,11 +94,11 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
 @part
 def rows_of(w, i, widened: float, robots, bins) -> wp.vec2i:
     """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
-    low = robots.track[w, i, 0][1]
+    low = robots.path[w, i, 0][1]
     high = low
-    for s in range(1, robots.track.shape[2]):
-        low = wp.min(low, robots.track[w, i, s][1])
-        high = wp.max(high, robots.track[w, i, s][1])
+    for s in range(1, robots.path.shape[2]):
+        low = wp.min(low, robots.path[w, i, s][1])
+        high = wp.max(high, robots.path[w, i, s][1])
     return wp.vec2i(row_of(low - widened, bins), row_of(high + widened, bins))
 
 
@@ -113,9 +110,9 @@ def columns_of(w, i, row, widened: float, robots, bins) -> wp.vec2i:
     high = wp.where(row == bins.rows - 1, 1.0e30, bottom + bins.size + widened)
     left = float(1.0e30)
     right = float(-1.0e30)
-    start = planar(robots.track[w, i, 0])
-    for s in range(1, robots.track.shape[2]):
-        end = planar(robots.track[w, i, s])
+    start = planar(robots.path[w, i, 0])
+    for s in range(1, robots.path.shape[2]):
+        end = planar(robots.path[w, i, s])
         moved = end - start
         enter = float(0.0)
         leave = float(1.0)
@@ -206,14 +203,11 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
     return reach, widened, size, math.ceil(2 * curve.half_width / size), math.ceil(2 * curve.half_height / size)
 
 
-def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Bins:
-    """Make the bins of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]; none for few."""
-    filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
-    sensing = scenario.sensing
-    entries = max(sensing.robots_seen, sensing.targets_seen, sensing.tracks_seen, sensing.teammates_seen)
-    filled.nearest = wp.zeros((num_worlds, n, entries), dtype=wp.vec2, device=device)
+def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Any:
+    """Make the `Bins` of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]; None for few."""
     if not has_bins(scenario):
-        return filled
+        return None
+    filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
     filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
     across = 2 * filled.widened / filled.size + 2
@@ -276,22 +270,22 @@ def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins) -> tuple[
 @part
 def max_displacement(w, robots) -> float:
     """Return the largest distance, over robots and the step, from the position at its end [m]."""
-    last = robots.track.shape[2] - 1
+    last = robots.path.shape[2] - 1
     square = float(0.0)
-    for i in range(robots.track.shape[1]):
+    for i in range(robots.path.shape[1]):
         for s in range(last):
-            square = wp.max(square, wp.length_sq(robots.track[w, i, last] - robots.track[w, i, s]))
+            square = wp.max(square, wp.length_sq(robots.path[w, i, last] - robots.path[w, i, s]))
     return wp.sqrt(square)
 
 
 @part
 def share_until_sight(w, i, before: wp.vec2, after: wp.vec2, radius: float, robots) -> float:
     """Return the share of the step until a robot detects a target that moves as in `first_sight`; 2 for never."""
-    pieces = robots.track.shape[2] - 1
+    pieces = robots.path.shape[2] - 1
     moved = (after - before) / float(pieces)
-    start = before - planar(robots.track[w, i, 0])
+    start = before - planar(robots.path[w, i, 0])
     for s in range(pieces):
-        end = before + float(s + 1) * moved - planar(robots.track[w, i, s + 1])
+        end = before + float(s + 1) * moved - planar(robots.path[w, i, s + 1])
         share = first_within(start, end, radius)
         if share <= 1.0:
             return (float(s) + share) / float(pieces)

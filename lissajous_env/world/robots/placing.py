@@ -77,8 +77,8 @@ def begin_on_curve(w, i, phase: wp.float64, curve, formation, top_speeds, robots
     robots.phase[w, i] = phase
     place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
     robots.speed[w, i] = wp.max(wp.min(robots.speed[w, i], top_speeds[i]), 0.0)
-    for s in range(robots.track.shape[2]):
-        robots.track[w, i, s] = robots.position[w, i]
+    for s in range(robots.path.shape[2]):
+        robots.path[w, i, s] = robots.position[w, i]
 
 
 @part
@@ -111,7 +111,7 @@ def follow_curve(block, curve, formation, faults, clock, robots):
 
 @stage(
     ROBOT,
-    writes="robots: drive, heading, phase, position, speed, status, track, wheelbase",
+    writes="robots: drive, heading, path, phase, position, speed, status, wheelbase",
 )
 def reset_robots(
     w, i, curve, formation, robot, noise, equilibrium, displaced, drive_factors, top_speeds, clock, robots
@@ -143,7 +143,7 @@ def collides_at_once(w, i, time: float, radius: float, places, robots) -> bool:
     return False
 
 
-@stage(WORLD, writes="robots: heading, phase, position, speed, track", module=_STARTS)
+@stage(WORLD, writes="robots: heading, path, phase, position, speed", module=_STARTS)
 def draw_apart(w, curve, formation, robot, equilibrium, displaced, top_speeds, places, clock, robots):
     """Draw the start of a robot again while it would collide within the headway, one robot after another."""
     for i in range(1, robots.status.shape[1]):

@@ -13,23 +13,23 @@ from lissajous_env.world.state import WORKING
 wp.set_module_options(MOTION)
 
 
-@stage(ROBOT, writes="robots: heading, phase, position, speed, track")
+@stage(ROBOT, writes="robots: heading, path, phase, position, speed")
 def move_points(w, i, curve, formation, robot, task, command, clock, robots):
     """Move points: the phase advances at the commanded rate, on the curve; no wall is in their way.
 
     Differs from the paper: (1) is continuous; with a rate that is constant in a step, this is Euler's method on (1).
     """
     alpha = float(formation.alpha)
-    substeps = robots.track.shape[2] - 1
+    substeps = robots.path.shape[2] - 1
     rate = wp.where(robots.status[w, i] == WORKING, command[w, i, 0] * robot.phase_rate_max, 0.0)
     start = robots.phase[w, i]
-    robots.track[w, i, 0] = robots.position[w, i]
+    robots.path[w, i, 0] = robots.position[w, i]
     for s in range(1, substeps):
         passed = start + wp.float64(rate * task.step * float(s) / float(substeps))
-        robots.track[w, i, s] = point(curve, curve_parameter(alpha, passed))
+        robots.path[w, i, s] = point(curve, curve_parameter(alpha, passed))
     robots.phase[w, i] = wrap_phase(start + wp.float64(rate * task.step))
     place_on_curve(w, i, rate, curve, alpha, robots)
-    robots.track[w, i, substeps] = robots.position[w, i]
+    robots.path[w, i, substeps] = robots.position[w, i]
 
 
 POINT = register_robot_model(

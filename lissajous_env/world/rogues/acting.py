@@ -59,10 +59,13 @@ ROBOT_SIZE = wp.constant(len(ROBOT_ENTRIES))
 
 def rogue_layout(scenario: str | Scenario) -> Layout:
     """Lay out the observation of one rogue of a scenario."""
-    scenario = named.build(scenario)
-    parts = [("", OWN_ENTRIES), ("wall_", WALL_ENTRIES)]
-    parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.num_robots)]
-    return layout_of([(prefix + name, *rest) for prefix, part in parts for name, *rest in part])
+    return layout_of(rogue_entries(named.build(scenario).num_robots))
+
+
+def rogue_entries(num_robots: int) -> list[tuple]:
+    """Return name, range and meaning of the entries of a rogue's row."""
+    parts = [("", OWN_ENTRIES), ("wall_", WALL_ENTRIES), *((f"robot_{k}_", ROBOT_ENTRIES) for k in range(num_robots))]
+    return [(prefix + name, *rest) for prefix, part in parts for name, *rest in part]
 
 
 _LARGEST = wp.constant(float(np.finfo(np.float32).max))

@@ -11,7 +11,7 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.stage import TARGET, part, stage
+from lissajous_env.device.stage import OPTIONAL, TARGET, part, stage
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.robots.nearby import Bins, bin_of, first_sight, max_displacement, nearest_sensors
@@ -34,7 +34,7 @@ def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
 
 
 @stage(TARGET, writes="targets: position")
-def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins):
+def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins=OPTIONAL):
     """Put each target that appears now at the first of `PLACES` random places out of sight, or at the last."""
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
@@ -231,7 +231,7 @@ def detect_together(
         "found_at, found_early, heading, in_sight, position, stage"
     ),
 )
-def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, bins, latest):
+def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, latest, bins=OPTIONAL):
     """Remove detected targets, let others appear or move, and let the first robot that senses one detect it.
 
     A target appears at the end of its step: it is detected then or, on its way, from the next step on.

@@ -1,6 +1,7 @@
-"""A robot in a laboratory: what it measures, in the frame of the scenario, and the order of its steps.
+"""The control loop of a robot outside the simulator: its measurements in the frame of the scenario, and when it acts.
 
-A pose arrives, the message goes out, the neighbours' messages arrive, the robot decides.
+`Onboard` decides on the command of a control step; `ControlLoop` decides when. A pose arrives, the message is sent, the
+neighbours' messages arrive, the robot acts.
 """
 
 import math
@@ -18,7 +19,7 @@ Origin = tuple[float, float, float]
 """x, y [m] and heading [rad] of the middle of the rectangle in the frame of the laboratory."""
 
 
-def inside(origin: Origin, x: float, y: float, heading: float) -> tuple[float, float, float]:
+def in_scenario_frame(origin: Origin, x: float, y: float, heading: float) -> tuple[float, float, float]:
     """Return a pose of the laboratory in the frame of the scenario."""
     if origin == (0.0, 0.0, 0.0):
         return x, y, heading
@@ -26,7 +27,7 @@ def inside(origin: Origin, x: float, y: float, heading: float) -> tuple[float, f
     return (*place.tolist(), math.remainder(heading - origin[2], 2 * math.pi))
 
 
-def relative(rows: np.ndarray, frame: str, own: str, pose: Odometry | None, origin: Origin) -> np.ndarray:
+def relative_to_robot(rows: np.ndarray, frame: str, own: str, pose: Odometry | None, origin: Origin) -> np.ndarray:
     """Return a sensor's detections (K, 2 or 4) relative to the robot, in the directions of the scenario's axes.
 
     Args:
@@ -79,8 +80,8 @@ class SpeedOfPoses:
         return Odometry(x, y, heading, along / (stamp - before), stamp)
 
 
-class Pilot:
-    """Decides when a robot outside the simulator acts: once in each control step, on a new pose.
+class ControlLoop:
+    """Latest measurements of a robot outside the simulator, on which it acts once in each control step.
 
     A pose counts from a quarter of a step before its time on. The robot announces it to its neighbours, and waits until
     it has heard of theirs, at most for `wait`. If no pose arrives within half a step after its time, the robot acts on
@@ -107,7 +108,7 @@ class Pilot:
         self.pose: Odometry | None = None
         self.heard: dict[int, Message | None] = {sender: None for sender in onboard.neighbours if sender >= 0}
         self._step, self._wait, self._wall = onboard.scenario.task.step, wait, wall
-        self._seen: dict[str, tuple[float, Any]] = {}
+        self._detections: dict[str, tuple[float, Any]] = {}
         self._is_new, self._announced_at = False, -wall() - self._step
         self._taken_at: float | None = None
         self._acted_at, self._due, self._is_late = -math.inf, 0.0, True
@@ -123,9 +124,9 @@ class Pilot:
         if self._taken_at is None:
             self.pose, self._is_new = pose, True
 
-    def see(self, part: str, rows: Any, stamp: float) -> None:
+    def take_detections(self, part: str, rows: Any, stamp: float) -> None:
         """Store `robots` or `targets` that the sensor detected at a time."""
-        self._seen[part] = stamp, rows
+        self._detections[part] = stamp, rows
 
     def announce(self, now: float) -> Message | None:
         """Return the message of a new pose if it is time to send it; from then on, the robot waits to act on it.
@@ -149,9 +150,9 @@ class Pilot:
         if not self._is_due(now):
             return None
         limit = self.onboard.limits.pose_age
-        seen: dict[str, Any] = {part: rows for part, (stamp, rows) in self._seen.items() if abs(now - stamp) <= limit}
+        recent = {part: rows for part, (stamp, rows) in self._detections.items() if abs(now - stamp) <= limit}
         heard = [message for message in self.heard.values() if message is not None]
-        output = self.onboard.act(now, self.pose, heard, works=self.works, **seen)
+        output = self.onboard.act(now, self.pose, heard, works=self.works, **recent)
         taken_at, self._taken_at, self._acted_at = self._taken_at, None, now
         if taken_at is None:
             # Over half a step later, so that the pose of a step comes first on a clock that goes on by whole steps.

@@ -1,4 +1,4 @@
-"""Multilayer perceptron as plain arrays, which `training.learned.forward` evaluates."""
+"""The network of learned rogues as plain arrays."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,8 +10,8 @@ from lissajous_env.wording import few_of
 
 
 @dataclass(frozen=True)
-class Network:
-    """Multilayer perceptron y = W_k s(... s(W_1 x + b_1) ...) + b_k in float32, with s(x) = max(x, 0) between layers.
+class RogueNetwork:
+    """Network of rogues: y = W_k s(... s(W_1 x + b_1) ...) + b_k in float32, with s(x) = max(x, 0) between layers.
 
     Its arrays are read-only copies.
 
@@ -41,6 +41,19 @@ class Network:
                     f"layer must have {before.shape[0]} inputs, the outputs of the previous, got {after.shape[1]}"
                 )
 
+    def __call__(self, rows: np.ndarray) -> np.ndarray:
+        """Return y (W, ..., outputs) for rows (W, ..., n), which count as x up to its size; what they lack is zero.
+
+        Each world is computed by matrix products of its own, so that it does not depend on the others of a batch.
+        """
+        count = min(rows.shape[-1], self.inputs)
+        values = rows[..., :count] @ self.weights[0][:, :count].T
+        values += self.biases[0]
+        for weight, bias in zip(self.weights[1:], self.biases[1:], strict=True):
+            values = np.maximum(values, 0, out=values) @ weight.T
+            values += bias
+        return values
+
     @property
     def inputs(self) -> int:
         """Number of entries of x."""
@@ -64,7 +77,7 @@ class Network:
         return named
 
     @classmethod
-    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> "Network":
+    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> "RogueNetwork":
         """Return the network that `to_arrays` converted; other arrays are ignored.
 
         Raises:

@@ -7,10 +7,10 @@ import pytest
 
 import baselines
 import lissajous_env
-from lissajous_env.episodes.limits import (
-    guaranteed_time_limit,
-    mean_time_limit,
+from lissajous_env.episodes.lower_bounds import (
+    mean_time_lower_bound,
     robot_speed_limit,
+    worst_case_lower_bound,
 )
 
 STILL = {"targets.fleeing": 0.0, "targets.wandering": 0.0, "targets.drifting": 0.0}
@@ -30,8 +30,8 @@ def test_a_scenario_without_an_end_has_the_closed_form(entry):
     closed = mean_time_inside(51.84, 5, 0.5, speed)
     if entry == "boundary":  # what corners save is known to no robot twice
         closed = (31.2 - 5 - 2 * math.sqrt(2)) ** 2 / (2 * 5 * speed * 31.2)
-    assert mean_time_limit(scenario) == pytest.approx(closed, rel=5e-3)
-    assert mean_time_limit(scenario) < closed  # never above: rounded to the safe side
+    assert mean_time_lower_bound(scenario) == pytest.approx(closed, rel=5e-3)
+    assert mean_time_lower_bound(scenario) < closed  # never above: rounded to the safe side
 
 
 @pytest.mark.parametrize(("duration", "rate", "count"), [(3.0, 2.0, 4)])
@@ -48,7 +48,7 @@ def test_the_end_of_an_episode_cuts_the_waiting_short(duration, rate, count):
         found = np.maximum(rng.uniform(size=len(there)) - at_once, 0) / per_second
         if len(there):
             means.append(np.minimum(found, there).mean())
-    limit = mean_time_limit(scenario)
+    limit = mean_time_lower_bound(scenario)
     assert limit < np.mean(means) + 3 * np.std(means) / 200
     assert limit > 0.9 * np.mean(means)
 
@@ -56,7 +56,7 @@ def test_the_end_of_an_episode_cuts_the_waiting_short(duration, rate, count):
 def test_a_target_that_moves_or_flees_lowers_the_bound():
     def limit(**changes):
         named = {key.replace("__", "."): value for key, value in changes.items()}
-        return mean_time_limit(
+        return mean_time_lower_bound(
             lissajous_env.scenario("intruders", **LONG | STILL | {"targets.entry": "inside"} | named)
         )
 
@@ -72,14 +72,14 @@ def test_a_target_that_moves_or_flees_lowers_the_bound():
 def test_a_target_that_appears_unseen_raises_the_bound():
     # Oracle: uniform on what no disc covers, the triangle below a line from 1 to 0: half of the time to sweep it.
     scenario = lissajous_env.scenario("intruders", **STILL, **LONG, **{"targets.entry": "inside"})
-    inside = mean_time_limit(scenario)
+    inside = mean_time_lower_bound(scenario)
     object.__setattr__(scenario.targets, "entry", "unseen")
     free, per_second = 51.84 - 5 * math.pi * 0.25, 5 * 2 * 0.5 * robot_speed_limit(scenario)
-    assert mean_time_limit(scenario) == pytest.approx(free / (2 * per_second), rel=1e-3)
-    assert mean_time_limit(scenario) > inside
+    assert mean_time_lower_bound(scenario) == pytest.approx(free / (2 * per_second), rel=1e-3)
+    assert mean_time_lower_bound(scenario) > inside
 
 
-@pytest.mark.parametrize("limit", [mean_time_limit, guaranteed_time_limit])
+@pytest.mark.parametrize("limit", [mean_time_lower_bound, worst_case_lower_bound])
 def test_nothing_is_said_where_nothing_is_proved(limit):
     for changes in ({"task.boundary": "remove"}, {"targets.count": 0, "targets.arrival_rate": 0.0}):
         assert math.isnan(limit(lissajous_env.scenario("intruders", **changes)))
@@ -109,7 +109,7 @@ def test_no_policy_of_ours_beats_them(name, changes):
     scenario = lissajous_env.scenario("intruders", **changes, **{"task.duration": 30.0})
     rows = lissajous_env.evaluate(baselines.make(name, scenario, 32), scenario, seeds=range(32))
     waited = np.array([row["detection_time_mean"] for row in rows]).reshape(4, 8)
-    assert (waited.mean(axis=1) > mean_time_limit(scenario)).all()
+    assert (waited.mean(axis=1) > mean_time_lower_bound(scenario)).all()
 
 
 def test_a_guarantee_takes_as_long_as_to_sweep_everything():
@@ -117,9 +117,9 @@ def test_a_guarantee_takes_as_long_as_to_sweep_everything():
     # (31.2 - 5 - 2.828) / 10 s.
     scenario = lissajous_env.scenario("intruders", **{"targets.entry": "inside"})
     speed = robot_speed_limit(scenario)
-    assert guaranteed_time_limit(scenario) == pytest.approx(47.913 / (5 * speed), rel=1e-3)
-    assert guaranteed_time_limit(lissajous_env.scenario("intruders")) == pytest.approx(23.372 / (5 * speed), rel=1e-3)
-    assert guaranteed_time_limit(lissajous_env.scenario(scenario, **{"sensing.radius": 20.0})) == 0.0
+    assert worst_case_lower_bound(scenario) == pytest.approx(47.913 / (5 * speed), rel=1e-3)
+    assert worst_case_lower_bound(lissajous_env.scenario("intruders")) == pytest.approx(23.372 / (5 * speed), rel=1e-3)
+    assert worst_case_lower_bound(lissajous_env.scenario(scenario, **{"sensing.radius": 20.0})) == 0.0
 
 
 def test_evaders_have_to_be_revisited():
@@ -130,11 +130,11 @@ def test_evaders_have_to_be_revisited():
     assert robot_speed_limit("evaders") == pytest.approx(speed, rel=1e-4)
     apart = (1.63406 - 1.2) / speed
     wanted = 6 * 60 * apart / (5 * 60 + 11 * apart)
-    assert guaranteed_time_limit("evaders") == pytest.approx(wanted, rel=2e-3)
+    assert worst_case_lower_bound("evaders") == pytest.approx(wanted, rel=2e-3)
     # Where all targets are there from the start, none has to be visited twice: only what a sweep takes.
     once = {"targets.count": 5, "targets.arrival_rate": 0.0}
     left = 5.76 - 5 * math.pi * 0.36
-    assert guaranteed_time_limit(lissajous_env.scenario("evaders", **once)) == pytest.approx(
+    assert worst_case_lower_bound(lissajous_env.scenario("evaders", **once)) == pytest.approx(
         left / (6 * speed), rel=1e-3
     )
 
@@ -145,9 +145,9 @@ def test_no_policy_guarantees_anything_against_rogues_that_are_too_fast():
     for rogue_speed, hopeless in ((10.0, False), (10.4, True)):
         changes = few | {"targets.speed_limit": rogue_speed, "task.contamination": None, "robot.drive_factors": ()}
         scenario = lissajous_env.scenario("evaders", **changes)
-        assert (guaranteed_time_limit(scenario) == pytest.approx(59.9)) == hopeless
+        assert (worst_case_lower_bound(scenario) == pytest.approx(59.9)) == hopeless
     present = lissajous_env.scenario(scenario, **{"targets.count": 1})
-    assert guaranteed_time_limit(present) == 60.0
+    assert worst_case_lower_bound(present) == 60.0
 
 
 FOLLOWED = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).task.contamination]
@@ -159,7 +159,7 @@ def below_the_bound(name, policies, seeds, **changes):
     for policy in policies:
         rows = lissajous_env.evaluate(baselines.make(policy, scenario, len(seeds)), scenario, seeds=seeds)
         shortest[policy] = min(row["guaranteed_detection_time"] for row in rows)
-    return {policy: worst for policy, worst in shortest.items() if not worst >= guaranteed_time_limit(scenario)}
+    return {policy: worst for policy, worst in shortest.items() if not worst >= worst_case_lower_bound(scenario)}
 
 
 @pytest.mark.parametrize("name", FOLLOWED)

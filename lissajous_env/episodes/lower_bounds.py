@@ -1,9 +1,9 @@
-"""Lower bounds of the mean detection time, which apply to every policy without information on undetected targets.
+"""Lower bounds of the scores of a scenario, which apply to every policy without information on undetected targets.
 
-After a time t, m discs of radius r that move at a speed v have swept at most m (pi r^2 + 2 r v t) of an area A, so the
-probability that a uniformly placed target is undetected is at least the remaining share; the mean time is at least the
-integral of that share over time: (A - m pi r^2)^2 / (4 m r v A) for targets that do not move and an episode without
-end. `mean_time_limit` is the bound for the score of a scenario.
+**Mean detection time.** After a time t, m discs of radius r that move at a speed v have swept at most
+m (pi r^2 + 2 r v t) of an area A, so the probability that a uniformly placed target is undetected is at least the
+remaining share; the mean time is at least the integral of that share over time: (A - m pi r^2)^2 / (4 m r v A) for
+targets that do not move and an episode without end. `mean_time_lower_bound` is the bound for the score of a scenario.
 
 **On the boundary** a robot senses at most 2 r of a straight side at once and v t more by a time t. At a corner, it
 senses both sides: on its way from one to the other it passes within r of the corner, through a point (x, y) from it
@@ -56,7 +56,7 @@ def robot_speed_limit(scenario: str | Scenario) -> float:
     return math.nan
 
 
-def mean_time_limit(scenario: str | Scenario) -> float:
+def mean_time_lower_bound(scenario: str | Scenario) -> float:
     """Return the lower bound of the expected `detection_time_mean` of a scenario [s] for any policy.
 
     S(t) is the least share of targets that are undetected at a time t after they appeared, averaged over the kinds of
@@ -85,15 +85,15 @@ def mean_time_limit(scenario: str | Scenario) -> float:
     ):
         return math.nan
     times = np.linspace(0.0, task.duration, _INSTANTS)
-    left = sum(share * _undetected(scenario, motion, speed, times) for motion, share in _shares(targets).items())
-    later, gap = np.asarray(left)[1:], times[1]
+    undetected = sum(share * _undetected(scenario, motion, speed, times) for motion, share in _shares(targets).items())
+    later, gap = np.asarray(undetected)[1:], times[1]
     left_over = np.maximum(task.duration - task.step - times[1:], 0.0)
     start, arrivals = later.sum() * gap, (later * left_over).sum() * gap / task.duration
     weight = targets.count / (targets.count + mean_arrivals)
     return float(weight * start + (1 - weight) * arrivals)
 
 
-def guaranteed_time_limit(scenario: str | Scenario) -> float:
+def worst_case_lower_bound(scenario: str | Scenario) -> float:
     """Return the lower bound of the `guaranteed_detection_time` of a scenario [s] for any policy.
 
     It is the largest of the bounds that apply; `lissajous_env.theory.worst_case` proves the first two:
@@ -130,7 +130,7 @@ def _ends_early(scenario: Scenario) -> bool:
 def _time_along_boundary(scenario: Scenario, speed: float) -> float:
     """Return the least time in which the discs sweep the boundary [s]."""
     swept, length = _swept_and_whole(scenario)
-    at_once, after_a_second = (float(swept(scenario.sensing_radius, way)) for way in (0.0, speed))
+    at_once, after_a_second = (float(swept(scenario.sensing_radius, driven)) for driven in (0.0, speed))
     return 0.0 if at_once >= length else (length - at_once) / (after_a_second - at_once)
 
 
@@ -142,45 +142,45 @@ def _shares(targets: Targets) -> dict[str, float]:
 
 def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray) -> np.ndarray:
     """Return (T,) the least share of targets of a motion that are undetected at times after they appeared."""
-    targets, radius, way = scenario.targets, scenario.sensing_radius, speed * times
+    targets, radius, driven = scenario.targets, scenario.sensing_radius, speed * times
     on_boundary = targets.entry == "boundary"
-    swept, size = _swept_and_whole(scenario)
+    swept, whole = _swept_and_whole(scenario)
     if motion == "still":
-        seen = swept(radius, way)
+        size = swept(radius, driven)
     elif motion == "ambling":
-        seen = _least_swept(swept, radius, way, targets.speed * times, on_boundary)
+        size = _least_swept(swept, radius, driven, targets.speed * times, on_boundary)
     else:
         fastest = max(targets.speed, targets.flee_speed)
         zone = max(radius, targets.flee_radius)
-        until_it_flees = _least_swept(swept, zone, way, targets.speed * times, on_boundary)
-        seen = np.minimum(swept(radius + fastest * times, way), until_it_flees)
+        until_it_flees = _least_swept(swept, zone, driven, targets.speed * times, on_boundary)
+        size = np.minimum(swept(radius + fastest * times, driven), until_it_flees)
     if targets.entry != "unseen":
-        return np.clip(1 - seen / size, 0.0, 1.0)
+        return np.clip(1 - size / whole, 0.0, 1.0)
     at_once = scenario.num_robots * math.pi * radius**2
-    if at_once >= size:
+    if at_once >= whole:
         return np.zeros_like(times)
-    found_a_place = 1 - (at_once / size) ** _PLACES
-    return found_a_place * np.clip(1 - (seen - at_once) / (size - at_once), 0.0, 1.0)
+    has_place = 1 - (at_once / whole) ** _PLACES  # probability that one of the places is outside all discs
+    return has_place * np.clip(1 - (size - at_once) / (whole - at_once), 0.0, 1.0)
 
 
 def _swept_and_whole(scenario: Scenario) -> tuple[_Swept, float]:
     """Return the function for the largest swept size, and the total size, of where targets appear [m^2 or m]."""
     width, height, robots = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height, scenario.num_robots
 
-    def on_area(reach: np.ndarray | float, gone: np.ndarray | float) -> np.ndarray:
-        return robots * (math.pi * np.square(reach) + 2 * np.multiply(reach, gone))
+    def on_area(reach: np.ndarray | float, driven: np.ndarray | float) -> np.ndarray:
+        return robots * (math.pi * np.square(reach) + 2 * np.multiply(reach, driven))
 
-    def on_perimeter(reach: np.ndarray | float, gone: np.ndarray | float) -> np.ndarray:
-        seen = robots * (2 * np.asarray(reach) + gone) + 4 * math.sqrt(2) * np.asarray(reach)
-        return np.where(4 * np.asarray(reach) <= min(width, height), seen, math.inf)
+    def on_perimeter(reach: np.ndarray | float, driven: np.ndarray | float) -> np.ndarray:
+        size = robots * (2 * np.asarray(reach) + driven) + 4 * math.sqrt(2) * np.asarray(reach)
+        return np.where(4 * np.asarray(reach) <= min(width, height), size, math.inf)
 
     if scenario.targets.entry == "boundary":
         return on_perimeter, 2 * (width + height)
     return on_area, width * height
 
 
-def _least_swept(swept: _Swept, radius: float, way: np.ndarray, moved: np.ndarray, on_boundary: bool) -> np.ndarray:
+def _least_swept(swept: _Swept, radius: float, driven: np.ndarray, moved: np.ndarray, on_boundary: bool) -> np.ndarray:
     """Return the swept size for targets that have moved a distance [m] independently of the discs."""
-    within_reach = swept(radius + moved, way)
+    within_reach = swept(radius + moved, driven)
     # The relative speed gives a smaller value, which is not proved for the corners of a boundary.
-    return within_reach if on_boundary else np.minimum(within_reach, swept(radius, way + moved))
+    return within_reach if on_boundary else np.minimum(within_reach, swept(radius, driven + moved))

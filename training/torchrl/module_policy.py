@@ -1,6 +1,6 @@
 """A module of TorchRL or BenchMARL as a policy that can be evaluated and benchmarked.
 
-    policy = training.torchrl.ModelPolicy(experiment.policy, "rough", num_worlds=16)
+    policy = training.torchrl.ModulePolicy(experiment.policy, "rough", num_worlds=16)
     rows = lissajous_env.evaluate(policy, "rough", seeds=range(16))
 
 where `experiment` is a BenchMARL experiment on `LissajousTask.ROUGH`; the module can also be any that was trained on
@@ -21,7 +21,7 @@ from lissajous_env.wording import shown
 from training.torchrl.env import GROUP
 
 
-class ModelPolicy(Policy):
+class ModulePolicy(Policy):
     """Policy whose actions are a module's output `robot, action` for the input `robot, observation` (W, N, D).
 
     Actions have shape (W, N, action_size), or are whole numbers (W, N), rows of the action table.
