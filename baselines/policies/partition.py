@@ -17,7 +17,7 @@ import warp as wp
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.loops import tour
-from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plan, room_of
+from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of, slowed, takeover_of
@@ -32,7 +32,14 @@ from baselines.policies.taking_over import (
     watch_neighbours,
 )
 from baselines.policies.timed_paths import ARRIVING, TimedPaths
-from baselines.policies.transit import arrival_steps, planned_transit, required_distance, start_is_known
+from baselines.policies.transit import (
+    Transit,
+    arrival_steps,
+    planned_transit,
+    required_distance,
+    start_is_known,
+    turning_radius_of,
+)
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
@@ -43,8 +50,10 @@ _AVOIDANCE = 0.15
 """Distance of a loop from the body of a stopped robot, in radii of a body, besides two deviations of noise."""
 _FINER = 10
 """Share of the distance from a stopped robot by which two shifts of a loop differ."""
-_DELAYS = 0, 3, 6
-"""Times that cars stay in formation before they leave it for their loops, as far as they can [control step]."""
+_DELAYS = 3, 6, 9
+"""Times that cars stay in formation before they leave it for their loops, where they can [control step]."""
+_FORMS = 50
+"""Combinations of a plan, a shift of its loops and a delay for which ways are searched."""
 _SEEN = 0.98
 """Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
 
@@ -73,28 +82,69 @@ class Partition(TimedPaths):
 @lru_cache(maxsize=64)
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables]:
     """Return the plan of a scenario, and its timed paths by robot."""
-    plan = partition_plan(scenario, parameters)
-    for tried, after in _begun(scenario, plan) if start_is_known(scenario) else ():
-        ways = planned_transit(scenario, tried.loop, parameters.speed, parameters.clearance, after=after)
-        if ways is not None:
-            return tried, path_tables(scenario, ways.loop, ways.lead_in)
-    check_loops_apart(scenario, plan.loop, parameters.clearance, "partition")
+    plans = partition_plans(scenario, parameters)
+    plans = [form for plan in plans for form in (plan, slowed(plan, RepairParameters.reserve))]
+    plan, ways, _ = _with_ways(scenario, plans, parameters, "partition")
+    if ways is not None:
+        return plan, path_tables(scenario, ways.loop, ways.lead_in)
     loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
     return plan, path_tables(scenario, loop, filtered_until=float(arrival_steps(scenario, loop, plan.speed)))
 
 
-def _begun(scenario: Scenario, plan: PartitionLoops) -> Iterator[tuple[PartitionLoops, int]]:
-    """Yield forms of a plan with the time for which the cars first stay in formation [control step].
+def _with_ways(
+    scenario: Scenario, plans: list[PartitionLoops], parameters: PartitionParameters, policy: str, in_ring: bool = False
+) -> tuple[PartitionLoops, Transit | None, int]:
+    """Return a plan, the ways from a known start onto its loops, and the shift of the loops with them [control step].
+
+    It is the first plan with ways. If it has none, but its loops lie apart, the collision filter leads the cars onto
+    them. Between walls there is no room to pass each other, so other plans are tried if its loops overlap.
+
+    Args:
+        scenario: The scenario.
+        plans: Plans, the best first.
+        parameters: Their parameters.
+        policy: Name for the error.
+        in_ring: True if ring neighbours must have neighbouring cells, and all loops their direction.
+
+    Raises:
+        UnsuitableScenarioError: no plan has ways, and its loops overlap between walls.
+    """
+    budget = iter(range(_FORMS))
+    for plan in plans if start_is_known(scenario) else ():
+        order, assigned = tour(plan.cells), None
+        if in_ring:
+            ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
+            assigned = np.array([in_ring_order(scenario, way) for way in ways])
+        for (form, shift, after), _ in zip(_begun(scenario, plan, in_ring), budget, strict=False):
+            loop = np.roll(form.loop, shift, axis=1)
+            transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
+            if transit is not None:
+                return form, transit, shift
+        apart = required_distance(scenario, parameters.clearance)
+        if plan is plans[0] and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
+            break
+    else:
+        if start_is_known(scenario):
+            rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
+            rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
+            got = f"no ways for cars that turn on {turning_radius_of(scenario):.3g} m, and loops that overlap"
+            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
+    return plans[0], None, 0
+
+
+def _begun(scenario: Scenario, plan: PartitionLoops, in_ring: bool) -> Iterator[tuple[PartitionLoops, int, int]]:
+    """Yield forms of a plan, shifts of its loops, and times for which the cars stay in formation [control step].
 
     Cars that can drive along the curve, which is rounded within walls, have more ways to the loops from later places.
     """
-    plans = (plan, mirrored(plan)) if scenario.inset else (plan,)
-    apart = plan.loop.shape[1] // scenario.num_robots
-    shifts = range(0, apart, max(apart // 4, 1))
-    for after in _DELAYS if scenario.driven.harmonics else _DELAYS[:1]:
-        for tried in plans:
-            for shift in shifts if scenario.driven.harmonics else shifts[:1]:
-                yield replace(tried, loop=np.roll(tried.loop, shift, axis=1)), after
+    forms = (plan, mirrored(plan)) if scenario.inset and not in_ring else (plan,)
+    if not scenario.driven.harmonics:
+        yield from ((form, 0, 0) for form in forms)
+        return
+    steps, loops = plan.loop.shape[1], len(np.unique(plan.cells.round(9), axis=0))
+    period = steps * loops // scenario.num_robots
+    shifts = range(0, period, max(period // 4, 1))
+    yield from ((form, shift, after) for after, form, shift in itertools.product(_DELAYS, forms, shifts))
 
 
 def mirrored(plan: PartitionLoops) -> PartitionLoops:
@@ -108,18 +158,6 @@ def loops_lie_apart(loops: np.ndarray, distance: float) -> bool:
     """Return whether no places of two loops (N, K, 2), at whatever times, are nearer than a distance [m]."""
     pairs = itertools.combinations(loops, 2)
     return all(np.linalg.norm(one[:, None] - other, axis=-1).min() >= distance for one, other in pairs)
-
-
-def check_loops_apart(scenario: Scenario, loops: np.ndarray, clearance: float | None, policy: str) -> None:
-    """Raise UnsuitableScenarioError if cars with a known start and no transit would drive onto loops that overlap.
-
-    Within an inset there is no room to pass each other, so the collision filter does not separate them.
-    """
-    apart = required_distance(scenario, clearance)
-    if scenario.inset and start_is_known(scenario) and not loops_lie_apart(loops, apart):
-        rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
-        rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
-        raise UnsuitableScenarioError(f"{rule}, got loops that overlap, and no ways without collisions")
 
 
 def in_ring_order(scenario: Scenario, order: np.ndarray) -> np.ndarray:
@@ -268,21 +306,14 @@ def timed_repair(
     scenario: Scenario, parameters: PartitionParameters, reserve: float
 ) -> tuple[PartitionLoops, Takeover, PathTables]:
     """Return the plan, the loops for takeovers and the timed paths."""
-    plan, ways = slowed(partition_plan(scenario, parameters), reserve), None
-    order = tour(plan.cells)
-    cell = in_ring_order(scenario, order)
-    if start_is_known(scenario):
-        turned = [in_ring_order(scenario, np.roll(way, k)) for way in (order, order[::-1]) for k in range(len(order))]
-        ways = planned_transit(scenario, plan.loop, parameters.speed, parameters.clearance, np.array(turned))
-        if ways is None:
-            check_loops_apart(scenario, plan.loop, parameters.clearance, "partition-repair")
-        else:
-            cell = ways.chosen
+    plans = [slowed(plan, reserve) for plan in partition_plans(scenario, parameters)]
+    plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
+    cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
     room, unit = room_of(scenario, parameters), scenario.curve.half_height
     takeover = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
     if ways is None:
         until = float(arrival_steps(scenario, plan.loop, plan.speed))
         return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)
-    loop = np.roll(takeover.loop, -ways.lead_in.shape[1], axis=2)
+    loop = np.roll(takeover.loop, shift - ways.lead_in.shape[1], axis=2)
     lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)
     return plan, takeover, path_tables(scenario, loop, lead_in)

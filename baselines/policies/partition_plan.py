@@ -30,6 +30,8 @@ _SHAPES, _PATTERNS = 12, 2
 """Shapes whose motion is followed, and how many of these are tried with all directions and phases."""
 _MOST_SHAPES = 60
 """Shapes whose motion is followed within an inset if none of the first has a bound."""
+_MOST_PLANS = 8
+"""Plans within an inset that are tried in turn until there are ways to the loops."""
 _WIDER = 1.0, 2.0
 """Tightest turns of loops that are compared for differential drives, in those that they can drive."""
 _SENSED = 0.98
@@ -215,7 +217,12 @@ class PartitionLoops:
 
 
 def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = None) -> PartitionLoops:
-    """Return the best partition of a scenario's rectangle.
+    """Return the best partition of a scenario's rectangle, the first of `partition_plans`."""
+    return partition_plans(scenario, parameters)[0]
+
+
+def partition_plans(scenario: Scenario, parameters: PartitionParameters | None = None) -> list[PartitionLoops]:
+    """Return partitions of a scenario's rectangle with loops of different shapes, the best first.
 
     Raises:
         UnsuitableScenarioError: the rectangle is smaller than the turning circle of a car, or the loops have no room
@@ -238,14 +245,16 @@ def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = 
     is_drive = math.isfinite(scenario.robot.top_yaw_acceleration) and parameters.turning is None
     widths = [w for w in (_WIDER if is_drive else _WIDER[:1]) if w == 1 or w * turning <= smallest]
     relative = replace(parameters, speed=None, clearance=None, turning=None)
-    plans = [_best(replace(room, turning=width * room.turning), relative) for width in widths]
-    _, shape, loop = min((plan for plan in plans if plan is not None), key=_score, default=(None, None, None))
-    if shape is None or loop is None:
+    ranked = [plan for width in widths for plan in _ranked(replace(room, turning=width * room.turning), relative)]
+    if not ranked:
         rule = f"partition requires room for {scenario.num_robots} loops of radius {turning:.3g} m"
         rule = f"{rule}, in phase at least {room.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
-    speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
-    return PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed)
+    plans = []
+    for _, shape, loop in sorted(ranked, key=_score)[:_MOST_PLANS]:
+        speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
+        plans.append(PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
+    return plans if room.inside else plans[:1]
 
 
 def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
@@ -266,8 +275,8 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
 
 
 @lru_cache(maxsize=256)
-def _best(room: Room, parameters: PartitionParameters) -> tuple[tuple, Shape, np.ndarray] | None:
-    """Return the score and shape of the best plan and its loops (N, K, 2) at the cells; None if none have room."""
+def _ranked(room: Room, parameters: PartitionParameters) -> list[tuple[tuple, Shape, np.ndarray]]:
+    """Return scores, shapes and their loops (N, K, 2) at the cells, the best plan first; none if none have room."""
     half = (room.half_width, 1.0)
     shapes = []
     for shape in shapes_of(room, parameters, half):
@@ -277,7 +286,7 @@ def _best(room: Room, parameters: PartitionParameters) -> tuple[tuple, Shape, np
             never, longest = coverage(thin, half, room.sensing, coarse=True)
             shapes.append((never, longest * step, len(shapes), shape))
     if not shapes:
-        return None
+        return []
     compared: list[tuple] = []
     ordered = [shape for *_, shape in sorted(shapes, key=lambda rating: rating[:3])]
     for k, shape in enumerate(ordered[: _MOST_SHAPES if room.inside else _SHAPES]):
@@ -292,8 +301,10 @@ def _best(room: Room, parameters: PartitionParameters) -> tuple[tuple, Shape, np
     quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
     for phases in itertools.product(quarters, quarters):
         _compare(compared, room, shape, (turn_x, turn_y, *phases))
-    score, shape, pattern = min(compared, key=_score)
-    return score, shape, shape.placed(room.driven, *pattern)
+    best: dict[int, tuple[tuple, Shape, np.ndarray]] = {}
+    for score, shape, pattern in sorted(compared, key=_score):
+        best.setdefault(id(shape), (score, shape, shape.placed(room.driven, *pattern)))
+    return list(best.values())[: _MOST_PLANS if room.inside else 1]
 
 
 def _score(entry: tuple) -> tuple[float, float, float]:

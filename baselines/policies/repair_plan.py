@@ -152,7 +152,7 @@ class _LoopSearch:
         The middle is the best place, whose cost grows with the distance.
         """
         room, along_x = self.room, abs(towards[0]) >= abs(towards[1])
-        options = []
+        half, options = np.minimum(half, room.driven), []
         for share in (1.0, 0.5, 0.0):
             long = room.turning + share * max((half[1] if along_x else half[0]) - room.turning, 0)
             loop = closed_loop(*((room.turning, long) if along_x else (long, room.turning)), room.turning)

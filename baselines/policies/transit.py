@@ -12,6 +12,7 @@ tangents", American Journal of Mathematics 79 (1957).
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -244,14 +245,14 @@ class _Search:
         Two robots that start nearer to each other than that do not come nearer.
         """
         ways = [self.ways(robot, loop) for robot, loop in enumerate(chosen)]
+        places_of = cache(lambda robot, k: self.places(robot, chosen[robot], *ways[robot][k]))
         draw, order = np.random.default_rng(0), np.argsort(-arrival, kind="stable")
         for _ in range(_TRIES):
             places, arrives = {}, 0
             for robot in order:
-                for way in ways[robot]:
-                    tried = self.places(robot, chosen[robot], *way)
-                    if _is_clear(tried, places.values(), apart):
-                        places[robot], arrives = tried, max(arrives, way[0])
+                for k, (arrival_step, *_) in enumerate(ways[robot]):
+                    if _is_clear(places_of(robot, k), places.values(), apart):
+                        places[robot], arrives = places_of(robot, k), max(arrives, arrival_step)
                         break
                 else:  # the robot without a way goes first in the next order
                     rest = order[order != robot]

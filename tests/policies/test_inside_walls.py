@@ -8,6 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.planning.request import Request
+from baselines.policies import partition
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.line_path import ideal_worst_case
 from baselines.policies.partition_plan import PartitionParameters, partition_plan
@@ -134,8 +135,30 @@ def test_loops_that_cannot_be_driven_are_refused():
         partition_plan(lissajous_env.scenario("evaders", **{"task.boundary": "wall", "curve.inset": 0.35}))
 
 
-def test_loops_that_overlap_and_have_no_ways_are_refused():
-    scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall"})
-    words = r"partition-repair requires ways from the start .* or loops at least 0\.375 m apart .* loops that overlap"
+def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
+    monkeypatch.setattr(partition, "_FORMS", 1)
+    scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall", "robot.wheelbase": 0.2})
+    words = (
+        r"partition-repair requires ways from the start .* or loops at least 0\.375 m apart .* turn on 0\.594 m, and"
+    )
     with pytest.raises(UnsuitableScenarioError, match=words):
         baselines.make("partition-repair", scenario)
+
+
+@pytest.mark.parametrize(
+    ("name", "policy", "fields", "longest"),
+    [
+        ("experiment", "partition", {"faults.schedule": ()}, None),
+        ("evaders-walls", "partition-repair", {"faults.removed": ((0, 6.0),)}, 4.2),
+    ],
+)
+def test_cars_reach_loops_that_overlap_from_a_later_place_of_the_formation(name, policy, fields, longest):
+    """Oracle: collisions, contacts and worst case of the simulation, also after neighbours take over a cell."""
+    scenario = lissajous_env.scenario(name, **{"task.boundary": "wall", "task.duration": 16.0, **fields})
+    policy = baselines.make(policy, scenario)
+    if policy.name == "partition-repair":
+        reach = np.array([scenario.resolve().driven.half_width, scenario.resolve().driven.half_height])
+        assert (np.abs(policy.takeover.loop) <= reach * 1.001).all()
+    _, (row,) = play(policy, scenario, 1)
+    assert (row["collisions"], row["wall_contacts"]) == (0, 0)
+    assert longest is None or row["guaranteed_detection_time"] <= longest
