@@ -22,31 +22,31 @@ from lissajous_env.theory import closed_forms
 
 # Digests of all numbers of the scenarios that ship: a line that differs is a number that changed.
 DIGESTS = {
-    "ideal": "3340b2b9d07f72a8",
-    "perturbation": "5515afec4f0e7fa2",
-    "failure": "d506b30a82fec91c",
-    "experiment": "5350a3f16e3333d5",
-    "experiment-printed": "f408dc279b01b93c",
-    "intruders": "7411b5394e444e69",
-    "intruders-walls": "0f1b06b95be0a751",
-    "intruders-inside": "6e376e4cf3cedea1",
-    "evaders": "35bc8646a6975413",
-    "evaders-failure": "1526e737fc9f327f",
-    "evaders-lost": "e8dfc2ef25de4a6d",
-    "evaders-fast": "a3eb10e73a69a69a",
-    "evaders-uneven": "83f60e63414257f4",
-    "hall": "d40a038dfb48565c",
-    "evaders-walls": "3486ee38f24f9315",
-    "rough": "05e7cd2da39f6a53",
-    "rough-lost": "5a8351270c38b984",
-    "team": "d09aa5ec0540e345",
-    "redundant": "92ec1a42fb461338",
-    "knot": "7379294112a77c8d",
-    "swarm": "7f15ff5928400178",
-    "city": "841a229b3b9a0a07",
-    "watch": "dfe45e095009751a",
-    "intercept": "4a81791c4d51879a",
-    "hotspots": "93da5fee05916938",
+    "ideal": "c6f5bd24a1e153e2",
+    "perturbation": "8bda1adb0ccf2c85",
+    "failure": "1c88657e2075d6a9",
+    "experiment": "dce49c50117f2bfe",
+    "experiment-printed": "d4c3f6cd134c41de",
+    "intruders": "77bbd1e623cd9cb7",
+    "intruders-walls": "8d94fa0c9776affd",
+    "intruders-inside": "f4dc476d378a42b0",
+    "evaders": "01d27d5ed0b059ad",
+    "evaders-failure": "0ad29e21c1188811",
+    "evaders-lost": "1513b737631f7faf",
+    "evaders-fast": "d96deb5fedd1c691",
+    "evaders-uneven": "fc40d7233d422e3c",
+    "hall": "15824bfc2c07ca0c",
+    "evaders-walls": "8e5593b3682107b8",
+    "rough": "1161d3dbf4917ba6",
+    "rough-lost": "0c8849f1d0de71f9",
+    "team": "433717f53e7589fd",
+    "redundant": "fbdccc8f1b05adec",
+    "knot": "f738b45d5be0bbce",
+    "swarm": "1d930c6b2fd28c91",
+    "city": "ddad9ccf46874121",
+    "watch": "a3fb1c95674aa224",
+    "intercept": "e048b518cb991beb",
+    "hotspots": "dadcf7f587c41c76",
 }
 
 KINDS: dict[str, Any] = dict(PARTS)
@@ -71,6 +71,7 @@ BAD_ROWS = {
         None,
     ],
     "faults.removed": [(0, 5.0), ((0, -1.0),), ((0, math.inf),), ((0.5, 1.0),), None],
+    "sensing.cells_seen": [(0, 16), (36, 65), (36.5, 16), (36,), (1, 2, 3), 36],
     "task.grid": [(0, 16), (36, 4097), (36.5, 16), (36,), (1, 2, 3), 36],
     "task.contamination": [(0, 16), (36, 4097), (36.5, 16), (36,), (1, 2, 3), 36],
 }
@@ -111,7 +112,7 @@ def test_every_field_refuses_what_its_rule_forbids(part, field):
         with pytest.raises(ValueError) as refused:
             KINDS[part](**{field.name: value})
         message = str(refused.value)
-        in_pairs = name in ("task.grid", "task.contamination") and isinstance(value, tuple)
+        in_pairs = name in ("sensing.cells_seen", "task.grid", "task.contamination") and isinstance(value, tuple)
         if in_pairs and len(value) != 2 and "x" not in value:
             assert message.startswith(f"{name} must be (columns, rows) or None, got ")
         else:
@@ -244,7 +245,8 @@ def test_resolve_fills_everything_in_once(name):
     assert resolved.resolve() == resolved
     assert resolved.resolve().digest() == resolved.digest()
     nothing = {f"{part}.{field}" for part in PARTS for field, v in resolved.to_dict()[part].items() if v is None}
-    assert nothing <= {"task.grid", "task.contamination", "targets.rogues", "targets.sight", *FOLLOWING}
+    off = {"sensing.cells_seen", "task.grid", "task.contamination", "targets.rogues", "targets.sight"}
+    assert nothing <= off | {*FOLLOWING}
     for derived in ("num_robots", "p", "alpha", "clusters", "ring", "detection_time_bound", "target_capacity"):
         assert getattr(resolved, derived) == getattr(scenario, derived)
     assert np.array_equal(resolved.neighbours, scenario.neighbours)
