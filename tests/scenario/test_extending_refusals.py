@@ -45,7 +45,7 @@ def here(tmp_path, monkeypatch):
     (tmp_path / "theirs.py").write_text(MODULE)
     (tmp_path / "broken.py").write_text("1 / 0\n")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(named, "register_ids", lambda name: None)
+    monkeypatch.setattr(named, "register_ids", lambda name, **_: None)
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield tmp_path
     for name in ("theirs", "broken", "evil"):

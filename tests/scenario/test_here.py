@@ -44,7 +44,7 @@ def folder(tmp_path, monkeypatch):
         (tmp_path / f"{name}.py").write_text(source)
     (tmp_path / "depot.toml").write_text("base = 'failure'\n[task]\nduration = 0.5\n")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(named, "register_ids", lambda name: None)
+    monkeypatch.setattr(named, "register_ids", lambda name, **_: None)
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield tmp_path
     for name in sources:
