@@ -48,8 +48,11 @@ def as_factory(policy: Any, name: str) -> Factory:
     Raises:
         ValueError: it is none of these, or the word is unknown.
     """
-    if isinstance(policy, (str, os.PathLike)):
-        return named(os.fspath(policy))
+    return named(os.fspath(policy)) if isinstance(policy, (str, os.PathLike)) else _factory_of(policy, name)
+
+
+def _factory_of(policy: Any, name: str) -> Factory:
+    """Return what makes a policy, of an object that is no word."""
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
         with contextlib.suppress(Exception):  # an error that its play will raise again
@@ -84,7 +87,7 @@ def named(name: str) -> Factory:
         ValueError: an unknown name, or a module or a factory that cannot be loaded.
     """
     if is_imported(name):
-        return as_factory(import_attribute(name, "policy must be module:factory"), name)
+        return _factory_of(import_attribute(name, "policy must be module:factory"), name)
     return registry.find(name)
 
 

@@ -263,11 +263,11 @@ class Sweep(_Patrol):
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._inputs += [float(scenario.alpha), equilibrium, ring, self._loop, cruise, loop_spacing(loop)]
         self._inputs += [lookahead(scenario, cruise, parameters), scenario.task.step, parameters.gather, slowest]
-        self._inputs += [*in_file, self._memory]
+        self._inputs += [*in_file]
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        self.launch(follow_loop, self.shape, [*self._inputs, observation], [self.action])
+        self.launch(follow_loop, self.shape, [*self._inputs, self._memory, observation], [self.action])
 
 
 class Laps(_Patrol):
@@ -285,11 +285,11 @@ class Laps(_Patrol):
         loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=cruise))
         ahead = round(lookahead(self.scenario, cruise, self.parameters) / loop_spacing(loop))
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
-        self._inputs += [wp.array(loop, dtype=wp.vec2, device=self.device), cruise, ahead, self._memory]
+        self._inputs += [wp.array(loop, dtype=wp.vec2, device=self.device), cruise, ahead]
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        self.launch(go_around, self.shape, [*self._inputs, observation], [self.action])
+        self.launch(go_around, self.shape, [*self._inputs, self._memory, observation], [self.action])
 
 
 class RandomWaypoint(_Patrol):

@@ -33,7 +33,7 @@ PLANS = [
     )
     for k in range(1, 4)
 ]  # fmt: skip
-OUTCOME = Outcome(Request(EVADERS, failures=1), scenarios={5: EVADERS}, limits={5: 0.105}, finals=PLANS)
+OUTCOME = Outcome(Request(EVADERS, failures=1), scenarios={5: EVADERS}, lower_bounds={5: 0.105}, finals=PLANS)
 
 
 @pytest.mark.parametrize("command", ["scenarios", "policies", "plan", "reproduce"])

@@ -52,8 +52,8 @@ CASES = {
         {
             "lissajous_env/world/stages.py": [
                 (
-                    '        Stage("end", end_episodes),',
-                    '        Stage("end", end_episodes),\n        Stage("halving", halve_speeds),',
+                    '        Stage("end", end_episodes, when=moves),',
+                    '        Stage("end", end_episodes, when=moves),\n        Stage("halving", halve_speeds),',
                 ),
                 (
                     "from lissajous_env.world.robots.faults",

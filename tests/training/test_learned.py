@@ -40,11 +40,18 @@ def test_shipped_policies_are_played_like_the_classical_ones():
 
 @pytest.mark.parametrize("base", ["greedy-cover", "a-cmommt"])
 def test_a_network_of_zeros_drives_as_its_base_does(base):
-    # Oracle: the base itself, for the rows of two episodes, of which one world begins the second one early.
+    # Oracle: the base itself, whose robots rest where it wishes less than a quarter of the top speed, for the rows of two
+    # episodes, of which one world begins the second one early.
     scenario = lissajous_env.scenario("watch", **{"task.duration": 20.0})
     zeros = TeamNetwork.from_arrays({name: 0 * array for name, array in make_team().to_arrays().items()})
     ours, theirs = LearnedTeam(zeros, Card.of(scenario, base=base), scenario, 2), baselines.make(base, scenario, 2)
-    simulation = Simulation(scenario, 2)
+    simulation, wish = Simulation(scenario, 2), theirs.wish
+
+    def resting(rows):
+        velocity = wish(rows)
+        return velocity * (np.linalg.norm(velocity, axis=-1, keepdims=True) >= 0.25)
+
+    theirs.wish = resting
     for step in range(24):
         rows = simulation.observation.numpy().copy()
         action = theirs.act(rows)
