@@ -40,8 +40,8 @@ def test_shipped_policies_are_played_like_the_classical_ones():
 
 @pytest.mark.parametrize("base", ["greedy-cover", "a-cmommt"])
 def test_a_network_of_zeros_drives_as_its_base_does(base):
-    # Oracle: the base itself, whose robots rest where it wishes less than a quarter of the top speed, for the rows of two
-    # episodes, of which one world begins the second one early.
+    # Oracle: the base itself, whose robots rest where it wishes less than a quarter of the top speed, for the rows of
+    # two episodes, of which one world begins the second one early.
     scenario = lissajous_env.scenario("watch", **{"task.duration": 20.0})
     zeros = TeamNetwork.from_arrays({name: 0 * array for name, array in make_team().to_arrays().items()})
     ours, theirs = LearnedTeam(zeros, Card.of(scenario, base=base), scenario, 2), baselines.make(base, scenario, 2)
