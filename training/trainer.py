@@ -8,7 +8,7 @@ and near collisions cost more while there are more of them than a stated number.
 validation, in worlds that no update uses; the rule alone is the first candidate.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
-reward for targets in sight is mostly that of the robot itself, for those that no other robot has in sight; no minibatch
+reward for targets in sight is that of the robot itself, for those that no other robot has in sight; no minibatch
 updates the policy further once it has moved too far from that of the rollout; and the noise of successive actions is
 correlated, so that it moves a robot farther (J. Hollenstein, G. Martius, J. Piater, "Colored Noise in PPO", AAAI 2024).
 """

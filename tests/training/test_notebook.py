@@ -15,7 +15,7 @@ SHORT = "STEPS, EPISODES = 64_000, 4"
 def test_the_notebook_that_trains_runs_from_top_to_bottom(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     cells = re.findall(r"```{code-cell}\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert cells[0] == "STEPS, EPISODES = 4_000_000, 64\n"
+    assert cells[0] == "STEPS, EPISODES = 3_000_000, 64\n"
     names: dict = {}
     for cell in [SHORT, *cells[1:]]:
         exec(compile(cell, str(PAGE), "exec"), names)
