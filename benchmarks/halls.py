@@ -108,7 +108,7 @@ def worst_time(places: np.ndarray, half: np.ndarray, radius: float, moved: float
 
 
 class Result(NamedTuple):
-    """What the episodes of the best plan of a hall have; without a plan, `policy` is empty."""
+    """Result of the episodes of the best plan of a hall; without a plan, `policy` is empty."""
 
     hall: str
     kind: str

@@ -26,7 +26,7 @@ from lissajous_env.wording import few_of, nearest, shown
 
 @dataclass(frozen=True)
 class Entry:
-    """What a name denotes: a registered policy or that of a folder, with or without a filter.
+    """Entry of the registry: a registered policy or that of a folder, with or without a filter.
 
     `entry(scenario, num_worlds, device)` makes the policy, also in another process, to which the factory travels by
     value. `register` describes the other fields.

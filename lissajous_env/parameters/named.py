@@ -302,10 +302,10 @@ def _registered(name: str) -> Scenario:
 
 
 def _loaded(name: Any) -> Scenario:
-    found = _in_file(name) if is_file(name) else _known(name)
-    if isinstance(found, Scenario):
-        return found
-    if found is None and isinstance(name, str) and ":" in name and space_and_split(name) is None:
+    entry = _in_file(name) if is_file(name) else _known(name)
+    if isinstance(entry, Scenario):
+        return entry
+    if entry is None and isinstance(name, str) and ":" in name and space_and_split(name) is None:
         return _imported(name)
     raise unknown_scenario(name)
 

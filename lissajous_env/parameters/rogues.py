@@ -89,8 +89,8 @@ class BringsRogues:
     def __getstate__(self) -> dict[str, Any]:
         name = self.targets.rogues
         known = [_ROGUES[name]] if name in _ROGUES else []
-        theirs = [rogue for rogue in known if getattr(rogue.decide, "__module__", "").partition(".")[0] not in OURS]
-        return {"rogues": [rogue for rogue in theirs if not isinstance(rogue.decide, wp.Kernel)]} | self.__dict__
+        custom = [rogue for rogue in known if getattr(rogue.decide, "__module__", "").partition(".")[0] not in OURS]
+        return {"rogues": [rogue for rogue in custom if not isinstance(rogue.decide, wp.Kernel)]} | self.__dict__
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for rogue in state.pop("rogues", ()):

@@ -132,15 +132,15 @@ def observe_tracks(
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
     sent_at = now - (tracks.sighted.shape[2] - 1)
     here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
-    kept = int(0)
+    count = int(0)
     if robots.status[w, i] != REMOVED:
         for t in range(tracks.seen_at.shape[2]):
             age = float(now - tracks.seen_at[w, i, t]) * task.step
             if tracks.seen_at[w, i, t] >= 0 and age <= sensing.memory:
                 offset = (tracks.place[w, i, t] - here) / unit
-                kept = keep_nearest(w, i, kept, sensing.tracks_seen, offset, t, nearest)
+                count = keep_nearest(w, i, count, sensing.tracks_seen, offset, t, nearest)
     entry = int(track_start)
-    for k in range(kept):
+    for k in range(count):
         t = int(nearest[w, i, k][1])
         age = float(now - tracks.seen_at[w, i, t]) * task.step / sensing.memory
         put_place(w, i, entry, tracks.place[w, i, t] - here, age, curve, observation_out)
@@ -151,7 +151,7 @@ def observe_tracks(
         observation_out[w, i, entry + 7] = wp.where(tracks.other_at[w, i, t] == sent_at, 1.0, 0.0)
         observation_out[w, i, entry + 8] = float(tracks.leaves[w, i, t])
         entry += TRACK_SIZE
-    empty(w, i, entry, TRACK_SIZE, sensing.tracks_seen - kept, observation_out)
+    empty(w, i, entry, TRACK_SIZE, sensing.tracks_seen - count, observation_out)
     entry = track_start + TRACK_SIZE * sensing.tracks_seen
     mates = int(0)
     if robots.status[w, i] != REMOVED:
