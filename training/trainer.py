@@ -25,7 +25,6 @@ from torch import Tensor, nn
 
 import baselines
 from lissajous_env.console.terminal import make_console
-from lissajous_env.device.devices import cores
 from lissajous_env.storage.folder import Folder
 from training.learned import checkpoint
 from training.learned.card import Card
@@ -66,7 +65,7 @@ def train(
         OSError: the disk is full; the last checkpoint is intact.
     """
     console = console or make_console()
-    torch.set_num_threads(settings.threads or cores())
+    torch.set_num_threads(settings.threads or 1)
 
     def say(text: str) -> None:
         console.print(text, highlight=False, markup=False, soft_wrap=True)
