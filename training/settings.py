@@ -102,8 +102,8 @@ class TrainingSettings(Checked):
     device: str = "cpu"
     """Device of the worlds: `cpu`, `cuda` or `cuda:k`; the networks are on the CPU."""
     threads: int | None = whole(None, 1, 1024)
-    """CPU threads; by default all cores for the worlds and one for the networks, whose threads would wait for each other
-    wherever another program runs."""
+    """CPU threads; by default all cores for the worlds and one for the networks, whose threads would wait for each
+    other wherever another program runs."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
 
