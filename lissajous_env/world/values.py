@@ -119,6 +119,7 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
         "cells": ((w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
                               "sensed": discs, "in_discs": discs, "coming": discs}),
         "contamination": (world, {"labels": (w, *labels), "sensed": swept, "swept": swept, "there": there,
+                                  "settled": (w, hops.rows, there[2] - 2),
                                   "row_oldest": field_row, "row_ages": field_row}),
         "latest": (robot, {"in_sight": world, "waiting": world, "idle_ended": world, "terms": (w, n, terms)}),
         "tally": (world, {"contact": (w, n, n), **of_robots}),

@@ -90,7 +90,7 @@ def reset_labels(w, row, target, hops, clock, contamination):
                 contamination.there[w, row + MARGIN, word + 1, k] = there
 
 
-@stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, there", idle=True)
+@stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, settled, there", idle=True)
 def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
     """Spread contamination: targets stay, hop and are introduced where no robot senses."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
@@ -105,12 +105,22 @@ def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
             seen = sensed | half_of(contamination.swept[w, word / 2, row], word)
             todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed
             there = wp.uint32(0)
-            if todo != wp.uint32(0):
+            # Once all of its labels are that of the oldest target in every tick, a word keeps them until it is sensed.
+            settled = wp.where(seen == wp.uint32(0), contamination.settled[w, row, word], 0)
+            oldest_age = int(wp.bit_count(todo)) * (now.step - now.oldest)
+            if settled > hops.history_length:
+                row_oldest = now.oldest
+                ages += wp.int64(oldest_age)
+                there = todo
+            elif todo != wp.uint32(0):
                 enter = entries(target.entry, word, row, rows, hops.columns)
                 found = label_cells(contamination.labels, contamination.there, w, row, word, todo, ~seen, enter, now)
                 row_oldest = wp.min(row_oldest, found[0])
                 ages += wp.int64(found[1])
                 there = wp.uint32(found[2])
+                is_oldest = seen == wp.uint32(0) and there == todo and found[1] == oldest_age
+                settled = wp.where(is_oldest, settled + wp.where(now.aged == -1, 0, 1), 0)
+            contamination.settled[w, row, word] = settled
             contamination.there[w, row + MARGIN, word + 1, now.slot] = there
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages
