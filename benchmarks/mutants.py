@@ -1,29 +1,34 @@
 """Sample of mutants, and the share that the tests of their room find: `python benchmarks/mutants.py --store`.
 
 A mutant is a copy of the code with one change: another operator, comparison or number, a negated condition, a loop that
-does not run. In a clone of the last commit, the tests of the room run until the first failure: first those that execute
-the changed line, then, if none of them fails or none is known, all of them. A mutant *dies* if a test fails. Some of
-those that survive are equivalent: their change has no effect, as that of a limit that nothing reaches.
+does not run. In a clone of a commit, tests run until one fails, the shortest first: those that execute the changed line
+in this process, or, if none is known to, as for kernels, all tests of the room. A mutant *dies* if a test fails or does
+not end. Some of those that survive are equivalent: their change has no effect, as that of a limit that nothing reaches.
 
-`benchmarks/mutants.jsonl` contains all mutants that were tried, which the table counts; each call adds others.
+`benchmarks/mutants.jsonl` contains all mutants that were tried, and a second call with the same commit continues its
+sample. `--commit` tries those of another commit by the tests of that commit. The table counts all of them.
 It requires `pip install cosmic-ray pytest-cov`, which make the mutants and find the tests that execute a line.
 """
 
+import importlib
 import json
+import multiprocessing
 import os
 import random
+import signal
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from importlib.util import cache_from_source
 from pathlib import Path
 
 import figures
+import pytest
 from cosmic_ray.ast import ast_nodes, get_ast_from_path
-from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.mutating import use_mutation
 from cosmic_ray.plugins import get_operator
-from cosmic_ray.work_item import MutationSpec, TestOutcome
+from cosmic_ray.work_item import MutationSpec
 from coverage import CoverageData
 from scipy.stats import binomtest
 
@@ -37,14 +42,16 @@ ROOMS = {
     "episodes": ["lissajous_env/episodes"],
     "pictures": ["lissajous_env/render", "lissajous_env/replay"],
     "robots": ["lissajous_env/logs", "baselines/onboard", "baselines/ros"],
-    "policies": ["baselines/policies", "baselines/mpcc"],
+    "policies": ["baselines/policies", "baselines/mpcc", "baselines/safety"],
     "planning": ["baselines/planning"],
     "benchmark": ["baselines/benchmark"],
     "reproduce": ["baselines/reproduce"],
     "training": ["training"],
     "commands": ["lissajous_env/console", "lissajous_env/commands", "baselines/commands"],
 }
-"""Code of each room; its tests are in the folder of the same name in `tests`."""
+"""Code of each room, in one of the commits at least; its tests are in the folder of the same name in `tests`."""
+BEFORE = "fba8cae7"
+"""Commit of 0.18.0, which had twice the code."""
 _SWAPPED = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul")
 _COMPARED = ("Lt_LtE", "LtE_Lt", "Gt_GtE", "GtE_Gt", "Lt_Gt", "Gt_Lt", "Eq_NotEq", "NotEq_Eq", "Is_IsNot", "IsNot_Is")
 OPERATORS = (
@@ -53,14 +60,57 @@ OPERATORS = (
     *(f"core/{name}" for name in ("ReplaceUnaryOperator_Delete_USub", "ReplaceUnaryOperator_Delete_Not", "AddNot")),
     *(f"core/{name}" for name in ("ReplaceAndWithOr", "ReplaceOrWithAnd", "NumberReplacer", "ZeroIterationForLoop")),
 )
-PYTEST = (sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider")
+LIBRARIES = ("hypothesis", "warp", "gymnasium", "pettingzoo", "matplotlib.pyplot", "torch", "stable_baselines3")
+"""Libraries that are imported before the processes of the tests are forked: this saves most of their start."""
+SECONDS = "seconds.json"
+"""File in the clone with the seconds of each test that passes without a mutant."""
 TRIED = Path(__file__).with_name("mutants.jsonl")
+FORK = multiprocessing.get_context("fork")
+
+
+class _Tests:
+    """Plugin of pytest that runs the tests `order`, or all if None, and then stores the seconds of those that pass."""
+
+    def __init__(self, order: Sequence[str] | None) -> None:
+        self.order, self.seconds = order, {}
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        if self.order is not None:
+            rank = {test: place for place, test in enumerate(self.order)}
+            items[:] = sorted((item for item in items if item.nodeid in rank), key=lambda item: rank[item.nodeid])
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call" and report.passed:
+            self.seconds[report.nodeid] = report.duration
+
+    def pytest_sessionfinish(self) -> None:
+        if self.order is None:
+            Path(SECONDS).write_text(json.dumps(self.seconds), encoding="utf-8")
+
+
+def _run(arguments: Sequence[str], order: Sequence[str] | None) -> None:
+    os.setpgrp()
+    silent = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(silent, stream)
+    os._exit(pytest.main(["-q", "-p", "no:cacheprovider", *arguments], plugins=[_Tests(order)]))
+
+
+def run(arguments: Sequence[str], order: Sequence[str] | None = None, timeout: float | None = None) -> bool:
+    """Run tests in a process of its own; return True if all pass before the timeout [s]."""
+    process = FORK.Process(target=_run, args=(arguments, order))
+    process.start()
+    process.join(timeout)
+    if process.is_alive():
+        os.killpg(process.pid, signal.SIGKILL)
+        process.join()
+    return process.exitcode == 0
 
 
 def mutants_of(room: str, root: Path) -> Iterator[MutationSpec]:
     """Yield all mutants of a room's code in a clone."""
     for place in ROOMS[room]:
-        for path in sorted((root / place).rglob("*.py")) if (root / place).is_dir() else [root / place]:
+        for path in sorted((root / place).rglob("*.py")) or [path for path in [root / place] if path.is_file()]:
             nodes = list(ast_nodes(get_ast_from_path(path)))
             for name in OPERATORS:
                 operator = get_operator(name)()
@@ -69,41 +119,37 @@ def mutants_of(room: str, root: Path) -> Iterator[MutationSpec]:
                     yield MutationSpec(path, name, occurrence, start, end)
 
 
-def tests_of_lines(room: str, root: Path) -> CoverageData:
-    """Run the tests of a room, and return which of them execute which line; kernels execute none."""
+def tests_of_lines(room: str, root: Path) -> tuple[CoverageData, dict[str, float]]:
+    """Run the tests of a room; return which of them execute which line, and the seconds of those that pass."""
     data = root / ".coverage"
     data.unlink(missing_ok=True)
-    sources = [f"--cov={root / place}" for place in ROOMS[room] if (root / place).is_dir()] or [f"--cov={root}"]
-    command = [*PYTEST, *sources, "--cov-context=test", "--cov-report=", f"{root}/tests/{room}"]
-    if subprocess.run(command, cwd=root, capture_output=True).returncode:
-        raise SystemExit(f"the tests of {room} fail without a mutant")
+    packages = (f"--cov={package}" for package in ("lissajous_env", "baselines", "training"))
+    run([*packages, "--cov-context=test", "--cov-report=", f"tests/{room}"])
     coverage = CoverageData(str(data))
     coverage.read()
-    return coverage
+    return coverage, json.loads((root / SECONDS).read_text(encoding="utf-8"))
 
 
-def selections(mutant: MutationSpec, room: str, coverage: CoverageData, root: Path) -> Iterator[str]:
-    """Yield the tests to run for a mutant: first those that execute its lines, if any, then all of the room."""
-    contexts = coverage.contexts_by_lineno(str(mutant.module_path))
-    lines = range(mutant.start_pos[0], mutant.end_pos[0] + 1)
-    tests = {context.partition("|")[0] for line in lines for context in contexts.get(line, ())} - {""}
-    if tests:
-        chosen = root / "chosen.txt"
-        chosen.write_text("\n".join(sorted(tests)), encoding="utf-8")
-        yield f"@{chosen}"
-    yield f"{root}/tests/{room}"
-
-
-def try_mutants(room: str, count: int, seed: int, commit: str, root: Path) -> None:
-    """Try some mutants of a room, drawn at random, and append each result to the file."""
-    began = time.monotonic()
-    coverage = tests_of_lines(room, root)
-    timeout = 60 + 5 * (time.monotonic() - began)
+def try_mutants(room: str, count: int, commit: str, root: Path) -> None:
+    """Append the results of mutants of a room to the file, until it has `count` of this room and commit."""
     every = list(mutants_of(room, root))
-    for mutant in random.Random(f"{room}/{seed}/{commit}").sample(every, min(count, len(every))):
-        commands = (f"{' '.join(PYTEST)} {tests}" for tests in selections(mutant, room, coverage, root))
-        outcomes = (mutate_and_test([mutant], command, timeout).test_outcome for command in commands)
-        survived = all(outcome is TestOutcome.SURVIVED for outcome in outcomes)
+    random.Random(f"{room}/{commit}").shuffle(every)
+    tried = sum((entry["room"], entry["commit"]) == (room, commit) for entry in entries())
+    if tried >= min(count, len(every)):
+        return
+    coverage, seconds = tests_of_lines(room, root)
+    print(f"{room}: {len(every)} mutants, {len(seconds)} tests, {sum(seconds.values()):.0f} s", flush=True)
+    for mutant in every[tried:count]:
+        contexts = coverage.contexts_by_lineno(str(mutant.module_path))
+        lines = range(mutant.start_pos[0], mutant.end_pos[0] + 1)
+        executing = {context.partition("|")[0] for line in lines for context in contexts.get(line, ())} & seconds.keys()
+        order = sorted(executing or seconds, key=lambda test: seconds[test])
+        files = sorted({test.partition("::")[0] for test in order})
+        with use_mutation(mutant.module_path, get_operator(mutant.operator_name)(), mutant.occurrence):
+            compiled = Path(cache_from_source(str(mutant.module_path)))
+            compiled.unlink(missing_ok=True)  # Its time stamp has seconds, and a mutant may live for less.
+            survived = run(["-x", *files], order, timeout=120 + 5 * sum(seconds[test] for test in order))
+            compiled.unlink(missing_ok=True)
         place = f"{mutant.module_path.relative_to(root)}:{mutant.start_pos[0]}"
         operator, outcome = mutant.operator_name.removeprefix("core/"), "survived" if survived else "died"
         entry = {"commit": commit, "room": room, "place": place, "operator": operator, "outcome": outcome}
@@ -112,34 +158,55 @@ def try_mutants(room: str, count: int, seed: int, commit: str, root: Path) -> No
         print(room, place, operator, outcome, flush=True)
 
 
+def entries() -> list[dict[str, str]]:
+    """Return the results of all mutants that were tried."""
+    return [json.loads(line) for line in TRIED.read_text(encoding="utf-8").splitlines()]
+
+
+def share(outcomes: Sequence[str]) -> list[str]:
+    """Return the cells of a sample: its size, and the share that died with its interval."""
+    if not outcomes:
+        return ["", ""]
+    died, count = outcomes.count("died"), len(outcomes)
+    low, high = binomtest(died, count).proportion_ci(method="wilson")
+    return [str(count), f"{died / count:.0%} ({low:.0%} to {high:.0%})"]
+
+
 def table() -> dict[str, list]:
-    """Return the table of all mutants that were tried."""
-    tried = [json.loads(line) for line in TRIED.read_text(encoding="utf-8").splitlines()]
+    """Return the table of all mutants that were tried, of the code before and after it was halved."""
+    tried = entries()
     rows = []
     for room in (*ROOMS, "all"):
-        outcomes = [entry["outcome"] == "died" for entry in tried if room in (entry["room"], "all")]
-        if outcomes:
-            died, count = sum(outcomes), len(outcomes)
-            low, high = binomtest(died, count).proportion_ci(method="wilson")
-            rows.append([room, str(count), str(died), f"{died / count:.0%} ({low:.0%} to {high:.0%})"])
-    return {"columns": ["room", "mutants", "died", "share (95 % interval)"], "rows": rows}
+        samples: dict[bool, list[str]] = {False: [], True: []}
+        for entry in tried:
+            if room in (entry["room"], "all"):
+                samples[entry["commit"] == BEFORE].append(entry["outcome"])
+        rows.append([room, *share(samples[False]), *share(samples[True])])
+    died = "died (95 % interval)"
+    return {"columns": ["room", "mutants", died, "mutants of 0.18.0", f"{died}, 0.18.0"], "rows": rows}
 
 
 def main() -> None:
     parser = figures.parser(__doc__)
     parser.add_argument("--rooms", nargs="+", default=list(ROOMS))
-    parser.add_argument("--mutants", type=int, default=8, help="mutants of each room")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--mutants", type=int, default=20, help="mutants of each room")
+    parser.add_argument("--commit", default="HEAD")
     options = parser.parse_args()
     here = Path(__file__).parents[1]
-    commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], cwd=here, text=True).strip()
+    show = ["git", "rev-parse", "--short=8", options.commit]
+    commit = subprocess.check_output(show, cwd=here, text=True).strip()
     with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder) / "clone"
+        root = Path(folder).resolve() / "clone"
         subprocess.check_call(["git", "clone", "-q", str(here), str(root)])
+        subprocess.check_call(["git", "checkout", "-q", commit], cwd=root)
+        for library in LIBRARIES:
+            importlib.import_module(library)
         os.environ["PYTHONPATH"] = str(root)
+        sys.path[0] = str(root)
         os.chdir(root)
         for room in options.rooms:
-            try_mutants(room, options.mutants, options.seed, commit, root)
+            try_mutants(room, options.mutants, commit, root)
+        os.chdir(here)
     figures.publish("mutants", "mutants that the tests of their room find", table(), options.store)
 
 
