@@ -93,8 +93,8 @@ class LineAbreast(TimedPaths):
 
     Parameters = LineParameters
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        super().__init__(scenario, num_worlds, device, parameters)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
 
     def timed(self, scenario: Scenario) -> PathTables:

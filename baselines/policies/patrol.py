@@ -23,6 +23,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
 from lissajous_env.device.structs import RobotStruct, to_struct
+from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
 
@@ -239,8 +240,8 @@ class _Patrol(Policy):
     arrays = "warp"
     remembers = ("_memory",)
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        super().__init__(scenario, num_worlds, device, parameters)
         robot = to_struct(RobotStruct, self.scenario.robot)
         self._inputs = [curve_struct(self.scenario.curve, self.device), robot, motor_rate(self.scenario, EAGERNESS)]
 
@@ -251,8 +252,8 @@ class Sweep(_Patrol):
     kind = "car"
     Parameters = SweepParameters
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        super().__init__(scenario, num_worlds, device, parameters)
         scenario, parameters = self.scenario, self.parameters
         loop, cruise = patrol_loop(scenario, parameters=parameters), parameters.cruise or cruising_speed(scenario)
         slowest = -1.0 if parameters.slowest is None else parameters.slowest
@@ -279,8 +280,8 @@ class Laps(_Patrol):
     kind = "car"
     Parameters = SweepParameters
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        super().__init__(scenario, num_worlds, device, parameters)
         cruise = self.parameters.cruise or fastest_speed(self.scenario)
         loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=cruise))
         ahead = round(lookahead(self.scenario, cruise, self.parameters) / loop_spacing(loop))
@@ -299,8 +300,8 @@ class RandomWaypoint(_Patrol):
     apply a random action in each step.
     """
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        super().__init__(scenario, num_worlds, device, parameters)
         self._rate = self.scenario.formation.phase_rate / self.scenario.alpha
         self._near = motion_scale(self.scenario).length
         self._memory = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
@@ -319,8 +320,8 @@ class Still(Policy):
 
     arrays = "warp"
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        super().__init__(scenario, num_worlds, device, parameters)
         action = np.zeros(self.action.shape, dtype=np.float32)
         rest = self.scenario.model.rest_action(self.scenario.robot)
         action[..., : len(rest)] = rest

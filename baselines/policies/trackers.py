@@ -73,13 +73,12 @@ from lissajous_env.theory.geometry import curve_length
 from lissajous_env.wording import nearest, shown
 
 wp.set_module_options(OPTIONS)
+Factory = Callable[[Scenario, int, Any], Coordinator]
+"""A coordinator's class, or a `partial` of it that fixes parameters of its own."""
 
 
 class Coordinated(Policy):
     """Robots that follow a coordinator, each kind in its own way.
-
-    `coordinator(scenario, num_worlds, device)` makes the coordinator: its class, or a `partial` of it that fixes
-    parameters of its own.
 
     Warns:
         AssumptionWarning: the scenario violates an assumption of the paper about its formation.
@@ -88,12 +87,7 @@ class Coordinated(Policy):
     arrays = "warp"
 
     def __init__(
-        self,
-        coordinator: Callable[[Scenario, int, Any], Coordinator],
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
+        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
     ):
         super().__init__(scenario, num_worlds, device, parameters)
         warn_of_violations(self.scenario)
@@ -161,8 +155,10 @@ class WithMpcc(Coordinated):
     kind = "car"
     Parameters = MpccParameters
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(
+        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
+    ):
+        super().__init__(coordinator, scenario, num_worlds, device, parameters)
         self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
         self.mpcc = Mpcc(self.scenario.curve, self.parameters, batch=batch, device=self.device)
 
@@ -285,8 +281,10 @@ class WithVectorField(Coordinated):
     remembers = ("_memory",)
     Parameters = FieldParameters
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(
+        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
+    ):
+        super().__init__(coordinator, scenario, num_worlds, device, parameters)
         self._field = field_of(self.scenario, self.parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 

@@ -71,8 +71,8 @@ class Safe(Filter):
     communicates = "positions of ring neighbours"
     remembers = ("_memory",)
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        super().__init__(scenario, num_worlds, device, parameters)
         scenario, constants = self.scenario, Constants()
         if self.parameters.speed_max is None:
             limit = speed_limit(scenario, self.parameters)

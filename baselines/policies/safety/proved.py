@@ -82,8 +82,8 @@ class Proved(Filter):
     stays_inside = True
     communicates = "committed tails, from every robot to every other within the step"
 
-    def __init__(self, *given: Any, **named: Any):
-        super().__init__(*given, **named)
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+        super().__init__(scenario, num_worlds, device, parameters)
         if self.scenario.robot.reverses:
             rule = f"must be 0 for cars behind {self.suffix}, whose tails end at rest [m/s]"
             raise ValueError(f"robot.speed_min {rule}, got {self.scenario.robot.lowest_speed:g}")
