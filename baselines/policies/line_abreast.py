@@ -93,7 +93,7 @@ class LineAbreast(TimedPaths):
 
     Parameters = LineParameters
 
-    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
 

@@ -10,6 +10,7 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -308,7 +309,7 @@ def _ranked(room: Room, parameters: PartitionParameters) -> list[tuple[tuple, Sh
 
 
 def _score(entry: tuple) -> tuple[float, float, float]:
-    """Return the score of a shape or plan: worst-case undetected time, share never visited, time between visits."""
+    """Return the rating of a shape or plan."""
     return entry[0]
 
 
@@ -319,11 +320,24 @@ def _compare(compared: list[tuple], room: Room, shape: Shape, pattern: tuple) ->
         return
     limit = 1.5 * min(compared, key=_score)[0][0] if compared else math.inf
     thin, step = _thinned(placed, room)
-    never, longest = coverage(thin, half, room.sensing)
+    compared.append((rating_of(thin, half, room, step, limit), shape, pattern))
+
+
+def rating_of(
+    loop: np.ndarray, extent: Any, room: Room, step: float = 1.0, limit: float = math.inf, coarse: bool = False
+) -> tuple[float, float, float]:
+    """Return how well robots on loops (N, K, 2), with places `step` apart, watch a rectangle with half extents (2,).
+
+    Returns:
+        Worst-case undetected time [control step], infinite above `limit`; share of places that are never visited; and
+        longest time between two visits [control step]. `coverage` describes `coarse`.
+    """
+    half = (float(extent[0]), float(extent[1]))
+    unvisited, gap = coverage(loop, half, room.sensing, coarse)
     worst = math.inf
-    if never == 0:
-        worst = worst_undetected_time(thin, half, room.sensing, room.target_speed, step, limit)
-    compared.append(((worst, never, longest * step), shape, pattern))
+    if unvisited == 0:
+        worst = worst_undetected_time(loop, half, room.sensing, room.target_speed, step, limit)
+    return worst, unvisited, gap * step
 
 
 def _thinned(placed: np.ndarray, room: Room) -> tuple[np.ndarray, float]:

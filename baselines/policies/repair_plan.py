@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines.policies.ideal_motion import coverage, worst_undetected_time
 from baselines.policies.loops import are_adjacent, closed_loop, evenly_spaced, length_of
-from baselines.policies.partition_plan import PartitionLoops, Room, smallest_distance, speed_on
+from baselines.policies.partition_plan import PartitionLoops, Room, rating_of, smallest_distance, speed_on
 
 SHAPES = 4
 """Loops of different shapes for each case."""
@@ -191,24 +190,10 @@ def _quality(half: np.ndarray, around: np.ndarray, room: Room, offset: float) ->
         if min(k, m) > 0 and min(cost[k - 1, m], cost[k, m - 1]) >= _UNKNOWN:  # farther away it is no better
             cost[k, m] = max(cost[k - 1, m], cost[k, m - 1]) + 0.1
             continue
-        worst, unvisited, gap = _watched(half, around + offset * np.array([k, m]), room, coarse=True)
+        moved = around + offset * np.array([k, m])
+        worst, unvisited, gap = rating_of(moved[None], half, room, coarse=True)
         cost[k, m] = min(worst / len(around), _UNKNOWN + gap / len(around)) + _UNKNOWN * unvisited
     return cost
-
-
-def _watched(half: np.ndarray, loop: np.ndarray, room: Room, coarse: bool = False) -> tuple[float, float, float]:
-    """Return how one robot on a loop (K, 2) watches a rectangle.
-
-    Returns:
-        Worst-case undetected time [control step], share of places that are never visited, and longest time between two
-        visits [control step].
-    """
-    place = (float(half[0]), float(half[1]))
-    unvisited, gap = coverage(loop[None], place, room.sensing, coarse)
-    worst = math.inf
-    if unvisited == 0:
-        worst = worst_undetected_time(loop[None], place, room.sensing, room.target_speed, 1.0)
-    return worst, unvisited, gap
 
 
 def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
@@ -221,7 +206,7 @@ def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
             loop = closed_loop(size[0], size[1], corner)
             if loop is not None and _is_drivable(loop, corner, room, count):
                 around = evenly_spaced(loop, count)
-                rated.append((*_watched(half, around, room), len(rated), around))
+                rated.append((*rating_of(around[None], half, room), len(rated), around))
     rated.sort(key=lambda rating: rating[:4])
     distinct: list[np.ndarray] = []
     for *_, around in rated:
