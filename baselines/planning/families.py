@@ -1,9 +1,9 @@
 """The families of plans: the included policies, the best known plans, partitions, lines, loops, and formations.
 
-The included policies with their defaults and the best known plans are played on the scenario as it is, so no plan is
-printed that is worse. Of formations, curves with a + b = N are the paper's, with its bounds (6), (7) and (8). Other
-curves are tried too where N equally spaced robots of the undisturbed formation neither collide nor leave a gap, by
-`lissajous_env.theory.geometry`.
+The included policies with their defaults and the best known plans are played on the scenario as it is, so that no
+printed plan is worse than they are. Of formations, curves with a + b = N are the paper's, with its bounds (6), (7) and
+(8). Other curves are tried too where N equally spaced robots of the undisturbed formation neither collide nor leave a
+gap, by `lissajous_env.theory.geometry`.
 """
 
 import itertools

@@ -55,7 +55,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Figures:
-    """The figures of a plan from its episodes; a time without a bound is infinite."""
+    """Numbers that describe the episodes of a plan; a time without a bound is infinite."""
 
     worst_case: float
     """Worst-case undetected time of all episodes without failures [s]."""
@@ -187,7 +187,7 @@ def worst_case(rows: Sequence[dict[str, Any]]) -> float:
 def bounds_of(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> list[float]:
     """Return a worst-case undetected time of each episode [s]; infinite if an episode shows no bound.
 
-    That is so, too, where the time was still growing at the end, for less than half of the episode.
+    An episode whose time was still growing in its last step shows none, even if it is not open.
     """
     return [math.inf if row[OPEN.name] or row[GROWN] else row[name] for row in rows]
 

@@ -34,7 +34,7 @@ _SCREENED, _SCREENED_LOSSES = 2, 8
 _LOST_AT = 0.25
 """Share of an episode after which robots are removed: early enough for a gap to grow for more than half of it."""
 _SHARE = 0.5
-"""Duration of an episode of a first look, over that of a final one."""
+"""Duration of an episode of a first look, as a share of that of a final one."""
 _EVERY = 8
 """Steps between two looks at whether an episode may end early."""
 _COARSE, _COARSE_CELLS_IN_A_SENSOR = 40, 2.5
@@ -166,7 +166,7 @@ def play(plan: Plan, episodes: Episodes) -> Planned:
 
 
 def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = ()) -> Planned:
-    """Return a plan with the figures of episodes that were played, and of whole ones in which robots are lost."""
+    """Return a plan with the figures of the played episodes, and of others that it plays, with lost robots."""
     plan, scenario, rows, failed = run.plan, run.simulation.scenario, run.rows(), []
     if losses:
         lossy = _Run(plan, episodes.with_failures(scenario), episodes.seed, losses)

@@ -1,4 +1,4 @@
-"""The request of a user, and the scenario on which its plans are compared: the scenario."""
+"""The request of a user, and the scenario on which its plans are compared."""
 
 import dataclasses
 import math

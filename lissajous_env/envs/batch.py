@@ -32,16 +32,16 @@ from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import ENDED, RUNNING
 
 FIRST_SCENARIOS = 64
-"""Number of first scenarios of a split, whose largest team and most targets a batch has room for."""
+"""Number of scenarios at the beginning of a split among which a batch finds the largest team and the most targets."""
 _FROM_SYSTEM, _NEXT = -2, -1
-"""Seeds of a world's next episode: one of the operating system, or the one that follows from the latest."""
+"""In place of the seed of a world's next episode: the operating system draws it, or it follows from the latest one."""
 
 
 class Batch:
     """W worlds in groups of one scenario each.
 
-    Without a space all worlds are one group. Of a space, each group draws its first scenario at its first reset, and
-    its next one whenever all of its worlds are reset together. Scenarios, and the episodes in them, depend on the seed
+    Without a space all worlds are one group. With a space, each group draws its first scenario at its first reset, and
+    the next one whenever all of its worlds are reset together. Scenarios, and the episodes in them, depend on the seed
     and on the number of the group alone. Scenarios with more robots or more target slots than the first
     `FIRST_SCENARIOS` of the split have are skipped.
 
@@ -54,7 +54,7 @@ class Batch:
         scenario: Name of a scenario, or a `Scenario`; a space of scenarios, its file, or SPACE:SPLIT, where SPLIT is a
             split or a shift, by default `train`.
         num_worlds: W.
-        num_groups: Number of groups of a space, which divides W.
+        num_groups: Number of groups that draw from a space, a divisor of W.
         roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
         robots: Policy that drives the robots if only the rogues act: the name of a policy, or folder of a checkpoint; a
             policy for so many worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
@@ -63,8 +63,8 @@ class Batch:
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
         threads: CPU threads; all cores by default.
-        seed: Seed of world 0, where world k has seed + k, or of the draws from a space; by default that of the first
-            episode comes from the operating system.
+        seed: Seed of world 0 (world k has seed + k), or of the draws from a space; by default, the operating system
+            draws one.
         overrides: Fields of the scenario, or of all scenarios of the space.
 
     Raises:
@@ -92,7 +92,7 @@ class Batch:
         if rest or self.group_size == 0:
             raise ValueError(f"num_worlds must be a multiple of num_groups ({num_groups}), got {num_worlds}")
         self._device, self._cores = device, cores() if threads is None else whole_number("threads", threads)
-        # A thread steps each of many groups; threads share the worlds of few.
+        # One thread steps each of many groups; all threads share the worlds of few groups.
         self._threads = 1 if 1 < num_groups >= self._cores else threads
         self._joined: Work | None = None
         self._max_cycles = max_cycles
@@ -140,8 +140,8 @@ class Batch:
         """Set the seeds of the next episode of some worlds, in ascending order; None leaves them as they are.
 
         Args:
-            seed: A number, where world k has seed + k, or a number for each of these worlds. Of a space, a number from
-                which the sequence of its scenarios follows.
+            seed: A number, where world k has seed + k, or a number for each of these worlds. With a space, a number
+                from which the sequence of its scenarios follows.
             worlds: Indices of the worlds; all by default.
 
         Raises:
@@ -218,7 +218,7 @@ class Batch:
         self._advance()
 
     def _advance(self) -> None:
-        """Advance all groups, many of them in parallel, but on a GPU and with functions of the user's own."""
+        """Advance all groups: many of them in parallel, except on a GPU or with a user's Python functions."""
         works = [simulation.stages.work for simulation in self.simulations]
         if self._joined is None and len(works) > 1 and self._threads == 1 and None not in works:
             tasks = [[launch for task in work.tasks for launch in task] for work in works if work is not None]
@@ -269,7 +269,7 @@ class Batch:
         return np.concatenate([simulation.clock.stage.numpy() for simulation in self.simulations])
 
     def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
-        """Return the score row of the latest episode of the masked worlds so far, of a space with its `scenario`."""
+        """Return the score rows so far of the episodes of the masked worlds; with a space, they name the scenario."""
         rows = []
         for group, simulation in enumerate(self.simulations):
             name = {} if self.space is None else {"scenario": simulation.scenario.name}
@@ -287,7 +287,7 @@ class Batch:
         return parts[0] if len(parts) == 1 else library.concatenate(parts)
 
     def save_state(self) -> dict[str, np.ndarray]:
-        """Copy everything that changes during steps, without a space of scenarios, by name."""
+        """Return copies of all arrays that change during steps, by name; not for a space of scenarios."""
         return self.simulation.save_state()
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:

@@ -27,8 +27,8 @@ class OneWorld:
 
     Attributes:
         batch: The batch.
-        scenario: Scenario of the episode; of a space, before the first reset, the first one of the split.
-        simulation: World of the episode; of a space, each reset makes another one.
+        scenario: Scenario of the episode; with a space, the first one of the split until the first reset.
+        simulation: Simulation of the episode; with a space, each reset makes another one.
     """
 
     batch: Batch
@@ -65,7 +65,7 @@ class OneWorld:
     def score(self) -> dict[str, Any]:
         """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`.
 
-        Of a space, it also contains the name of the `scenario`.
+        With a space, it also contains the name of the `scenario`.
         """
         return self.batch.score(np.ones(1, dtype=bool))[0]
 

@@ -24,8 +24,8 @@ LARGE = 1e30
 class Rows(NamedTuple):
     """One side of W worlds with N places: NumPy arrays, or torch tensors on the device.
 
-    Places that a scenario does not have are terminated, with rows and rewards of zeros. They are views of the
-    simulation's memory, which the next step overwrites, or copies.
+    Places that a scenario does not have are terminated, with rows and rewards of zeros. The arrays are copies, or views
+    of the simulation's memory that the next step overwrites.
     """
 
     observation: Any
