@@ -198,8 +198,8 @@ class Training:
         reward = step.reward + numbers["penalty"] * (step.collided + _NEAR * task.reward_collision * near * step.acted)
         reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
         # Two robots take part in a collision.
-        per_robot = (step.collided / (task.reward_collision or 1.0)).sum() / max(step.acted.sum(), 1.0)
-        rate = 0.5 * per_robot * self.worlds.steps * self.worlds.side.places
+        per_team = 0.5 * (step.collided / (task.reward_collision or 1.0)).sum() / len(step.over)
+        rate = per_team * self.worlds.steps
         numbers["collided"] += (rate - numbers["collided"]) / 200
         self._returns = self._returns * settings.gamma + reward
         numbers["variance"] += (self._returns.var() - numbers["variance"]) / (1 + min(numbers["counted"], 300))

@@ -14,14 +14,18 @@ import baselines
 from baselines.policies.base import Policy
 from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import GONE, HIDDEN, WORKING
+from lissajous_env.world.state import DRIFTING, FLEEING, GONE, HIDDEN, WANDERING, WORKING
 from training.learned.checkpoint import prefixed, within
-from training.learned.perception import commanded_velocity, perceive, wish_of
+from training.learned.perception import axes_of, commanded_velocity, half_of, perceive, speed_unit, to_walls, wish_of
 from training.settings import TrainingSettings
 
-TRUTH = ("target", "robot", "x", "y", "distance", "near", "observers", "other_distance")
-"""Numbers of a token of the critic: its kind; direction, and distance d as d / (1 + d) and as 1 - d [sight]; and of a
-target the other robots that have it in sight, at most 2, and the distance of the nearest of them."""
+TRUTH = (
+    *("target", "robot", "x", "y", "distance", "near", "right", "upper", "left", "lower"),
+    *("observers", "other_distance", "flees", "x_velocity", "y_velocity"),
+)
+"""Numbers of a token of the critic: its kind; direction, and distance d as d / (1 + d) and as 1 - d [sight]; distances
+to the walls [2 sights]; and of a target the other robots that have it in sight, at most 2, the distance of the nearest
+of them, whether it flees, and its velocity while it drifts or wanders [top speed]."""
 MOST_TARGETS = 16
 """Number of targets of which the critic reads the places."""
 _GOLDEN = 0.618034
@@ -102,7 +106,8 @@ class Worlds:
         scenarios = [simulation.scenario for simulation in self.batch.simulations]
         wishes: Sequence[np.ndarray | None] = self._wishes or [None] * len(scenarios)
         parts = [perceive(*of) for of in zip(self._observations(), scenarios, wishes, strict=True)]
-        return [self._flat(part) for part in zip(*parts, strict=True)]
+        *rows, self._axes = [self._flat(part) for part in zip(*parts, strict=True)]
+        return rows
 
     def truth(self) -> list[np.ndarray]:
         """Return tokens (B, K, F) and presence (B, K) for the critic, sightings (B,) and nearness (B,): see `truth`."""
@@ -115,8 +120,9 @@ class Worlds:
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def step(self, actions: np.ndarray) -> Step:
-        """Advance all worlds with actions (B, A), after which `begin` begins the next episodes, if any."""
+        """Advance all worlds with actions (B, A) along the robots' axes; `begin` then begins the next episodes, if any."""
         batch, side = self.batch, self.side
+        actions = np.concatenate([actions[:, :2] * self._axes[:, : actions.shape[1]], actions[:, 2:]], axis=1)
         actions = actions.reshape(batch.num_worlds, side.places, -1).clip(-1, 1).astype(np.float32)
         for group, simulation in enumerate(batch.simulations):
             if simulation.scenario.task.action == "velocity":
@@ -188,15 +194,21 @@ def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
         sum of 1 for each one that it touches, and less up to a gap of a body's diameter.
     """
     sight = np.float32(simulation.scenario.sight)
+    axes = axes_of(simulation.observation.numpy(), simulation.scenario)
     robots = simulation.robots.position.numpy()[..., :2] / sight
     works = simulation.robots.status.numpy() == WORKING
-    targets, stage = simulation.targets.position.numpy() / sight, simulation.targets.stage.numpy()
+    stage = simulation.targets.stage.numpy()
     there = (stage != int(HIDDEN)) & (stage != int(GONE))
-    if there.shape[1] > MOST_TARGETS:
-        first = np.argsort(~there, axis=1, kind="stable")[:, :MOST_TARGETS]
-        targets, there = np.take_along_axis(targets, first[..., None], 1), np.take_along_axis(there, first, 1)
+    first = np.argsort(~there, axis=1, kind="stable")[:, :MOST_TARGETS]
+    there, motion, speed, heading = (
+        np.take_along_axis(of, first, 1)
+        for of in (there, *(getattr(simulation.targets, name).numpy() for name in ("motion", "speed", "heading")))
+    )
+    targets = np.take_along_axis(simulation.targets.position.numpy() / sight, first[..., None], 1)
+    pace = np.where((motion == int(DRIFTING)) | (motion == int(WANDERING)), speed / speed_unit(simulation.scenario), 0)
     count = there.shape[1]
-    offset = np.concatenate([targets, robots], axis=1)[:, None] - robots[:, :, None]
+    places = np.concatenate([targets, robots], axis=1)[:, None] * axes[:, :, None]
+    offset = places - robots[:, :, None] * axes[:, :, None]
     distance = np.sqrt((offset**2).sum(axis=-1))
     others = ~np.eye(robots.shape[1], dtype=bool) & works[:, None]
     present = np.concatenate([np.broadcast_to(there[:, None], distance[..., :count].shape), others], axis=2)
@@ -209,7 +221,11 @@ def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     tokens[:, :, :count, 0], tokens[:, :, count:, 1] = 1, 1
     tokens[..., 2:4] = offset / np.maximum(distance, np.float32(1e-6))[..., None]
     tokens[..., 4], tokens[..., 5] = distance / (1 + distance), np.maximum(1 - distance, 0)
-    tokens[:, :, :count, 6], tokens[:, :, :count, 7] = np.minimum(observers, 2), other / (1 + other)
+    tokens[..., 6:10] = to_walls(places, half_of(simulation.scenario), 2)
+    tokens[:, :, :count, 10], tokens[:, :, :count, 11] = np.minimum(observers, 2), other / (1 + other)
+    tokens[:, :, :count, 12] = (motion == int(FLEEING))[:, None]
+    velocity = pace[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    tokens[:, :, :count, 13:] = velocity[:, None] * axes[:, :, None]
     own = (sighted & (observers == 0)).sum(axis=-1).astype(np.float32)
     gap = distance[..., count:] / np.float32(2 * simulation.scenario.robot.radius / sight) - 1
     near = np.where(others & works[..., None], np.clip(1 - gap, 0, 1), 0).sum(axis=-1)

@@ -4,6 +4,9 @@ A token is a track, a teammate or, where the observation has none of these, a ta
 are relative to the robot, in units of `sensing.sight` and of the top speed, and a network pools its tokens, so that one
 network plays teams, rectangles and numbers of targets of any size. The numbers of a track that relate it to teammates
 and other tracks save the network attention between tokens.
+
+Where actions are velocities, a rectangle and its mirror images are the same task. The axes of each robot therefore
+point from the middle of the rectangle towards its own quarter, so that a network does not have to learn it four times.
 """
 
 from typing import NamedTuple
@@ -38,10 +41,13 @@ Phases and neighbours are 0 where actions are velocities, for which the paper's 
 TOKEN = (
     *("track", "teammate", "target", "robot", "x", "y", "distance", "near", "x_velocity", "y_velocity"),
     *("age", "own", "other", "leaves", "mate_distance", "closer_mates", "crowd", "x_crowd", "y_crowd"),
+    *("away", "right", "upper", "left", "lower"),
 )
 """Numbers of a token: its kind; direction, distance d as d / (1 + d) and as 1 - d [sight]; velocity [top speed]; age
-and flags; and of a track the distance d of the teammate nearest to it as d / (1 + d), the teammates that are nearer to
-it than the robot [4], the tracks within sight of it [4], and their mean place relative to it [sight]."""
+and flags; of a track the distance d of the teammate nearest to it as d / (1 + d), the teammates that are nearer to it
+than the robot [4], the tracks within sight of it [4], and their mean place relative to it [sight]; its speed away from
+the robot [top speed]; and its distances to the walls [2 sights]."""
+_WALLS = TOKEN.index("right")
 _FAR = np.float32(1e4)
 """Distance of a teammate that is not there [sight]."""
 _REST = np.float32(0.25)
@@ -59,6 +65,8 @@ class Perception(NamedTuple):
     """(W, N, K, F) numbers `TOKEN` of each token."""
     present: np.ndarray
     """(W, N, K) 1 where there is a token, else 0."""
+    axes: np.ndarray
+    """(W, N, 2) directions of the robot's axes, 1 or -1 along x and y: the factors of all vectors."""
 
 
 def wish_of(base: Policy, observation: np.ndarray) -> np.ndarray:
@@ -88,8 +96,9 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         wish: (W, N, A) actions that a base wishes, if there is one.
     """
     sensing, sight, top = scenario.sensing, scenario.sight, speed_unit(scenario)
-    half = np.array([scenario.curve.half_width, scenario.curve.half_height], np.float32) / np.float32(sight)
-    here = observation[..., :2] * half
+    half = half_of(scenario)
+    axes = axes_of(observation, scenario)
+    here = observation[..., :2] * half * axes
     parts = {}
     for start, kinds in (
         (len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES), {"robot": ROBOT_ENTRIES, "target": TARGET_ENTRIES}),
@@ -98,7 +107,12 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         first = start
         for kind, entries in kinds.items():
             count, size = getattr(sensing, f"{kind}s_seen"), len(entries)
-            parts[kind] = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
+            part = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
+            part = part.copy()
+            for k, (name, *_) in enumerate(entries):
+                if name[0] in "xy":
+                    part[..., k] *= axes[..., "xy".index(name[0]), None]
+            parts[kind] = part
             first += count * size
     chosen = ["track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"]
     count = sum(parts[kind].shape[2] for kind in chosen)
@@ -119,18 +133,21 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         token[..., 4:6] = offset / np.maximum(distance, np.float32(1e-6))[..., None]  # x, y
         token[..., 6] = distance / (1 + distance)
         token[..., 7] = np.maximum(1 - distance, 0)  # near
+        token[..., _WALLS - 1] = (token[..., 4:6] * token[..., 8:10]).sum(axis=-1)  # away
+        token[..., _WALLS:] = to_walls(here[:, :, None] + offset, half, 2)
         token *= part[..., :1] > 0.5
     own = np.zeros((*here.shape[:2], len(OWN)), np.float32)
     own[..., :4] = observation[..., [2, 3, 4, 7]]  # heading, speed, works
-    own[..., 6:8], own[..., 8:10] = np.clip((half - here) / 4, 0, 1), np.clip((half + here) / 4, 0, 1)  # walls
+    own[..., :2] *= axes
+    own[..., 6:10] = to_walls(here, half, 4)
     own[..., 10:12] = half / 8
     own[..., 12], own[..., 13] = scenario.num_robots / 8, top * scenario.task.step / sight
     if scenario.task.action != "velocity":
         own[..., 4:6] = observation[..., 5:7]  # phase
         own[..., 14:-2] = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + len(OWN) - 16]
     if wish is not None:
-        own[..., len(OWN) - 2 : len(OWN) - 2 + wish.shape[-1]] = wish[..., :2]
-    return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
+        own[..., len(OWN) - 2 : len(OWN) - 2 + wish.shape[-1]] = wish[..., :2] * axes[..., : wish.shape[-1]]
+    return Perception(own, tokens, tokens[..., :4].sum(axis=-1), axes)
 
 
 def _describe_tracks(
@@ -169,8 +186,30 @@ def _describe_tracks(
     close = (_length(between) < 1) & there[:, :, None] & ~np.eye(offset.shape[2], dtype=bool)
     crowd = close.sum(axis=-1)
     token[..., 16] = crowd / np.float32(4)
-    token[..., 17:] = (between * close[..., None]).sum(axis=3) / np.maximum(crowd, 1)[..., None]  # x_crowd, y_crowd
+    token[..., 17:19] = (between * close[..., None]).sum(axis=3) / np.maximum(crowd, 1)[..., None]  # x_crowd, y_crowd
     return offset
+
+
+def axes_of(observation: np.ndarray, scenario: Scenario) -> np.ndarray:
+    """Return the directions (W, N, 2) of the robots' axes: 1 where actions are no velocities."""
+    sides = observation[..., :2] if scenario.task.action == "velocity" else np.zeros((*observation.shape[:2], 2))
+    return np.where(sides < 0, np.float32(-1), np.float32(1))
+
+
+def half_of(scenario: Scenario) -> np.ndarray:
+    """Return half of the width and of the height (2,) [sight]."""
+    return np.array([scenario.curve.half_width, scenario.curve.half_height], np.float32) / np.float32(scenario.sight)
+
+
+def to_walls(places: np.ndarray, half: np.ndarray, unit: float) -> np.ndarray:
+    """Return the distances (..., 4) of places (..., 2) [sight] to the right, upper, left and lower wall, at most 1.
+
+    Args:
+        places: Places.
+        half: Half of the width and of the height (2,) [sight].
+        unit: Unit of the distances [sight].
+    """
+    return np.clip(np.concatenate([half - places, half + places], axis=-1) / np.float32(unit), 0, 1)
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:

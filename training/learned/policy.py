@@ -120,7 +120,9 @@ class LearnedTeam(Policy):
         """Return the actions; entries far outside of their ranges count as at most 10."""
         observation = observation.clip(-10.0, 10.0)
         wish = None if self.base is None else wish_of(self.base, observation)
-        outputs, self._memory = self.network(perceive(observation, self.scenario, wish), self._memory)
+        seen = perceive(observation, self.scenario, wish)
+        outputs, self._memory = self.network(seen, self._memory)
+        outputs[..., :2] *= seen.axes[..., : outputs.shape[-1]]
         if wish is not None:
             outputs[..., :2] += wish[..., :2]
         action = np.zeros(self.action.shape, np.float32)
