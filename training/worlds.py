@@ -14,7 +14,8 @@ import baselines
 from baselines.policies.base import Policy
 from lissajous_env.envs.batch import Batch, padded
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import DRIFTING, FLEEING, GONE, HIDDEN, WANDERING, WORKING
+from lissajous_env.world.state import GONE, HIDDEN, WORKING
+from lissajous_env.world.targets.motion import DRIFTING, FLEEING, WANDERING
 from training.learned.checkpoint import prefixed, within
 from training.learned.perception import axes_of, commanded_velocity, half_of, perceive, speed_unit, to_walls, wish_of
 from training.settings import TrainingSettings
@@ -120,7 +121,7 @@ class Worlds:
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def step(self, actions: np.ndarray) -> Step:
-        """Advance all worlds with actions (B, A) along the robots' axes; `begin` then begins the next episodes, if any."""
+        """Advance all worlds with actions (B, A) along the robots' axes; `begin` then begins episodes, if any."""
         batch, side = self.batch, self.side
         actions = np.concatenate([actions[:, :2] * self._axes[:, : actions.shape[1]], actions[:, 2:]], axis=1)
         actions = actions.reshape(batch.num_worlds, side.places, -1).clip(-1, 1).astype(np.float32)
