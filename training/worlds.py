@@ -107,8 +107,7 @@ class Worlds:
         scenarios = [simulation.scenario for simulation in self.batch.simulations]
         wishes: Sequence[np.ndarray | None] = self._wishes or [None] * len(scenarios)
         parts = [perceive(*of) for of in zip(self._observations(), scenarios, wishes, strict=True)]
-        *rows, self._axes = [self._flat(part) for part in zip(*parts, strict=True)]
-        return rows
+        return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def truth(self) -> list[np.ndarray]:
         """Return tokens (B, K, F) and presence (B, K) for the critic, sightings (B,) and nearness (B,): see `truth`."""
@@ -123,12 +122,13 @@ class Worlds:
     def step(self, actions: np.ndarray) -> Step:
         """Advance all worlds with actions (B, A) along the robots' axes; `begin` then begins episodes, if any."""
         batch, side = self.batch, self.side
-        actions = np.concatenate([actions[:, :2] * self._axes[:, : actions.shape[1]], actions[:, 2:]], axis=1)
         actions = actions.reshape(batch.num_worlds, side.places, -1).clip(-1, 1).astype(np.float32)
         for group, simulation in enumerate(batch.simulations):
             if simulation.scenario.task.action == "velocity":
                 part = actions[batch.worlds_of(group), : simulation.num_robots]
-                part[..., :2] = commanded_velocity(part[..., :2], simulation.observation.numpy(), simulation.scenario)
+                observation = simulation.observation.numpy()
+                wish = part[..., :2] * axes_of(observation, simulation.scenario)
+                part[..., :2] = commanded_velocity(wish, observation, simulation.scenario)
         before = batch.rows(side)
         acted = (before.mask.astype(bool) & ~before.terminated.astype(bool)).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})

@@ -65,8 +65,6 @@ class Perception(NamedTuple):
     """(W, N, K, F) numbers `TOKEN` of each token."""
     present: np.ndarray
     """(W, N, K) 1 where there is a token, else 0."""
-    axes: np.ndarray
-    """(W, N, 2) directions of the robot's axes, 1 or -1 along x and y: the factors of all vectors."""
 
 
 def wish_of(base: Policy, observation: np.ndarray) -> np.ndarray:
@@ -147,7 +145,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         own[..., 14:-2] = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + len(OWN) - 16]
     if wish is not None:
         own[..., len(OWN) - 2 : len(OWN) - 2 + wish.shape[-1]] = wish[..., :2] * axes[..., : wish.shape[-1]]
-    return Perception(own, tokens, tokens[..., :4].sum(axis=-1), axes)
+    return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
 
 
 def _describe_tracks(
@@ -191,7 +189,10 @@ def _describe_tracks(
 
 
 def axes_of(observation: np.ndarray, scenario: Scenario) -> np.ndarray:
-    """Return the directions (W, N, 2) of the robots' axes: 1 where actions are no velocities."""
+    """Return the directions (W, N, 2) of the robots' axes, 1 or -1 along x and y; 1 where actions are no velocities.
+
+    The numbers of a robot, and the outputs of a network, are those of vectors that are multiplied by them.
+    """
     sides = observation[..., :2] if scenario.task.action == "velocity" else np.zeros((*observation.shape[:2], 2))
     return np.where(sides < 0, np.float32(-1), np.float32(1))
 

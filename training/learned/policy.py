@@ -17,7 +17,7 @@ from lissajous_env import Scenario
 from lissajous_env.wording import few_of
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.perception import commanded_velocity, perceive, wish_of
+from training.learned.perception import axes_of, commanded_velocity, perceive, wish_of
 from training.learned.team_network import TeamNetwork
 
 
@@ -120,9 +120,8 @@ class LearnedTeam(Policy):
         """Return the actions; entries far outside of their ranges count as at most 10."""
         observation = observation.clip(-10.0, 10.0)
         wish = None if self.base is None else wish_of(self.base, observation)
-        seen = perceive(observation, self.scenario, wish)
-        outputs, self._memory = self.network(seen, self._memory)
-        outputs[..., :2] *= seen.axes[..., : outputs.shape[-1]]
+        outputs, self._memory = self.network(perceive(observation, self.scenario, wish), self._memory)
+        outputs[..., :2] *= axes_of(observation, self.scenario)[..., : outputs.shape[-1]]
         if wish is not None:
             outputs[..., :2] += wish[..., :2]
         action = np.zeros(self.action.shape, np.float32)
