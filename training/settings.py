@@ -43,7 +43,7 @@ class TrainingSettings(Checked):
     """Folder for the results; the same command resumes from its last checkpoint."""
     seed: int = whole(0, 0, 999)
     """Seed of the worlds, initial weights and exploration."""
-    steps: int = whole(3_000_000, 1, 10**15)
+    steps: int = whole(4_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
     worlds: int = whole(64, 1, 1_000_000)
     """Environments that are stepped together; for a space, at least one for each of `groups`."""
@@ -77,7 +77,7 @@ class TrainingSettings(Checked):
     """Clipping of the ratio of the likelihoods of an action."""
     divergence: float = number(0.06, 1e-6, 1e6)
     """Divergence from the policy of the rollout at which the actor is not updated further with it."""
-    gamma: float = number(0.97, 0, 1)
+    gamma: float = number(0.985, 0, 1)
     """Discount factor per step."""
     gae_lambda: float = number(0.9, 0, 1)
     """Lambda of generalized advantage estimation."""
