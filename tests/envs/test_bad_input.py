@@ -95,6 +95,8 @@ def test_worlds_and_seeds_of_a_reset():
     simulation = Simulation("failure", 3)
     for given, words in RESETS:
         assert_refused(simulation, lambda given=given: simulation.reset(*given), words)
+    simulation.reset(seeds=[0, 1, 2**31 - 1])
+    assert simulation.clock.seed.numpy().tolist() == [0, 1, 2**31 - 1]
 
 
 # The environments.
