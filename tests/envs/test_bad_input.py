@@ -198,6 +198,7 @@ CALLS = [
     ("vector", "step", {"actions": np.zeros((3, 5))}, r"actions must be numbers of shape \(3, 5, 1\), got \(3, 5\)"),
     *(("discrete", "step", {"actions": actions}, DISCRETE)
       for actions in (np.zeros((3, 5)), np.full((3, 5), 7), np.full((3, 5), -1), np.zeros((3, 4), int), 0)),
+    ("discrete", "step", {"actions": np.full((3, 5), 7)}, "whole number from 0 to 6, got 7$"),
 ]  # fmt: skip
 
 
