@@ -192,7 +192,8 @@ def table() -> dict[str, list]:
         for entry in tried:
             if room in (entry["room"], "all"):
                 samples[entry["commit"] == BEFORE].append(entry["outcome"])
-        rows.append([room, *share(samples[False]), *share(samples[True])])
+        if any(samples.values()):
+            rows.append([room, *share(samples[False]), *share(samples[True])])
     died = "died (95 % interval)"
     return {"columns": ["room", "mutants", died, "mutants of 0.18.0", f"{died}, 0.18.0"], "rows": rows}
 

@@ -20,11 +20,8 @@ import lissajous_env
 from lissajous_env.console.terminal import parse_overrides
 
 SCORES = ("spacing_factor", "phase_error", "min_separation")
-CARS = {
-    "cannot follow the curve": (),
-    "can follow it": ("robot.steering_max=0.8", "robot.model_offset=None"),
-}
-"""Changes of the scenario, by what its cars can do."""
+CARS = {"0.48 m": (), "0.17 m": ("robot.steering_max=0.8", "robot.model_offset=None")}
+"""Changes of the scenario, by the tightest turn of its cars."""
 LOSSES = {"none": 0.0, "10 %": 0.1}
 RUNS = ("ROS 2", "simulation with disturbed actions", "simulation")
 
@@ -92,7 +89,15 @@ def main() -> None:
     parser.add_argument("--pace", type=float, default=1000.0, help="largest number of simulated seconds per second")
     given = parser.parse_args()
     rows = [row for cars in CARS for loss in LOSSES for row in rows_of(given, cars, loss)]
-    columns = ["cars", "messages lost", "run", "spacing factor", "phase error", "smallest separation [m]", "stops"]
+    columns = [
+        "tightest turn",
+        "messages lost",
+        "run",
+        "spacing factor",
+        "phase error",
+        "smallest separation [m]",
+        "stops",
+    ]
     figures.publish("ros", "runs over ROS 2 and the simulation", {"columns": columns, "rows": rows}, given.store)
 
 
