@@ -4,11 +4,12 @@
     python benchmarks/learned.py --scenario intercept --trainings runs/5 runs/6 runs/7 --store
     python benchmarks/learned.py --space watch-v1 --store
     python benchmarks/learned.py --ablations runs/* --store
+    python benchmarks/learned.py --curves runs/* --store
 
 The first two commands add the best policies of some trainings to the comparison on a scenario, and name the training
 whose validation is best. The third one plays the scenarios of a space, in its split `test` and its shifts, with the
-best policy and its rival. The last one compares complete trainings by the options in which they differ from the
-defaults, by their policies after the last step, with the rule on the same scenario.
+best policy and its rival. The fourth one compares complete trainings by the options in which they differ from the
+defaults, by their policies after the last step, with the rule on the same scenario. The last one has their validations.
 """
 
 import itertools
@@ -43,6 +44,8 @@ SPACES = {
     "hotspots-v1": ("index-learned", "lanes"),
 }
 """Policies that are compared on each space: the best one and its rival."""
+SHARES = 0.125, 0.25, 0.5, 0.75, 1.0
+"""Shares of the steps of a training at which its validations are shown."""
 SCENARIOS, EPISODES = 24, 8
 """Number of scenarios of each split of a space, and of the worlds of each of these."""
 
@@ -124,12 +127,8 @@ def on_space(name: str) -> figures.Table:
 
 def on_ablations(trainings: list[str]) -> figures.Table:
     """Return the table of the policies after the last step, one row for trainings that differ only in their seeds."""
-    groups, rules, rows, rule = defaultdict(list), {}, [], ""
-    for folder in trainings:
-        text = checkpoint.read_text(folder)
-        if text["training"]["curve"][-1]["steps"] >= text["settings"]["steps"]:
-            groups[options_of(text["settings"])].append((folder, text))
-    for (options, steps), members in groups.items():
+    rules, rows, rule = {}, [], ""
+    for (_, options, steps), members in grouped(trainings).items():
         settings, rule = members[0][1]["settings"], members[0][1]["training"]["rival"]
         scenario = lissajous_env.scenario(settings["scenario"], **settings["overrides"])
         if scenario not in rules:
@@ -141,6 +140,33 @@ def on_ablations(trainings: list[str]) -> figures.Table:
         rows.append([f"`{options}`" if options else "defaults", f"{steps / 1e6:g}", str(len(members)), *numbers])
     columns = ["options", "million steps", "trainings", "targets in sight", f"over `{rule}`", "collisions"]
     return {"columns": [*columns, f"of `{rule}`"], "rows": rows}
+
+
+def on_curves(trainings: list[str]) -> figures.Table:
+    """Return the table of the validations of trainings, relative to the rule, one row for those of several seeds."""
+    rows = []
+    for (scenario, options, steps), members in grouped(trainings).items():
+        curves = [{point["steps"]: point["worth"] for point in text["training"]["curve"]} for _, text in members]
+        shares = []
+        for share in SHARES:
+            worths = [curve[min(curve, key=lambda at: abs(at - share * steps))] for curve in curves]
+            shares.append(f"{np.mean(worths):.3f} ({min(worths):.3f} to {max(worths):.3f})")
+        minutes = np.mean([text["training"]["curve"][-1]["seconds"] for _, text in members]) / 60
+        name = f"`{scenario}`" + (f", `{options}`" if options else "")
+        rows.append([name, f"{steps / 1e6:g}", str(len(members)), *shares, f"{minutes:.0f}"])
+    at = [f"at {share:.1%}".replace(".0%", "%").replace("%", " %") for share in SHARES]
+    return {"columns": ["trainings on", "million steps", "seeds", *at, "minutes each"], "rows": rows}
+
+
+def grouped(trainings: list[str]) -> dict[tuple[str, str, int], list[tuple[str, dict[str, Any]]]]:
+    """Return the complete trainings, each with its checkpoint, by their scenario, options and steps."""
+    groups = defaultdict(list)
+    for folder in trainings:
+        text = checkpoint.read_text(folder)
+        settings = text["settings"]
+        if text["training"]["curve"][-1]["steps"] >= settings["steps"]:
+            groups[(settings["scenario"], *options_of(settings))].append((folder, text))
+    return groups
 
 
 def options_of(settings: dict[str, Any]) -> tuple[str, int]:
@@ -164,12 +190,15 @@ def main() -> None:
     parser.add_argument("--scenario", default="watch", choices=list(POLICIES), help="scenario of the comparison")
     parser.add_argument("--space", choices=list(SPACES), help="play the splits of a space instead of a scenario")
     parser.add_argument("--ablations", nargs="+", metavar="FOLDER", help="folders of trainings to compare by settings")
+    parser.add_argument("--curves", nargs="+", metavar="FOLDER", help="folders of trainings whose validations to show")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     if options.trainings:
         print(f"best validation: {preferred(options.trainings)}")
     if options.ablations:
         figures.publish("ablations", f"{len(SEEDS)} worlds", on_ablations(options.ablations), options.store)
+    elif options.curves:
+        figures.publish("curves", "validations", on_curves(options.curves), options.store)
     elif options.space:
         figures.publish(options.space, "test and shifts", on_space(options.space), options.store)
     else:

@@ -9,6 +9,7 @@ Where actions are velocities, a rectangle and its mirror images are the same tas
 point from the middle of the rectangle towards its own quarter, so that a network does not have to learn it four times.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,7 @@ TOKEN = (
 and flags; of a track the distance d of the teammate nearest to it as d / (1 + d), the teammates that are nearer to it
 than the robot [4], the tracks within sight of it [4], and their mean place relative to it [sight]; its speed away from
 the robot [top speed]; and its distances to the walls [2 sights]."""
-_WALLS = TOKEN.index("right")
+_AWAY, _WALLS = TOKEN.index("away"), TOKEN.index("right")
 _FAR = np.float32(1e4)
 """Distance of a teammate that is not there [sight]."""
 _REST = np.float32(0.25)
@@ -106,11 +107,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         for kind, entries in kinds.items():
             count, size = getattr(sensing, f"{kind}s_seen"), len(entries)
             part = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
-            part = part.copy()
-            for k, (name, *_) in enumerate(entries):
-                if name[0] in "xy":
-                    part[..., k] *= axes[..., "xy".index(name[0]), None]
-            parts[kind] = part
+            parts[kind] = _along(axes, part, [name for name, *_ in entries])
             first += count * size
     chosen = ["track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"]
     count = sum(parts[kind].shape[2] for kind in chosen)
@@ -131,7 +128,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         token[..., 4:6] = offset / np.maximum(distance, np.float32(1e-6))[..., None]  # x, y
         token[..., 6] = distance / (1 + distance)
         token[..., 7] = np.maximum(1 - distance, 0)  # near
-        token[..., _WALLS - 1] = (token[..., 4:6] * token[..., 8:10]).sum(axis=-1)  # away
+        token[..., _AWAY] = (token[..., 4:6] * token[..., 8:10]).sum(axis=-1)
         token[..., _WALLS:] = to_walls(here[:, :, None] + offset, half, 2)
         token *= part[..., :1] > 0.5
     own = np.zeros((*here.shape[:2], len(OWN)), np.float32)
@@ -146,6 +143,12 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
     if wish is not None:
         own[..., len(OWN) - 2 : len(OWN) - 2 + wish.shape[-1]] = wish[..., :2] * axes[..., : wish.shape[-1]]
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
+
+
+def _along(axes: np.ndarray, part: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Return entries (W, N, K, E) with these names whose vectors have components along the robots' axes (W, N, 2)."""
+    signs, none = {"x": axes[..., :1], "y": axes[..., 1:]}, np.ones_like(axes[..., :1])
+    return part * np.concatenate([signs.get(name[0], none) for name in names], axis=-1)[:, :, None]
 
 
 def _describe_tracks(
