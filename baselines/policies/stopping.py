@@ -5,7 +5,7 @@ With `task.boundary = wall`, the centre of a body is inside the walls where it i
 the right as fast as it can, or keeps straight on. The rule lets an action pass if the drive is in K during the step and
 can stop after it, as its motion predicts for both ends of the spreads of motors and wheels. Otherwise it takes the
 first action for which this is so: the yaw rate is blended with that of a way to stop that the drive has now, with the
-speed that is wanted, then with half of it, and then with none.
+speed that is wanted and then with half of it. If there is none, the drive stops in this way.
 
 A drive that can stop never meets a wall, if its measurements are exact and its constants are those of the scenario: it
 can brake on for the rest of its way, and at rest it can turn on the spot until it may leave. No circle has to fit
@@ -171,7 +171,7 @@ def stopping(room: Room, robot: RobotStruct, drive: Drive, want: wp.vec2) -> wp.
     if is_safe_after(room, robot, half, drive, want):
         return want
     turning = turn_to_stop(room, robot, half, drive, want[1])
-    for k in range(SPEEDS + 1):
+    for k in range(SPEEDS):
         for n in range(BLENDS + 1):
             share = float(n) / float(BLENDS)
             action = wp.vec2(want[0] * (1.0 - float(k) / float(SPEEDS)), want[1] + share * (turning - want[1]))
