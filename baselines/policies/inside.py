@@ -48,9 +48,9 @@ nothing.
 
 The rule is part of every policy that drives cars (`baselines.Policy`), classical or learned, also of one that drives
 other robots as if they were cars; the argument is about cars, though, and not about robots that move like them only
-roughly. Differential drives have another rule after it, `baselines.policies.stopping`. A filter decides after it; if the filter does not prevent contacts with walls itself
-(`Filter.stays_inside`), the rule is applied once more to its actions. An action that no policy computes, as that of a
-function or of an agent in training, is not changed.
+roughly. Differential drives have one more rule after it (`baselines.policies.stopping`). A filter decides after the
+rule; if the filter does not prevent contacts with walls itself (`Filter.stays_inside`), the rule is applied once more
+to its actions. An action that no policy computes, as that of a function or of an agent in training, is not changed.
 """
 
 import math
