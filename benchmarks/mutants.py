@@ -2,8 +2,9 @@
 
 A mutant is a copy of the code with one change: another operator, comparison or number, a negated condition, a loop that
 does not run. In a clone of a commit, tests run until one fails, the shortest first: those that execute the changed line
-in this process, or, if none is known to, as for kernels, all tests of the room. A mutant *dies* if a test fails or does
-not end. Some of those that survive are equivalent: their change has no effect, as that of a limit that nothing reaches.
+in this process, or, if none is known to, as for kernels, all tests of the room; and at most for `MOST_SECONDS` of
+processor time. A mutant *dies* if a test fails or does not end. Some of those that survive are equivalent: their change
+has no effect, as that of a limit that nothing reaches. Tests of other rooms might find some more.
 
 `benchmarks/mutants.jsonl` contains all mutants that were tried, and a second call with the same commit continues its
 sample. `--commit` tries those of another commit by the tests of that commit. The table counts all of them.
@@ -19,11 +20,13 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from importlib.util import cache_from_source
 from pathlib import Path
 
 import figures
+import numpy as np
 import pytest
 from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import use_mutation
@@ -63,13 +66,17 @@ OPERATORS = (
 LIBRARIES = ("hypothesis", "warp", "gymnasium", "pettingzoo", "matplotlib.pyplot", "torch", "stable_baselines3")
 """Libraries that are imported before the processes of the tests are forked: this saves most of their start."""
 SECONDS = "seconds.json"
-"""File in the clone with the seconds of each test that passes without a mutant."""
+"""File in the clone with the processor time of each test that passes without a mutant [s]."""
+MOST_SECONDS = 10.0
+"""Processor time of the tests that run for a mutant [s]."""
+TIMEOUT = 300.0
+"""Time after which they are stopped [s]."""
 TRIED = Path(__file__).with_name("mutants.jsonl")
 FORK = multiprocessing.get_context("fork")
 
 
 class _Tests:
-    """Plugin of pytest that runs the tests `order`, or all if None, and then stores the seconds of those that pass."""
+    """Plugin of pytest that runs the tests `order`, or all if None, and then stores the time of those that pass."""
 
     def __init__(self, order: Sequence[str] | None) -> None:
         self.order, self.seconds = order, {}
@@ -79,9 +86,12 @@ class _Tests:
             rank = {test: place for place, test in enumerate(self.order)}
             items[:] = sorted((item for item in items if item.nodeid in rank), key=lambda item: rank[item.nodeid])
 
+    def pytest_runtest_logstart(self) -> None:
+        self.began = time.process_time()
+
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.when == "call" and report.passed:
-            self.seconds[report.nodeid] = report.duration
+            self.seconds[report.nodeid] = time.process_time() - self.began
 
     def pytest_sessionfinish(self) -> None:
         if self.order is None:
@@ -120,7 +130,7 @@ def mutants_of(room: str, root: Path) -> Iterator[MutationSpec]:
 
 
 def tests_of_lines(room: str, root: Path) -> tuple[CoverageData, dict[str, float]]:
-    """Run the tests of a room; return which of them execute which line, and the seconds of those that pass."""
+    """Run the tests of a room; return which of them execute which line, and the time of those that pass [s]."""
     data = root / ".coverage"
     data.unlink(missing_ok=True)
     packages = (f"--cov={package}" for package in ("lissajous_env", "baselines", "training"))
@@ -144,11 +154,12 @@ def try_mutants(room: str, count: int, commit: str, root: Path) -> None:
         lines = range(mutant.start_pos[0], mutant.end_pos[0] + 1)
         executing = {context.partition("|")[0] for line in lines for context in contexts.get(line, ())} & seconds.keys()
         order = sorted(executing or seconds, key=lambda test: seconds[test])
+        order = order[: np.searchsorted(np.cumsum([seconds[test] for test in order]), MOST_SECONDS) + 1]
         files = sorted({test.partition("::")[0] for test in order})
         with use_mutation(mutant.module_path, get_operator(mutant.operator_name)(), mutant.occurrence):
             compiled = Path(cache_from_source(str(mutant.module_path)))
             compiled.unlink(missing_ok=True)  # Its time stamp has seconds, and a mutant may live for less.
-            survived = run(["-x", *files], order, timeout=120 + 5 * sum(seconds[test] for test in order))
+            survived = run(["-x", *files], order, timeout=TIMEOUT)
             compiled.unlink(missing_ok=True)
         place = f"{mutant.module_path.relative_to(root)}:{mutant.start_pos[0]}"
         operator, outcome = mutant.operator_name.removeprefix("core/"), "survived" if survived else "died"
@@ -181,7 +192,8 @@ def table() -> dict[str, list]:
         for entry in tried:
             if room in (entry["room"], "all"):
                 samples[entry["commit"] == BEFORE].append(entry["outcome"])
-        rows.append([room, *share(samples[False]), *share(samples[True])])
+        if any(samples.values()):
+            rows.append([room, *share(samples[False]), *share(samples[True])])
     died = "died (95 % interval)"
     return {"columns": ["room", "mutants", died, "mutants of 0.18.0", f"{died}, 0.18.0"], "rows": rows}
 

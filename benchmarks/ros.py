@@ -1,10 +1,10 @@
-"""Compare runs over ROS 2 with the simulation: `python benchmarks/ros.py --seeds 0 1 2 3 --loss 0 0.1`.
+"""Compare runs over ROS 2 with the simulation: `python benchmarks/ros.py --seeds 0 1 2 3 --store`.
 
-Each run over ROS 2 is of a world and all robots as nodes on this machine. Beside its scores are those of the
-simulation of the same seed, and of the simulation with actions disturbed by 1e-6: where cars cannot follow the curve,
-as in `experiment`, such a disturbance grows until the episode is another one, and only means over seeds can be
-compared. `--set robot.steering_max=0.8` makes cars that can. With losses, all sides lose this fraction of the messages,
-each at random.
+Each run over ROS 2 is of a world and all robots as nodes on this machine. Its scores are divided by those of the
+simulation of the same seed, as are those of a simulation with actions disturbed by 1e-6: where cars cannot follow the
+curve, as in `experiment`, such a disturbance grows until the episode is another one, and only means over seeds can be
+compared. With losses, all sides lose this fraction of the messages, each at random. `--store` puts the table into
+docs/figures.json.
 """
 
 import argparse
@@ -12,13 +12,18 @@ import json
 import subprocess
 import sys
 
+import figures
 import numpy as np
 
 import baselines
 import lissajous_env
 from lissajous_env.console.terminal import parse_overrides
 
-SCORES = ("spacing_factor", "min_separation", "phase_error")
+SCORES = ("spacing_factor", "phase_error", "min_separation")
+CARS = {"0.48 m": (), "0.17 m": ("robot.steering_max=0.8", "robot.model_offset=None")}
+"""Changes of the scenario, by the tightest turn of its cars."""
+LOSSES = {"none": 0.0, "10 %": 0.1}
+RUNS = ("ROS 2", "simulation with disturbed actions", "simulation")
 
 
 class Disturbed:
@@ -40,6 +45,7 @@ class Disturbed:
 
 
 def over_ros(given: argparse.Namespace, changes: list[str], seed: int) -> dict:
+    """Return the score row of a run over ROS 2, with the number of `stops` by a limit or a jump of the clock."""
     arguments = ["--scenario", given.scenario, "--policy", given.policy, "--seed", str(seed), "--json"]
     arguments += ["--pace", str(given.pace)]
     command = [sys.executable, "-m", "lissajous_env", "ros", "launch", *arguments, "--set", *changes]
@@ -51,41 +57,48 @@ def over_ros(given: argparse.Namespace, changes: list[str], seed: int) -> dict:
 
 
 def simulated(given: argparse.Namespace, changes: list[str], seed: int, disturbs: bool) -> dict:
+    """Return the score row of a simulation."""
     made = lissajous_env.scenario(given.scenario, **parse_overrides((tuple(changes),)))
     policy = baselines.make(given.policy, made)
     return lissajous_env.evaluate(Disturbed(policy, seed) if disturbs else policy, made, seeds=[seed])[0]
 
 
-def print_row(loss: float, seed: str, name: str, sides: list[float]) -> None:
-    ros, simulation, disturbed = sides
-    ratios = f"{ros / simulation:9.3f} {disturbed / simulation:9.3f}"
-    print(f"{loss:5g} {seed:>5} {name:<15} {ros:8.4f} {simulation:10.4f} {disturbed:10.4f} {ratios}", flush=True)
+def rows_of(given: argparse.Namespace, cars: str, loss: str) -> list[list[str]]:
+    """Return the rows of the table for one kind of cars and one loss of messages."""
+    changes = [*CARS[cars], f"task.duration={given.duration}", f"noise.message_loss={LOSSES[loss]}"]
+    played = [
+        (over_ros(given, changes, seed), *(simulated(given, changes, seed, disturbs) for disturbs in (True, False)))
+        for seed in given.seeds
+    ]
+    scores = np.array([[[row[name] for name in SCORES] for row in rows] for rows in played])  # (seeds, runs, scores)
+    ratios = scores.mean(axis=0) / scores.mean(axis=0)[-1]
+    least, most = scores[..., -1].min(axis=0), scores[..., -1].max(axis=0)
+    stops = str(sum(rows[0]["stops"] for rows in played)), "", ""
+    return [
+        [cars, loss, run, *(f"{ratio:.2f}" for ratio in ratios[k, :-1]), f"{least[k]:.2f} to {most[k]:.2f}", stops[k]]
+        for k, run in enumerate(RUNS)
+    ]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = figures.parser(__doc__)
     parser.add_argument("--scenario", default="experiment")
     parser.add_argument("--policy", default="kuramoto-mpcc")
     parser.add_argument("--duration", type=float, default=60.0)
-    parser.add_argument("--loss", type=float, nargs="+", default=[0.0, 0.1])
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--pace", type=float, default=1000.0, help="largest number of simulated seconds per second")
-    parser.add_argument("--set", nargs="+", default=[])
     given = parser.parse_args()
-    titles = f"{'ROS 2':>8} {'simulation':>10} {'disturbed':>10} {'ROS 2':>9} {'disturbed':>9}"
-    print(f"{'loss':>5} {'seed':>5} {'score':<15} {titles}")
-    for loss in given.loss:
-        changes = [*given.set, f"task.duration={given.duration}", f"noise.message_loss={loss}"]
-        played, stops = [], 0
-        for seed in given.seeds:
-            rows = [over_ros(given, changes, seed), *(simulated(given, changes, seed, each) for each in (False, True))]
-            stops += rows[0]["stops"]
-            played.append([[row[name] for row in rows] for name in SCORES])
-            for name, sides in zip(SCORES, played[-1], strict=True):
-                print_row(loss, str(seed), name, sides)
-        for name, sides in zip(SCORES, np.mean(played, axis=0).tolist(), strict=True):
-            print_row(loss, "mean", name, sides)
-        print(f"{loss:5g} robots that stopped by a rule: {stops}", flush=True)
+    rows = [row for cars in CARS for loss in LOSSES for row in rows_of(given, cars, loss)]
+    columns = [
+        "tightest turn",
+        "messages lost",
+        "run",
+        "spacing factor",
+        "phase error",
+        "smallest separation [m]",
+        "stops",
+    ]
+    figures.publish("ros", "runs over ROS 2 and the simulation", {"columns": columns, "rows": rows}, given.store)
 
 
 if __name__ == "__main__":

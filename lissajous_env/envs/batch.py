@@ -269,12 +269,9 @@ class Batch:
         return np.concatenate([simulation.clock.stage.numpy() for simulation in self.simulations])
 
     def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
-        """Return the score rows so far of the episodes of the masked worlds; with a space, they name the scenario."""
-        rows = []
-        for group, simulation in enumerate(self.simulations):
-            name = {} if self.space is None else {"scenario": simulation.scenario.name}
-            rows += [name | row for row in simulation.score(worlds[self.worlds_of(group)])]
-        return rows
+        """Return the score rows so far of the episodes of the masked worlds (W,)."""
+        scores = (sim.score(worlds[self.worlds_of(group)]) for group, sim in enumerate(self.simulations))
+        return [row for rows in scores for row in rows]
 
     def state(self, library: Any = np) -> Any:
         """Return (W, S) the true state of each world; see `lissajous_env.envs.true_state`.

@@ -63,10 +63,7 @@ class OneWorld:
         return self.simulation.score_names
 
     def score(self) -> dict[str, Any]:
-        """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`.
-
-        With a space, it also contains the name of the `scenario`.
-        """
+        """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
         return self.batch.score(np.ones(1, dtype=bool))[0]
 
     def render(self) -> np.ndarray | None:

@@ -8,6 +8,7 @@ import math
 import os
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,6 +73,8 @@ def test_summary_is_the_statistics_of_the_episodes(whole):
     assert summary["references"] == {"failure": "kuramoto"}
     assert summary["seeds"] == list(range(5))
     assert summary["machine"]["cores"] == os.cpu_count()
+    total = int(Path("/proc/meminfo").read_text().split()[1]) / 2**20
+    assert summary["machine"]["memory_gib"] == pytest.approx(total, abs=0.1)
 
 
 @pytest.mark.parametrize("torn", ['{"scenario": "fail', "\x00\x00\x00"])

@@ -95,6 +95,8 @@ def test_worlds_and_seeds_of_a_reset():
     simulation = Simulation("failure", 3)
     for given, words in RESETS:
         assert_refused(simulation, lambda given=given: simulation.reset(*given), words)
+    simulation.reset(seeds=[0, 1, 2**31 - 1])
+    assert simulation.clock.seed.numpy().tolist() == [0, 1, 2**31 - 1]
 
 
 # The environments.
@@ -196,6 +198,7 @@ CALLS = [
     ("vector", "step", {"actions": np.zeros((3, 5))}, r"actions must be numbers of shape \(3, 5, 1\), got \(3, 5\)"),
     *(("discrete", "step", {"actions": actions}, DISCRETE)
       for actions in (np.zeros((3, 5)), np.full((3, 5), 7), np.full((3, 5), -1), np.zeros((3, 4), int), 0)),
+    ("discrete", "step", {"actions": np.full((3, 5), 7)}, "whole number from 0 to 6, got 7$"),
 ]  # fmt: skip
 
 

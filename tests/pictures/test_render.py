@@ -83,6 +83,7 @@ def test_a_target_is_red_flashes_when_detected_and_vanishes():
         around(renderer, with_one_target(seen, found_at), FREE, 16)
         for found_at in (int(NEVER), seen.step - 2, seen.step - 11)
     )
+    assert with_one_target(seen, int(NEVER)).mean_detection_time(step=0.1) == pytest.approx(1.2)
     assert count_near(at_large, palette.TARGET) > 20
     assert count_near(flash, palette.TARGET) == 0
     assert count_near(flash, palette.FOUND, 90) > 10

@@ -33,6 +33,12 @@ def mean_speed(world):
     return world.robots.speed.mean(axis=1)
 
 
+@lissajous_env.score_column("last")
+def last_speed(world):
+    """Mean speed of the team after the last step [m/s]."""
+    return world.robots.speed.mean(axis=1)
+
+
 @lissajous_env.score_column("max")
 @stage(WORLD, writes="value_out")
 def steps_max(w, clock, value_out: wp.array(dtype=wp.float64)):
@@ -85,7 +91,7 @@ def test_a_term_adds_to_the_reward_and_nothing_else_changes(term):
 
 def test_a_column_is_reduced_over_the_episode_and_starts_anew_with_it():
     # Oracle: the speeds of each step.
-    scenario = made(mean_speed, steps_max)
+    scenario = made(mean_speed, last_speed, steps_max)
     simulation, speeds = lissajous_env.Simulation(scenario, 2, seed=3), []
     assert np.isnan(simulation.score()[0]["mean_speed"])
     for _ in range(5):
@@ -93,6 +99,7 @@ def test_a_column_is_reduced_over_the_episode_and_starts_anew_with_it():
         speeds.append(simulation.robots.speed.numpy().mean(axis=1))
     rows = simulation.score()
     assert [row["mean_speed"] for row in rows] == pytest.approx(np.mean(speeds, axis=0), abs=1e-6)
+    assert [row["last_speed"] for row in rows] == pytest.approx(speeds[-1], abs=1e-6)
     assert [row["steps_max"] for row in rows] == [5, 5]
     simulation.reset([1])
     assert simulation.score()[0]["steps_max"] == 5

@@ -181,6 +181,7 @@ def test_replacing_a_link_leaves_its_target(tmp_path):
         temporary.write_text("new")
     assert (tmp_path / "target").read_text() == "mine"
     assert not (tmp_path / "link.csv").is_symlink()
+    assert (tmp_path / "link.csv").stat().st_mode == (tmp_path / "target").stat().st_mode
 
 
 @pytest.mark.parametrize(
