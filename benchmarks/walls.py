@@ -1,4 +1,4 @@
-"""Policies inside walls: `python benchmarks/walls.py --store`.
+"""Policies inside walls: `python benchmarks/walls.py --store`, and with `--kind differential` those of drives.
 
 Each policy of a scenario is played with `task.boundary = wall`. A cell shows the longest worst-case undetected time of
 all seeds where there are rogues, `>` if it was still growing at the end of one of them, and the collisions per episode.
@@ -72,7 +72,7 @@ def cell_of(name: str, scenario: Scenario, seeds: range) -> str:
     return ", ".join(parts)
 
 
-def policies_of(scenario: str) -> list[str]:
+def policies_of(scenario: Scenario) -> list[str]:
     """Return the included policies that are played in a scenario, with the filters of some of them."""
     every = baselines.names(scenario)
     plain = [name for name in every if not name.endswith(("-safe", "-proved")) and name not in LEFT_OUT]
@@ -86,14 +86,17 @@ def main() -> None:
     parser.add_argument("--policies", nargs="*", help="names; by default all of a scenario")
     parser.add_argument("--episodes", type=int, default=8)
     parser.add_argument("--seed", type=int, default=30_000)
+    parser.add_argument("--kind", default="car", help="car, or differential, which is stored as a table of its own")
+    parser.add_argument("--start", help="formation.start, if not that of the scenario, for a table of its own")
     parser.add_argument("--boundary", default="wall", help="wall, or open for comparison")
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     seeds = range(options.seed, options.seed + options.episodes)
     cells: dict[str, dict[str, str]] = {}
     for name in options.scenarios:
-        scenario = lissajous_env.scenario(name, **{"task.boundary": options.boundary})
-        for policy in options.policies or policies_of(name):
+        fields = {"task.boundary": options.boundary, "robot.kind": options.kind, "formation.start": options.start}
+        scenario = lissajous_env.scenario(name, **{field: value for field, value in fields.items() if value})
+        for policy in options.policies or policies_of(scenario):
             try:
                 cell = cell_of(policy, scenario, seeds)
             except UnsuitableScenarioError:
@@ -102,7 +105,9 @@ def main() -> None:
             print(name, policy, cell, sep="\t", flush=True)
     rows = [[f"`{policy}`", *(of.get(name, "") for name in options.scenarios)] for policy, of in cells.items()]
     table = {"columns": ["policy", *(f"`{name}`" for name in options.scenarios)], "rows": rows}
-    figures.publish("walls", f"{options.boundary}, {len(seeds)} episodes each", table, options.store)
+    parts = ["walls", "drives" if options.kind == "differential" else "", options.start]
+    options.table = "-".join(filter(None, parts))
+    figures.publish(options.table, f"{options.boundary}, {len(seeds)} episodes each", table, options.store)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.inside import Inside
+from baselines.policies.stopping import Stopping
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.program import launcher
@@ -175,12 +176,18 @@ class Policy(Copyable, Remembering):
         self.observation_shape = (*self.shape, layout(self.scenario).size)
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
-        self._inside = None
-        if self.wall_rule and Inside.suits(self.scenario):
-            self._inside = Inside(self.scenario, self.num_worlds, self.device)
+        self._inside: Inside | Stopping | None = None
+        for rule in (Inside, Stopping):
+            if self.wall_rule and rule.suits(self.scenario):
+                self._inside = rule(self.scenario, self.num_worlds, self.device)
         self._compiled = False
         self.launch = launcher(self.device)
         """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
+
+    def reset(self, worlds: Any = None) -> None:  # noqa: D102 -- see the base class
+        super().reset(worlds)
+        if isinstance(self._inside, Stopping):
+            clear_worlds(self._inside.yaw_rate, world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D); a subclass implements this.

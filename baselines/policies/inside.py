@@ -48,9 +48,9 @@ nothing.
 
 The rule is part of every policy that drives cars (`baselines.Policy`), classical or learned, also of one that drives
 other robots as if they were cars; the argument is about cars, though, and not about robots that move like them only
-roughly. A filter decides after it; if the filter does not prevent contacts with walls itself
-(`Filter.stays_inside`), the rule is applied once more to its actions. An action that no policy computes, as that of a
-function or of an agent in training, is not changed.
+roughly. Differential drives have one more rule after it (`baselines.policies.stopping`). A filter decides after the
+rule; if the filter does not prevent contacts with walls itself (`Filter.stays_inside`), the rule is applied once more
+to its actions. An action that no policy computes, as that of a function or of an agent in training, is not changed.
 """
 
 import math
@@ -86,7 +86,7 @@ BLENDS = wp.constant(4)
 HEADINGS = wp.constant(64)
 """Number of headings at which a turn may end; a multiple of 4, so that they contain those at which it is at the edge of
 K."""
-_ROUNDING = 1e-5
+ROUNDING = 1e-5
 """Bound of the rounding errors of places, relative to the rectangle."""
 
 
@@ -357,12 +357,18 @@ class Inside(Copyable):
         self._launch(stay_inside, self._shape, [self._walls, self._robot, self._curve, observation], [action])
 
 
+def margin_of(scenario: Scenario) -> float:
+    """Return the width of the strip along the edge in which no centre of a body is, that of K [m]."""
+    rounding = ROUNDING * (scenario.curve.half_width + scenario.curve.half_height)
+    return (1 + CLEARANCE) * scenario.robot.radius + DEVIATIONS * scenario.noise.position + 2 * rounding
+
+
 def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     """Return the constants of the rule."""
     robot, noise, curve = scenario.robot, scenario.noise, scenario.curve
     walls: Any = Walls()
-    walls.rounding = _ROUNDING * (curve.half_width + curve.half_height)
-    margin = (1 + CLEARANCE) * robot.radius + DEVIATIONS * noise.position + 2 * walls.rounding
+    walls.rounding = ROUNDING * (curve.half_width + curve.half_height)
+    margin = margin_of(scenario)
     walls.half_width, walls.half_height = curve.half_width - margin, curve.half_height - margin
     walls.shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
     walls.longest = robot.wheelbase * (1 + SPREAD_MAX * noise.wheelbase_spread)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -104,6 +105,9 @@ def test_the_command_prints_its_radii(capsys):
     assert code == 0
     given = json.loads(said)
     assert [round(row["radius"], 2) for row in given["evaders"]] == [0.35, 0.96, 1.56]
+    _, table, _ = told(capsys, "guarantee", "evaders", "--radii", 3, "--cells", 40)
+    words = r"0\.30 +0\.0594 +for ever\s+0\.955 +0\.82 +> 6 +1\.5\s+1\.56 +1\.35 +> 6 +0\.0\s"
+    assert re.search(words, table)
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,8 @@ def test_a_contact_is_ringed():
     renderer = Renderer(simulation.scenario)
     before, after = (renderer.draw(dataclasses.replace(seen, contact=np.array(pairs))) for pairs in ([], [[0, 1]]))
     assert count_near(after, palette.CONTACT) > count_near(before, palette.CONTACT) + 200
+    y, x = np.argwhere((after != before).any(axis=-1)).mean(axis=0)
+    assert (x, y) == pytest.approx(renderer.view.place(seen.position[:2, :2].mean(axis=0)), abs=2)
 
 
 def test_ground_darkens_where_it_was_not_sensed():

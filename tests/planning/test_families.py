@@ -113,6 +113,9 @@ def test_differential_drives_are_planned_for_with_their_acceleration():
     assert task.task.boundary == "wall"
     families = families_of(task)
     assert {family.name for family in families if family.starts} >= {"partition", "lines", "Lissajous", "loops"}
+    loops = families[-1]
+    low, high = loops.space["cruise"]
+    assert all(low <= start["cruise"] <= high for start in loops.starts)
     small = {"width": 3.5, "height": 1.1, "robot_radius": 0.0566, "sensor_radius": 0.6, "speed": 3.6}
     fast = Request(**small, robots=3, robot="differential", acceleration=51.8).scenario_of(3)
     assert fast.robot.top_yaw_rate * fast.task.step / fast.task.substeps < math.pi

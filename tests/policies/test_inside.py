@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 import warp as wp
+from choices import playing_all
 
 import baselines
 import lissajous_env
+from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.inside import Walls, is_safe, walls_of
 from lissajous_env.device.structs import RobotStruct, to_struct
 
@@ -147,6 +149,27 @@ def test_no_policy_meets_a_wall_or_is_blocked_by_one(name):
         assert name.endswith("-proved") or row["blocked_time"] == 0
         assert row["distance_mean"] > 1.0
         assert not name.endswith("-proved") or row["collisions"] == 0
+
+
+SMALL = {"task.boundary": "wall", "task.contamination": None, "task.duration": 8.0}
+SHIPPED = [
+    (kind, name)
+    for kind in ("car", "differential")
+    for name in playing_all(baselines.names(lissajous_env.scenario("evaders", **SMALL, **{"robot.kind": kind})))
+]
+
+
+@pytest.mark.parametrize(("kind", "name"), SHIPPED)
+def test_every_included_policy_of_cars_and_drives_stays_inside_or_refuses(kind, name):
+    made = lissajous_env.scenario("evaders", **SMALL, **{"robot.kind": kind})
+    try:
+        policy = baselines.make(name, made, 2)
+    except UnsuitableScenarioError as refusal:
+        assert str(refusal).startswith("line-abreast requires ")  # noqa: PT017 -- other policies accept the scenario
+        assert name.startswith("line-abreast")
+        return
+    for row in lissajous_env.evaluate(policy, made, range(2)):
+        assert row["wall_contacts"] == row["partly_outside_time"] == 0
 
 
 def test_messages_and_actions_that_leave_a_way_out_pass():

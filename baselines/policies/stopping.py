@@ -1,0 +1,266 @@
+"""The rule by which differential drives stay inside walls: every action leaves a drive a way to stop.
+
+With `task.boundary = wall`, the centre of a body is inside the walls where it is in K, the rectangle of
+`baselines.policies.inside`. A drive **can stop** if it stays in K while it brakes to rest and turns to the left or to
+the right as fast as it can, or keeps straight on. The rule lets an action pass if the drive is in K during the step and
+can stop after it, as its motion predicts for both ends of the spreads of motors and wheels. Otherwise it takes the
+first action for which this is so: the yaw rate is blended with that of a way to stop that the drive has now, with the
+speed that is wanted and then with half of it. If there is none, the drive stops in this way.
+
+A drive that can stop never meets a wall, if its measurements are exact and its constants are those of the scenario: it
+can brake on for the rest of its way, and at rest it can turn on the spot until it may leave. No circle has to fit
+between the walls. A drive that is outside K, as at a wall, may do what does not lead it farther outside.
+
+The yaw rate is not observed, so the rule computes it from the actions that it returned; at the start it is 0.
+"""
+
+import math
+from typing import Any
+
+import warp as wp
+
+from baselines.policies.driving import SPREAD_MAX
+from baselines.policies.inside import DEVIATIONS, ROUNDING, margin_of
+from baselines.policies.own_row import own_heading, own_position, own_speed, own_works
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.copies import Copyable
+from lissajous_env.device.curve import CurveStruct, curve_struct
+from lissajous_env.device.devices import as_device
+from lissajous_env.device.program import launcher
+from lissajous_env.device.structs import RobotStruct, to_struct
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.robots.differential import commanded_speed, drive_step, ramp, yaw_limit
+
+wp.set_module_options(OPTIONS)
+
+BLENDS = wp.constant(4)
+"""Number of equal changes from the wanted yaw rate to that of a way to stop."""
+SPEEDS = wp.constant(2)
+"""Number of equal changes from the wanted speed to rest."""
+
+
+@wp.struct
+class Room:
+    """Constants of the rule."""
+
+    half: wp.vec2
+    """Half of the width and of the height of K [m]."""
+    rounding: wp.float32
+    """Bound of the rounding errors of places [m]."""
+    pushes: wp.vec2
+    """Accelerations of the weakest and of the strongest motor [m/s^2]."""
+    turns: wp.vec2
+    """Yaw rates of the widest and of the narrowest drive at an action of 1 [rad/s]."""
+    speed_unit: wp.float32
+    """Unit of an observed speed [m/s]."""
+    action_error: wp.float32
+    """Bound of the noise of an action."""
+    heading_error: wp.float32
+    """Bound of the error of a measured heading [rad]."""
+    turn: wp.float32
+    """Action of the yaw rate of a way to stop that turns."""
+    speed_error: wp.float32
+    """Bound of the error of a measured speed [m/s]."""
+    is_exact: wp.int32
+    """1 without noise and spreads."""
+    substep: wp.float32
+    """Time of an integration step [s]."""
+    substeps: wp.int32
+    """Integration steps in a control step."""
+    braking: wp.int32
+    """Integration steps in which the weakest motor brakes from the top speed."""
+
+
+@wp.struct
+class Drive:
+    """State of a drive."""
+
+    pose: wp.vec4
+    """x, y [m], heading [rad] and speed [m/s]."""
+    yaw_rate: wp.float32
+    """Yaw rate [rad/s]."""
+
+
+@wp.func
+def moved(room: Room, robot: RobotStruct, drive: Drive, speed: float, turning: float, push: float) -> Drive:
+    """Return a drive after an integration step towards a speed [m/s] and a yaw rate [rad/s]."""
+    most = yaw_limit(robot, drive.pose[3], ramp(drive.pose[3], speed, push * room.substep))
+    turned = wp.clamp(drive.yaw_rate, -most, most)
+    towards = wp.clamp(turning, -most, most)
+    after = Drive()
+    after.pose = drive_step(robot, drive.pose, turned, speed, towards, push, room.substep)
+    after.yaw_rate = ramp(turned, towards, robot.yaw_acceleration_max * room.substep)
+    return after
+
+
+@wp.func
+def is_in(room: Room, half: wp.vec2, drive: Drive) -> bool:
+    """Return whether a drive is in a rectangle of half extents `half` [m], within the rounding errors."""
+    x, y = wp.abs(drive.pose[0]), wp.abs(drive.pose[1])
+    return x <= half[0] + room.rounding and y <= half[1] + room.rounding
+
+
+@wp.func
+def can_stop(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> bool:
+    """Return whether a drive stays in a rectangle while it brakes with an action of the yaw rate."""
+    now = drive
+    for _ in range(room.braking):
+        if now.pose[3] == 0.0:
+            return True
+        now = moved(room, robot, now, 0.0, turn * room.turns[0], room.pushes[0])
+        if not is_in(room, half, now):
+            return False
+    return True
+
+
+@wp.func
+def beside(room: Room, action: float, side: float) -> float:
+    """Return the yaw rate of an action for the drive that turns farthest to a side, 1 or -1 [rad/s]."""
+    return action * wp.where(action * side > 0.0, room.turns[1], room.turns[0])
+
+
+@wp.func
+def is_safe_after(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, action: wp.vec2) -> bool:
+    """Return whether a drive of any motor and wheels stays in a rectangle during an action, and can stop after it.
+
+    With noise, the drive is faster than measured and heads to the left or to the right of what is measured and wanted.
+    """
+    speed = commanded_speed(robot, wp.clamp(action[0] + wp.sign(action[0]) * room.action_error, -1.0, 1.0))
+    for k in range(2 - room.is_exact):
+        side = wp.where(k == 0, 1.0, -1.0)
+        now = Drive()
+        now.pose = drive.pose
+        now.pose[2] += side * room.heading_error
+        now.pose[3] += wp.sign(drive.pose[3]) * room.speed_error
+        now.yaw_rate = beside(room, drive.yaw_rate / robot.yaw_rate_max, side)
+        turning = beside(room, wp.clamp(action[1] + side * room.action_error, -1.0, 1.0), side)
+        for _ in range(room.substeps):
+            now = moved(room, robot, now, speed, turning, room.pushes[k])
+            if not is_in(room, half, now):
+                return False
+        if not (
+            can_stop(room, robot, half, now, 0.0)
+            or can_stop(room, robot, half, now, room.turn)
+            or can_stop(room, robot, half, now, -room.turn)
+        ):
+            return False
+    return True
+
+
+@wp.func
+def turn_to_stop(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, want: float) -> float:
+    """Return the action of the yaw rate of a way to stop: to the wanted side, straight on, or to the other one.
+
+    Without a wanted side, or a way to stop, this is the side of the middle of the rectangle.
+    """
+    ahead = cos_sin(drive.pose[2])
+    middle = wp.where(ahead[0] * drive.pose[1] < ahead[1] * drive.pose[0], room.turn, -room.turn)
+    side = wp.where(wp.abs(want) > 1.0e-3, wp.sign(want) * room.turn, middle)
+    if can_stop(room, robot, half, drive, side):
+        return side
+    if can_stop(room, robot, half, drive, 0.0):
+        return 0.0
+    return wp.where(can_stop(room, robot, half, drive, -side), -side, middle)
+
+
+@wp.func
+def stopping(room: Room, robot: RobotStruct, drive: Drive, want: wp.vec2) -> wp.vec2:
+    """Return the wanted action, or the first of the others after which a drive can stop."""
+    half = wp.vec2(wp.max(room.half[0], wp.abs(drive.pose[0])), wp.max(room.half[1], wp.abs(drive.pose[1])))
+    if is_safe_after(room, robot, half, drive, want):
+        return want
+    turning = turn_to_stop(room, robot, half, drive, want[1])
+    for k in range(SPEEDS):
+        for n in range(BLENDS + 1):
+            share = float(n) / float(BLENDS)
+            action = wp.vec2(want[0] * (1.0 - float(k) / float(SPEEDS)), want[1] + share * (turning - want[1]))
+            if is_safe_after(room, robot, half, drive, action):
+                return action
+    return wp.vec2(0.0, turning)
+
+
+@wp.kernel
+def leave_a_way_to_stop(
+    room: Room,
+    robot: RobotStruct,
+    curve: CurveStruct,
+    observation: wp.array3d(dtype=float),
+    yaw_rate: wp.array2d(dtype=float),
+    action: wp.array3d(dtype=float),
+):
+    """Change the speeds and the yaw rates by the rule; an action that is not finite passes."""
+    w, i = wp.tid()
+    want = wp.vec2(action[w, i, 0], action[w, i, 1])
+    if not own_works(w, i, observation) or not wp.isfinite(want[0]) or not wp.isfinite(want[1]):
+        yaw_rate[w, i] = 0.0
+        return
+    place = own_position(w, i, curve, observation)
+    drive = Drive()
+    drive.pose = wp.vec4(
+        place[0], place[1], own_heading(w, i, observation), own_speed(w, i, room.speed_unit, observation)
+    )
+    drive.yaw_rate = yaw_rate[w, i]
+    clipped = wp.vec2(wp.clamp(want[0], -1.0, 1.0), wp.clamp(want[1], -1.0, 1.0))
+    chosen = stopping(room, robot, drive, clipped)
+    if chosen[0] != clipped[0] or chosen[1] != clipped[1]:
+        action[w, i, 0] = chosen[0]
+        action[w, i, 1] = chosen[1]
+    for _ in range(room.substeps):
+        speed = commanded_speed(robot, chosen[0])
+        drive = moved(room, robot, drive, speed, chosen[1] * robot.yaw_rate_max, robot.acceleration_max)
+    yaw_rate[w, i] = drive.yaw_rate
+
+
+class Stopping(Copyable):
+    """The rule for the differential drives of a scenario with walls, for W worlds on one device.
+
+    Args:
+        scenario: The scenario, resolved.
+        num_worlds: W.
+        device: Warp device.
+    """
+
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        shape = (num_worlds, scenario.num_robots)
+        self._room = room_of(scenario)
+        self._robot = to_struct(RobotStruct, scenario.robot)
+        self._curve = curve_struct(scenario.curve, as_device(device))
+        self.yaw_rate = wp.zeros(shape, dtype=wp.float32, device=as_device(device))
+        """(W, N) yaw rates before the next action [rad/s]; 0 when an episode begins."""
+        self._launch = launcher(device)
+
+    @staticmethod
+    def suits(scenario: Scenario) -> bool:
+        """Return whether the robots are differential drives between walls that are farther apart than a body."""
+        if scenario.actuation != "differential" or scenario.task.boundary != "wall":
+            return False
+        return margin_of(scenario) < min(scenario.curve.half_width, scenario.curve.half_height)
+
+    def __call__(self, observation: wp.array, action: wp.array) -> None:
+        """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""
+        given = [self._room, self._robot, self._curve, observation]
+        self._launch(leave_a_way_to_stop, self.yaw_rate.shape, given, [self.yaw_rate, action])
+
+
+def room_of(scenario: Scenario) -> Any:
+    """Return the constants of the rule."""
+    robot, noise, curve, task = scenario.robot, scenario.noise, scenario.curve, scenario.task
+    room: Any = Room()
+    margin = margin_of(scenario)
+    room.half = wp.vec2(curve.half_width - margin, curve.half_height - margin)
+    room.rounding = ROUNDING * (curve.half_width + curve.half_height)
+    motors = scenario.drive_factors
+    weakest = robot.top_acceleration * (2 - noise.most_drive) * float(motors.min())
+    room.pushes = wp.vec2(weakest, robot.top_acceleration * noise.most_drive * float(motors.max()))
+    spread = SPREAD_MAX * noise.wheelbase_spread
+    room.turns = wp.vec2(robot.top_yaw_rate / (1 + spread), robot.top_yaw_rate / (1 - spread))
+    room.action_error, room.heading_error = DEVIATIONS * noise.actuator, DEVIATIONS * noise.heading
+    room.speed_error = DEVIATIONS * noise.speed
+    room.turn = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
+    spreads = noise.wheelbase_spread, noise.drive_spread, *(factor - 1 for factor in motors)
+    room.is_exact = int(not any((noise.actuator, noise.heading, noise.speed, *spreads)))
+    room.speed_unit = robot.top_speed
+    room.substep, room.substeps = task.step / task.substeps, task.substeps
+    room.braking = math.ceil(max(robot.top_speed, -robot.lowest_speed) / (weakest * room.substep)) + 1
+    return room

@@ -1,0 +1,75 @@
+"""The rule by which differential drives stay inside walls, as laws, with the simulated drives as the oracle."""
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+
+pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
+
+DRIVES = {"robot.kind": "differential", "task.boundary": "wall", "formation.start": "rotated", "task.duration": 20.0}
+EXACT = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0, "faults.schedule": ()}
+HALLS = {
+    "narrower than the circles of cars": ("experiment", {}),
+    "slippery": ("intruders", {"robot.lateral_acceleration_max": 1.0}),
+    "without reverse": ("evaders", {"robot.speed_min": 0.0}),
+    "slow turns": ("evaders", {"robot.yaw_acceleration_max": 8.0}),
+    "corridor": ("evaders", {"curve.half_height": 0.2, "sensing.radius": 1.0, "task.contamination": None}),
+}
+
+
+class Reckless(baselines.Policy):
+    """Drives at random, for some time in the same way, mostly fast."""
+
+    def __init__(self, scenario, num_worlds=1, device="cpu"):
+        super().__init__(scenario, num_worlds, device)
+        self.random = np.random.default_rng(5)
+        self.wanted = np.zeros(self.action.shape)
+
+    def decide(self, observation):
+        anew = self.random.random(self.shape) < 0.1
+        self.wanted[anew] = np.clip(self.random.normal(size=self.wanted.shape) * [1.5, 0.3], -1, 1)[anew]
+        return self.wanted
+
+
+class Straight(baselines.Policy):
+    """Drives straight on at full speed."""
+
+    def decide(self, observation):
+        return np.broadcast_to([1.0, 0.0], self.action.shape)
+
+
+@pytest.mark.parametrize(("name", "fields"), HALLS.values(), ids=HALLS)
+def test_a_drive_meets_no_wall_moves_on_and_knows_its_yaw_rate(name, fields):
+    scenario = lissajous_env.scenario(name, **(EXACT | DRIVES | fields)).resolve()
+    policy = Reckless(scenario, 16)
+    simulation = lissajous_env.Simulation(scenario, 16, seed=3)
+    half = np.array([scenario.curve.half_width, scenario.curve.half_height]) - scenario.robot.radius
+    robots, way = simulation.robots, np.zeros(policy.shape)
+    for _ in range(scenario.task.steps - 1):
+        before = robots.position.numpy()[..., :2].copy()
+        simulation.step(policy.act(simulation.observation))
+        place = robots.position.numpy()[..., :2]
+        way += np.linalg.norm(place - before, axis=2)
+        assert (np.abs(place) < half - 0.005 * scenario.robot.radius).all()
+        np.testing.assert_allclose(policy._inside.yaw_rate.numpy(), robots.yaw_rate.numpy(), atol=1e-3)
+    assert (way > 0.02 * scenario.robot.top_speed * scenario.task.duration).all()
+    policy.reset(np.arange(16) == 2)
+    assert (policy._inside.yaw_rate.numpy()[2] == 0).all()
+    assert (policy._inside.yaw_rate.numpy()[3] != 0).any()
+
+
+def test_a_drive_that_stands_at_a_wall_turns_on_the_spot_and_leaves_it():
+    scenario = lissajous_env.scenario("evaders", **(EXACT | DRIVES)).resolve()
+    policy, simulation = Straight(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=3)
+    robots, edge = simulation.robots, scenario.curve.half_width - scenario.robot.radius
+    place = np.zeros((*policy.shape, 3))
+    place[..., 0], place[..., 1] = edge, np.linspace(-0.5, 0.5, policy.shape[1])
+    robots.position.assign(place)
+    robots.heading.assign(np.linspace(-1.4, 1.4, 8)[:, None] + np.zeros(policy.shape))
+    robots.speed.assign(np.zeros(policy.shape))
+    for _ in range(30):
+        simulation.step(policy.act(simulation.observation))
+        assert (robots.position.numpy()[..., 0] <= edge + 1e-6).all()
+    assert (robots.position.numpy()[..., 0] < edge - scenario.robot.radius).all()
