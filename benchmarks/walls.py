@@ -87,13 +87,15 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=8)
     parser.add_argument("--seed", type=int, default=30_000)
     parser.add_argument("--kind", default="car", help="car, or differential, which is stored as a table of its own")
+    parser.add_argument("--start", help="formation.start, if not that of the scenario, for a table of its own")
     parser.add_argument("--boundary", default="wall", help="wall, or open for comparison")
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     seeds = range(options.seed, options.seed + options.episodes)
     cells: dict[str, dict[str, str]] = {}
     for name in options.scenarios:
-        scenario = lissajous_env.scenario(name, **{"task.boundary": options.boundary, "robot.kind": options.kind})
+        fields = {"task.boundary": options.boundary, "robot.kind": options.kind, "formation.start": options.start}
+        scenario = lissajous_env.scenario(name, **{field: value for field, value in fields.items() if value})
         for policy in options.policies or policies_of(scenario):
             try:
                 cell = cell_of(policy, scenario, seeds)
@@ -103,8 +105,9 @@ def main() -> None:
             print(name, policy, cell, sep="\t", flush=True)
     rows = [[f"`{policy}`", *(of.get(name, "") for name in options.scenarios)] for policy, of in cells.items()]
     table = {"columns": ["policy", *(f"`{name}`" for name in options.scenarios)], "rows": rows}
-    table_name = "walls" if options.kind == "car" else "walls-drives"
-    figures.publish(table_name, f"{options.boundary}, {len(seeds)} episodes each", table, options.store)
+    parts = ["walls", "drives" if options.kind == "differential" else "", options.start]
+    options.table = "-".join(filter(None, parts))
+    figures.publish(options.table, f"{options.boundary}, {len(seeds)} episodes each", table, options.store)
 
 
 if __name__ == "__main__":
