@@ -106,8 +106,8 @@ def main() -> None:
     rows = [[f"`{policy}`", *(of.get(name, "") for name in options.scenarios)] for policy, of in cells.items()]
     table = {"columns": ["policy", *(f"`{name}`" for name in options.scenarios)], "rows": rows}
     parts = ["walls", "drives" if options.kind == "differential" else "", options.start]
-    options.table = "-".join(filter(None, parts))
-    figures.publish(options.table, f"{options.boundary}, {len(seeds)} episodes each", table, options.store)
+    table_name = "-".join(filter(None, parts))
+    figures.publish(table_name, f"{options.boundary}, {len(seeds)} episodes each", table, options.store)
 
 
 if __name__ == "__main__":
