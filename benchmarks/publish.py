@@ -14,6 +14,7 @@ import tyro
 from baselines.benchmark.statistics import summarize
 from lissajous_env import evaluate
 from lissajous_env.parameters import named
+from lissajous_env.storage.folder import LIST
 from lissajous_env.world.columns import COLLISIONS, MEAN, task_score
 from training.learned import checkpoint
 from training.learned.card import Card
@@ -53,6 +54,8 @@ def publish(
     card = dataclasses.replace(card, settings=dict(card.settings) | {"out": f"runs/{name}"})
     with checkpoint.locked(folder / kind / name) as held:
         checkpoint.save(held, network, card, notes={"command": command, **notes})
+    # Nothing is added to the copy, so that it needs no list of its files.
+    (folder / kind / name / LIST).unlink()
     print(f"wrote {folder / kind / name}", file=sys.stderr)
 
 
