@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+
+import baselines
 from baselines.planning import portfolio
 from baselines.policies import registry
 
 FILTERED = ("sweep", "kuramoto-mpcc", "partition-repair")
 """Policies that are tested under each collision filter too, one of each kind of memory."""
-
 
 TRACKED = ("kuramoto-mpcc", "tracked-reference-mpcc", "consensus-gvf")
 """Combinations of a coordinator and a tracker of cars that are tested for all of them."""
@@ -29,3 +31,17 @@ def differing(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(
         name for name, (policy, suffix) in policies.items() if name not in alike and (not suffix or policy in FILTERED)
     )
+
+
+class Reckless(baselines.Policy):
+    """Drives at random, for some time in the same way; a subclass implements `draw`."""
+
+    def __init__(self, scenario, num_worlds=1, device="cpu"):
+        super().__init__(scenario, num_worlds, device)
+        self.random = np.random.default_rng(5)
+        self.wanted = np.zeros(self.action.shape)
+
+    def decide(self, observation):
+        anew = self.random.random(self.shape) < 0.1
+        self.wanted[anew] = self.draw()[anew]
+        return self.wanted

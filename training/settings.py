@@ -56,7 +56,7 @@ class TrainingSettings(Checked):
     or arc-gvf; for points, kuramoto. With none, the network begins without a rule, and validations are compared with
     that default."""
     critic: Literal["central", "own"] = "central"
-    """Input of the critic: the true places of all robots and targets (MAPPO), or what the robot perceives (IPPO)."""
+    """Input of the critic: the true state of all robots and targets (MAPPO), or what the robot perceives (IPPO)."""
     features: int = whole(48, 1, 65_536)
     """Features of a token."""
     heads: int = whole(3, 0, 64)

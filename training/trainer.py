@@ -3,7 +3,7 @@
 All robots share one network, which plays teams of any size. It reads the action that a rule wishes and adds to it
 (residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
 central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games", NeurIPS 2022),
-which reads the true places of all robots and targets, or with a critic that reads what the robot perceives. Collisions
+which reads the true state of all robots and targets, or with a critic that reads what the robot perceives. Collisions
 and near collisions cost more while there are more of them than a stated number. The best policy is chosen by
 validation, in worlds that no update uses; the rule alone is the first candidate.
 

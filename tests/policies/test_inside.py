@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from choices import playing_all
+from choices import Reckless, playing_all
 
 import baselines
 import lissajous_env
@@ -48,20 +48,11 @@ class Straight(baselines.Policy):
         return wanted
 
 
-class Reckless(baselines.Policy):
-    """Drives at random, for some time in the same way, mostly fast."""
-
-    def __init__(self, scenario, num_worlds=1, device="cpu"):
-        super().__init__(scenario, num_worlds, device)
-        self.random = np.random.default_rng(5)
-        self.wanted = np.zeros(self.action.shape)
-
-    def decide(self, observation):
-        anew = self.random.random(self.shape) < 0.1
+class Fast(Reckless):
+    def draw(self):
         drawn = np.clip(self.random.normal(size=self.wanted.shape) * 1.2, -1, 1)
         drawn[..., 1] = self.random.choice([1.0, 1.0, 0.3, -1.0], size=self.shape)
-        self.wanted[anew] = drawn[anew]
-        return self.wanted
+        return drawn
 
 
 def drive(scenario, policy, steps, cars=None):
@@ -98,7 +89,7 @@ HALLS = {
 @pytest.mark.parametrize(("name", "fields"), HALLS.values(), ids=HALLS)
 def test_a_car_with_a_way_out_keeps_one_meets_no_wall_and_moves_on(name, fields):
     scenario = lissajous_env.scenario(name, **(EXACT | WALLS | fields)).resolve()
-    policy = Reckless(scenario, WORLDS)
+    policy = Fast(scenario, WORLDS)
     had = np.zeros(policy.shape, dtype=bool)
     way, steps = np.zeros(policy.shape), np.zeros(policy.shape)
     before, lost = None, 0

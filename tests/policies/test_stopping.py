@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from choices import Reckless
 
 import baselines
 import lissajous_env
@@ -19,18 +20,9 @@ HALLS = {
 }
 
 
-class Reckless(baselines.Policy):
-    """Drives at random, for some time in the same way, mostly fast."""
-
-    def __init__(self, scenario, num_worlds=1, device="cpu"):
-        super().__init__(scenario, num_worlds, device)
-        self.random = np.random.default_rng(5)
-        self.wanted = np.zeros(self.action.shape)
-
-    def decide(self, observation):
-        anew = self.random.random(self.shape) < 0.1
-        self.wanted[anew] = np.clip(self.random.normal(size=self.wanted.shape) * [1.5, 0.3], -1, 1)[anew]
-        return self.wanted
+class Fast(Reckless):
+    def draw(self):
+        return np.clip(self.random.normal(size=self.wanted.shape) * [1.5, 0.3], -1, 1)
 
 
 class Straight(baselines.Policy):
@@ -43,7 +35,7 @@ class Straight(baselines.Policy):
 @pytest.mark.parametrize(("name", "fields"), HALLS.values(), ids=HALLS)
 def test_a_drive_meets_no_wall_moves_on_and_knows_its_yaw_rate(name, fields):
     scenario = lissajous_env.scenario(name, **(EXACT | DRIVES | fields)).resolve()
-    policy = Reckless(scenario, 16)
+    policy = Fast(scenario, 16)
     simulation = lissajous_env.Simulation(scenario, 16, seed=3)
     half = np.array([scenario.curve.half_width, scenario.curve.half_height]) - scenario.robot.radius
     robots, way = simulation.robots, np.zeros(policy.shape)

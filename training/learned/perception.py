@@ -194,7 +194,7 @@ def _describe_tracks(
 def axes_of(observation: np.ndarray, scenario: Scenario) -> np.ndarray:
     """Return the directions (W, N, 2) of the robots' axes, 1 or -1 along x and y; 1 where actions are no velocities.
 
-    The numbers of a robot, and the outputs of a network, are those of vectors that are multiplied by them.
+    A component along an axis is that along x or y, multiplied by its direction; a network returns such components.
     """
     sides = observation[..., :2] if scenario.task.action == "velocity" else np.zeros((*observation.shape[:2], 2))
     return np.where(sides < 0, np.float32(-1), np.float32(1))
