@@ -52,11 +52,11 @@ class TrainingSettings(Checked):
     a group end, it plays the next scenario. Used only for a space."""
     base: str | None = None
     """Classical policy whose actions the network reads and adds its output to, and with which validations are compared.
-    By default greedy-cover, lead-pursuit or index-learned where actions are velocities; for cars that steer, arc-mpcc
-    or arc-gvf; for points, kuramoto. With none, the network begins without a rule, and validations are compared with
-    that default."""
+    By default greedy-cover, lead-pursuit or index-learned where actions are velocities; for cars that steer,
+    arc-mpcc; for points, kuramoto. With none, the network begins without a rule, and validations are compared with that
+    default."""
     critic: Literal["central", "own"] = "central"
-    """Input of the critic: the true state of all robots and targets (MAPPO), or what the robot perceives (IPPO)."""
+    """Input of the critic: the true state of robots and at most 16 targets (MAPPO), or that of the actor (IPPO)."""
     features: int = whole(48, 1, 65_536)
     """Features of a token."""
     heads: int = whole(3, 0, 64)
@@ -140,12 +140,12 @@ class TrainingSettings(Checked):
     @property
     def rival(self) -> str | None:
         """Policy with which validations are compared; None for robots of a kind without a default."""
-        task = self.make_scenario()
+        scenario = self.make_scenario()
         if self.base not in (None, NO_BASE):
             return self.base
-        if task.task.action == "velocity":
-            return rule_of(task)
-        return {"car": "arc-mpcc", "curve": "kuramoto"}.get(task.robot.kind)
+        if scenario.task.action == "velocity":
+            return rule_of(scenario)
+        return {"car": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
 
     def make_scenario(self) -> Scenario:
         """Return the scenario, or the first one of the validations."""
@@ -242,6 +242,6 @@ def lean_fields(scenario: Scenario) -> dict[str, Any]:
     return fields
 
 
-def rule_of(task: Scenario) -> str:
+def rule_of(scenario: Scenario) -> str:
     """Return the best rule for a scenario in which actions are velocities."""
-    return {OBSERVED: "greedy-cover", DETECTION_RATE: "lead-pursuit"}.get(task_score(task), "index-learned")
+    return {OBSERVED: "greedy-cover", DETECTION_RATE: "lead-pursuit"}.get(task_score(scenario), "index-learned")

@@ -3,8 +3,8 @@
 All robots share one network, which plays teams of any size. It reads the action that a rule wishes and adds to it
 (residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
 central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games", NeurIPS 2022),
-which reads the true state of all robots and targets, or with a critic that reads what the robot perceives. Collisions
-and near collisions cost more while there are more of them than a stated number. The best policy is chosen by
+which reads the true state of all robots and of up to 16 targets, or with a critic that reads what the robot perceives.
+Collisions and near collisions cost more while there are more of them than a stated number. The best policy is chosen by
 validation, in worlds that no update uses; the rule alone is the first candidate.
 
 Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the

@@ -17,7 +17,7 @@ from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from lissajous_env.world.targets.motion import DRIFTING, FLEEING, WANDERING
 from training.learned.checkpoint import prefixed, within
-from training.learned.perception import axes_of, commanded_velocity, half_of, perceive, speed_unit, to_walls, wish_of
+from training.learned.perception import axes_of, commanded_velocity, half_of, perceive, to_walls, wish_of
 from training.settings import TrainingSettings
 
 TRUTH = (
@@ -28,7 +28,7 @@ TRUTH = (
 to the walls [2 sights]; and of a target the other robots that have it in sight, at most 2, the distance of the nearest
 of them, whether it flees, and its velocity while it drifts or wanders [top speed]."""
 MOST_TARGETS = 16
-"""Number of targets of which the critic reads the places."""
+"""Most targets of which the critic reads the places; it does not read those in later slots."""
 _GOLDEN = 0.618034
 """Multiples of it are spread evenly over [0, 1): the shares of an episode after which the first ones of worlds end."""
 
@@ -206,7 +206,7 @@ def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
         for of in (there, *(getattr(simulation.targets, name).numpy() for name in ("motion", "speed", "heading")))
     )
     targets = np.take_along_axis(simulation.targets.position.numpy() / sight, first[..., None], 1)
-    pace = np.where((motion == int(DRIFTING)) | (motion == int(WANDERING)), speed / speed_unit(simulation.scenario), 0)
+    pace = np.where((motion == int(DRIFTING)) | (motion == int(WANDERING)), speed / simulation.scenario.speed_unit, 0)
     count = there.shape[1]
     places = np.concatenate([targets, robots], axis=1)[:, None] * axes[:, :, None]
     offset = places - robots[:, :, None] * axes[:, :, None]

@@ -42,8 +42,8 @@ class Limits(Checked):
     """Distance of the robot's centre beyond the rectangle [m]; 0 means the diameter of its turning circle, which a car
     needs to come back, or one like the robot."""
     clock_jump: float = _limit("s")
-    """Deviation of the time between two calls from a control step, and how far ahead of the own clock a time stamp may
-    be [s]; 0 means 2.5 control steps. A clock that stops or goes back counts as a jump."""
+    """Deviation of the time between two calls from a control step, and how far ahead of this robot's clock a time stamp
+    may be [s]; 0 means 2.5 control steps. A clock that stops or goes back counts as a jump."""
     silence: float = _limit("s")
     """Age of the last message of a ring neighbour [s], for policies that use messages; 0 means the age from which
     policies ignore a message, `Scenario.time_unit`. From the first call on, a neighbour that was not heard yet counts

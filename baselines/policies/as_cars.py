@@ -104,7 +104,7 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
     if as_car is None:
         raise ValueError(f"robot model {model.name} must have as_car to be driven by policies of cars, got None")
     limits = {
-        "speed_unit": model.speed_unit(scenario.driven, scenario.formation, robot),
+        "speed_unit": scenario.speed_unit,
         "as_car.turning_radius": as_car.turning_radius(robot),
         "as_car.acceleration": as_car.acceleration(robot),
     }

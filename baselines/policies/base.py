@@ -1,7 +1,8 @@
 """The base classes of policies and of filters.
 
-A policy receives the observation and nothing else: what the action of a robot uses is that robot's own row, its own
-memory and the scenario. So any of them could run on a robot, and classical and learned ones are compared fairly.
+A policy receives the observation and nothing else. The action of a robot depends only on its own row, its own memory
+and the scenario, but under the filter `-proved`, whose robots exchange plans within a step. Any policy could therefore
+run on a robot, and classical and learned ones are compared fairly.
 """
 
 from collections.abc import Mapping
@@ -154,8 +155,8 @@ class Policy(Copyable, Remembering):
     communicates: str = "nothing"
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
     wall_rule: bool = True
-    """True if actions of cars are changed where they would leave a car no way to stay inside walls
-    (`baselines.policies.inside`); False for a policy that stays inside by itself."""
+    """True if actions are changed where they would leave a car (`baselines.policies.inside`) or a differential drive
+    (`baselines.policies.stopping`) no way to stay inside walls; False for a policy that stays inside by itself."""
 
     Parameters: type[Checked] | None = None
     """Dataclass of its parameters; None for none. With a method `of(scenario, **overrides)`, the defaults are those

@@ -41,7 +41,7 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
 
 
 def as_factory(policy: Any, name: str) -> Factory:
-    """Return what makes a policy, of a word, a factory (class, function, partial) or a policy that was made already.
+    """Return a factory for a word, for a factory (class, function, partial), or for a policy that exists already.
 
     A function of one argument is the policy itself: `act(observation)` on NumPy arrays (W, N, D).
 

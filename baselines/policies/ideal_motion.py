@@ -56,7 +56,9 @@ def worst_undetected_time(
     return math.inf
 
 
-def coverage(loop: np.ndarray, half: tuple[float, float], radius: float, coarse: bool = False) -> tuple[float, float]:
+def unvisited_and_gap(
+    loop: np.ndarray, half: tuple[float, float], radius: float, coarse: bool = False
+) -> tuple[float, float]:
     """Return the share of places that are never visited, and the longest time between two visits [control steps].
 
     Args:

@@ -30,12 +30,12 @@ class Index(Reacting):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device, **settings)
-        task, radius = self.scenario, self.scenario.sensing_radius
-        if task.targets.arrival_rate == 0:
+        sensing, radius = self.scenario.sensing, self.scenario.sensing_radius
+        if self.scenario.targets.arrival_rate == 0:
             raise UnsuitableScenarioError("targets.arrival_rate must be above 0 for an index rule [1/s], got 0")
-        if task.sensing.shared != "team" or min(task.sensing.tracks_seen, task.sensing.teammates_seen) == 0:
+        if sensing.shared != "team" or min(sensing.tracks_seen, sensing.teammates_seen) == 0:
             rule = "must be team, with sensing.tracks_seen and sensing.teammates_seen above 0, for an index rule"
-            raise UnsuitableScenarioError(f"sensing.shared {rule}, got {task.sensing.shared}")
+            raise UnsuitableScenarioError(f"sensing.shared {rule}, got {sensing.shared}")
         self.radius = radius
         self.counts = np.ceil(2 * self.half / (1.7 * radius)).astype(int)
         axes = [(np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(self.counts, self.half, strict=True)]
@@ -63,7 +63,7 @@ class Index(Reacting):
         return (self._found + 0.5) / (self._watched + 0.5 / uniform)
 
     def wish(self, rows: Rows) -> np.ndarray:
-        """Update what the robot knows, divide the cells among the team, and drive to the own one."""
+        """Update what the robot knows, divide the cells among the team, and drive to the robot's own one."""
         places = known_places(rows)
         far = np.nan_to_num(np.linalg.norm(places[:, :, :, None] - self.cells, axis=-1), nan=_NOWHERE * self.radius)
         covered = (far < self.radius).any(axis=2)

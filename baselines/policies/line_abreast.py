@@ -35,7 +35,7 @@ def choose_ways(
     observation: wp.array3d(dtype=float),
     variant_out: wp.array2d(dtype=int),
 ):
-    """Choose the way into the lines at the first step: by the angle of the formation, which the own phase shows."""
+    """Choose the way into the lines at the first step: by the angle of the formation, which a robot's phase shows."""
     w, i = wp.tid()
     if memory[w, i, STEPS] == 0.0:
         turned = wrap(own_phase(w, i, observation) - equilibrium[i]) / 6.283185307179586
@@ -78,7 +78,7 @@ class LineAbreast(TimedPaths):
 
     The cars of a line are so close that no rogue passes between two sensing discs (`line_path.speed_limit` has the
     spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn, and
-    back. In the open the turn is outside of the rectangle, of three arcs back into the own lanes; within walls or an
+    back. In the open the turn is outside of the rectangle, of three arcs back into their own lanes; within walls or an
     inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
     are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
     the ideal motion. `line_transit` computes the ways from the formation into the lines, on which no two cars meet.

@@ -4,10 +4,10 @@ Coordinates are along and across the sweep: `along` the longer side of the recta
 the lines span. A line's path is a table of one state for each control step, periodic: from the left end of the
 rectangle to the right one, a turn, back, and a turn. Float64 NumPy.
 
-In the open, a turn of three arcs outside of the rectangle leads back into the own lane. Within walls or an inset, every
-car turns on a half circle, and sweeps back beside its lane, by the circle's radius R to the other side. All cars copy
-that, too, so the spacing law is valid in turns; an outermost car is R nearer to its wall on one way, and R farther from
-it on the other. `what_fails` has the conditions.
+In the open, a turn of three arcs outside of the rectangle leads back into the same lane. Within walls or an inset,
+every car turns on a half circle, and sweeps back beside its lane, by the circle's radius R to the other side. All cars
+copy that, too, so the spacing law is valid in turns; an outermost car is R nearer to its wall on one way, and R farther
+from it on the other. `what_fails` has the conditions.
 """
 
 import math
@@ -49,7 +49,7 @@ class LineParameters(Checked):
 
 
 class Turn(NamedTuple):
-    """A turn by half a circle: an arc to the left, a wide one to the right, one to the left, back into the own lane.
+    """A turn by half a circle: an arc to the left, a wide one to the right, one to the left, back into its lane.
 
     Without the short arcs it is a half circle, beside the lane.
     """

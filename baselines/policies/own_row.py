@@ -8,7 +8,6 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.parameters import named
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import nearest, shown
 from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, cell_start, layout
@@ -122,20 +121,20 @@ def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: Obs
 
 @wp.func
 def sees(w: int, i: int, k: int, observation: Observation) -> bool:
-    """Return whether there is a k-th nearest robot in the sensing disc."""
+    """Return whether there is a k-th nearest robot in sight."""
     return observation[w, i, OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * k + PRESENT] > 0.5
 
 
 @wp.func
 def offset_seen(w: int, i: int, k: int, radius: float, observation: Observation) -> wp.vec2:
-    """Return the place of the k-th nearest robot in the disc, of `radius` [m], relative to the robot's own x, y [m]."""
+    """Return the place of the k-th nearest robot within sight, of `radius` [m], relative to the robot's x, y [m]."""
     start = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * k
     return wp.vec2(radius * observation[w, i, start + X_SEEN], radius * observation[w, i, start + Y_SEEN])
 
 
 @wp.func
 def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: Observation) -> wp.vec2:
-    """Return the relative velocity of the k-th nearest robot in the disc [m/s]; `speed_unit` as for `own_speed`."""
+    """Return the relative velocity of the k-th nearest robot in sight [m/s]; `speed_unit` as for `own_speed`."""
     start = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * k
     relative = wp.vec2(observation[w, i, start + X_VELOCITY], observation[w, i, start + Y_VELOCITY])
     return relative * (2.0 * speed_unit)
@@ -144,8 +143,8 @@ def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: Observ
 class Rows:
     """The observation (W, N, D) of W worlds of N robots as named quantities in SI units.
 
-    Neighbour 0 precedes the robot on the ring, neighbour 1 follows it. Values are 0 for a neighbour without a message,
-    and for places of robots and targets that are not in sight.
+    Neighbour 0 precedes the robot on the ring, neighbour 1 follows it. Values are 0 for a neighbour before its
+    first message, `lead` also without a recent one, and for places of robots and targets that are not in sight.
 
     Args:
         observation: Observation as a policy receives it, of float32.
@@ -153,7 +152,7 @@ class Rows:
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario, self._places, self._speed_unit = _decoded(named.build(scenario))
+        self.scenario, self._places = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
         self._half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
 
@@ -177,7 +176,7 @@ class Rows:
     @cached_property
     def speed(self) -> np.ndarray:
         """Return the measured speed (W, N) [m/s]."""
-        return self.entry("speed") * self._speed_unit
+        return self.entry("speed") * self.scenario.speed_unit
 
     @cached_property
     def phase(self) -> np.ndarray:
@@ -191,7 +190,7 @@ class Rows:
 
     @cached_property
     def heard(self) -> np.ndarray:
-        """Return whether a recent enough message from each neighbour is known (W, N, 2)."""
+        """Return whether each neighbour's latest message is recent enough (W, N, 2)."""
         return (self._of("neighbour", "heard") > 0.5) & (self._of("neighbour", "age") < 1)
 
     @cached_property
@@ -229,7 +228,7 @@ class Rows:
     @cached_property
     def robot_velocity(self) -> np.ndarray:
         """Return the relative velocity of the robots in sight (W, N, R, 2) [m/s]."""
-        return self._pairs("robot", "x_velocity", "y_velocity") * 2 * self._speed_unit
+        return self._pairs("robot", "x_velocity", "y_velocity") * 2 * self.scenario.speed_unit
 
     @cached_property
     def targets_seen(self) -> np.ndarray:
@@ -254,7 +253,7 @@ class Rows:
     @cached_property
     def track_velocity(self) -> np.ndarray:
         """Return the velocity of the tracks then (W, N, K, 2) [m/s]; 0 if unknown."""
-        return self._pairs("track", "x_velocity", "y_velocity") * 2 * self._speed_unit
+        return self._pairs("track", "x_velocity", "y_velocity") * 2 * self.scenario.speed_unit
 
     @cached_property
     def track_age(self) -> np.ndarray:
@@ -308,8 +307,7 @@ class Rows:
 
 
 @lru_cache(maxsize=64)
-def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int], float]:
-    """Return a scenario with every field filled in, the places of its entries, and its unit of speed [m/s]."""
+def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int]]:
+    """Return a scenario with every field filled in, and the places of its entries."""
     scenario = scenario.resolve()
-    speed_unit = model_of(scenario.robot.kind).speed_unit(scenario.driven, scenario.formation, scenario.robot)
-    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}, speed_unit
+    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}

@@ -96,8 +96,9 @@ def _with_ways(
 ) -> tuple[PartitionLoops, Transit | None, int]:
     """Return a plan, the ways from a known start onto its loops, and the shift of the loops with them [control step].
 
-    It is the first plan with ways. If it has none, but its loops lie apart, the collision filter leads the cars onto
-    them. Between walls there is no room to pass each other, so other plans are tried if its loops overlap.
+    It is the first plan that has ways. If the best plan has none, but its loops lie apart, it is returned without ways,
+    and the collision filter leads the cars onto its loops. Between walls there is no room to pass each other, so the
+    other plans are tried if its loops overlap.
 
     Args:
         scenario: The scenario.

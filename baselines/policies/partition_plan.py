@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.ideal_motion import coverage, worst_undetected_time
+from baselines.policies.ideal_motion import unvisited_and_gap, worst_undetected_time
 from baselines.policies.loops import closed_loop, divisions, evenly_spaced, length_of
 from baselines.policies.transit import RESERVE, TURN, required_distance, slowest_speed, turning_radius_of
 from lissajous_env.parameters.scenario import Scenario
@@ -284,7 +284,7 @@ def _ranked(room: Room, parameters: PartitionParameters) -> list[tuple[tuple, Sh
         placed = shape.placed(room.driven)
         if smallest_distance(placed) >= room.apart:
             thin, step = _thinned(placed, room)
-            never, longest = coverage(thin, half, room.sensing, coarse=True)
+            never, longest = unvisited_and_gap(thin, half, room.sensing, coarse=True)
             shapes.append((never, longest * step, len(shapes), shape))
     if not shapes:
         return []
@@ -330,10 +330,10 @@ def rating_of(
 
     Returns:
         Worst-case undetected time [control step], infinite above `limit`; share of places that are never visited; and
-        longest time between two visits [control step]. `coverage` describes `coarse`.
+        longest time between two visits [control step]. `unvisited_and_gap` describes `coarse`.
     """
     half = (float(extent[0]), float(extent[1]))
-    unvisited, gap = coverage(loop, half, room.sensing, coarse)
+    unvisited, gap = unvisited_and_gap(loop, half, room.sensing, coarse)
     worst = math.inf
     if unvisited == 0:
         worst = worst_undetected_time(loop, half, room.sensing, room.target_speed, step, limit)

@@ -80,7 +80,7 @@ def agreed_phase(
 ) -> float:
     """Return robot i's phase after the mean of its own and its neighbours' deviations from the equilibrium is removed.
 
-    Robots whose phases deviate differently so agree better on the order of their places.
+    Robots whose phases deviate differently thus agree better on the order of their places.
     """
     phase = own_phase(w, i, observation)
     for side in range(2):

@@ -1,11 +1,12 @@
 """Policies that react to the targets that they observe, for cars whose actions are velocities.
 
-A rule wishes a velocity by what a robot has in sight or on its tracks, and patrols in `Lanes` while there is nothing.
+A rule chooses a velocity by the targets in sight and on tracks, and patrols in `Lanes` while a robot knows of none.
 `Lanes` observes no target, so it is the measure of what reacting is worth; `index_rule.Index` learns where targets
 appear. All keep away from the robots in sight, and each robot uses its own row alone: where the robots of a team divide
 work, each computes the whole division from the places and tracks that it knows, so a team that shares both agrees.
 
-Distances in their settings are in units of `sensing.sight`, or of the sensing radius for `Lanes` and the index rule.
+Distances in their settings are in units of `sensing.sight`, and `Lanes.reach` is in metres; the time of the index rule
+is in units of the sensing radius over the top speed.
 """
 
 from collections.abc import Callable
@@ -75,7 +76,7 @@ def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def divided(
     scores: Callable[[np.ndarray], np.ndarray], take: Callable[[np.ndarray], None], shape: tuple, least: float = 0.0
 ) -> np.ndarray:
-    """Return the own thing (W, N) of each robot, -1 for none, in a greedy division among the robots that it knows.
+    """Return the thing (W, N) that each robot gets, -1 for none, in a greedy division among the robots that it knows.
 
     The pair of a robot and a thing with the highest score is chosen, and then those of the other robots, one by one.
 
@@ -109,15 +110,15 @@ class Reacting(Policy):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device)
-        task = self.scenario
-        if not task.task.action == "velocity":
-            raise UnsuitableScenarioError(f"task.action must be velocity, got {task.task.action}")
+        if self.scenario.task.action != "velocity":
+            raise UnsuitableScenarioError(f"task.action must be velocity, got {self.scenario.task.action}")
         for name, value in settings.items():
             if not hasattr(type(self), name):
                 raise ValueError(f"setting of {self.name} must be an attribute of the class, got {name}")
             setattr(self, name, value)
-        self.half = np.array([task.curve.half_width, task.curve.half_height])
-        self.top, self.step, self.sight = task.robot.top_speed, task.task.step, task.sight
+        curve, self.sight = self.scenario.curve, self.scenario.sight
+        self.half = np.array([curve.half_width, curve.half_height])
+        self.top, self.step = self.scenario.robot.top_speed, self.scenario.task.step
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Return the wished velocities (W, N, 2) in units of the top speed."""
@@ -298,7 +299,7 @@ class Cover(Searching):
     """Distance within which targets around a place count [sight]."""
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """Drive to the own place, if the robot has one."""
+        """Drive to the robot's place, if it has one."""
         unit_time = self.sight / self.top
         at = rows.position[:, :, None] + self.expected_offset(rows)
         pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)
@@ -320,7 +321,7 @@ class Cover(Searching):
 
 
 class VoronoiPursuit(Searching):
-    """Pursuit that shrinks a target's Voronoi cell: drive to the middle of the border between it and the own cell.
+    """Pursuit that shrinks a target's Voronoi cell: drive to the middle of the border between it and the robot's cell.
 
     A robot pursues the nearest of the targets that any robot has in sight, and drives straight to it where it is near
     or the cells have no common border. Cells are those of points in the rectangle, by the time to reach them.

@@ -68,7 +68,7 @@ class Entry:
             raise ValueError(f"{rule}, got {self.name}, which drives kind {self.kind}{hint}")
 
     def filtered(self, suffix: str) -> "Entry":
-        """Return the policy with the filter of a suffix, which of a policy for all robots drives cars."""
+        """Return the entry with the filter of a suffix; with it, a policy that drives any robot drives cars."""
         filter = _FILTERS[suffix]
         about = f"{self.name} {filter.about}."
         return replace(self, name=self.name + suffix, kind=self.kind or "car", about=about, filter=filter)
@@ -122,7 +122,8 @@ def register(
         factory: Function or class, called as `factory(scenario, num_worlds, device)`, that returns the policy.
         made_for: Names of the scenarios on which a benchmark plays the policy by default; all if empty.
         about: Description in one line; by default the first line of the factory's docstring.
-        learned: True for a policy that cannot be a base of others: a learned one, or one that chooses among others.
+        learned: True for a policy that is no classical rule, so that it cannot be a base of others: a network, or one
+            that chooses among rules.
         on_request: True if a benchmark plays the policy only where it is named, by the user or in its defaults.
 
     Returns:
@@ -181,7 +182,7 @@ def entry_of(name: str) -> Entry | None:
 
 
 def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
-    """Return the names of the policies, or of those that can drive the robots of a scenario; with filters come last."""
+    """Return the names of the policies, those with filters last, or of those that can drive a scenario's robots."""
     kind = None if scenario is None else build_scenario(scenario).actuation
     plain = [*_entries().values()]
     every = [*plain, *(entry.filtered(suffix) for suffix in _FILTERS for entry in plain)]
@@ -195,8 +196,8 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,
             the number of worlds is below 1, or the device is not available.
     """
-    num_worlds, task = whole_number("num_worlds", num_worlds), build_scenario(scenario)
-    return find(name)(task, num_worlds, device)
+    num_worlds = whole_number("num_worlds", num_worlds)
+    return find(name)(build_scenario(scenario), num_worlds, device)
 
 
 def find(name: str) -> Entry:

@@ -137,8 +137,8 @@ def watch_disc(
     observation: wp.array3d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
 ):
-    """Update the places of stopped robots that are, or were, in the disc."""
-    # If a stopped robot should be in the disc but is not sensed, it is not there any more.
+    """Update the places of stopped robots that are, or were, in sight."""
+    # If a stopped robot should be in sight but is not observed, it is not there any more.
     for k in range(2, PLACES):
         known = standing[w, i, k]
         if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * repair.radius:

@@ -39,7 +39,7 @@ _TRIES = 24
 _PER_ROBOT = 60
 """Paths of a car that are tried in an order, the earliest first."""
 _LONGEST = 6.0
-"""Longest planned transit, in the time in which a car drives half of the rectangle's half perimeter."""
+"""Longest planned transit, in the time in which a car drives a quarter of the rectangle's perimeter."""
 
 
 def turning_radius_of(scenario: Scenario) -> float:
@@ -102,8 +102,7 @@ def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray,
 
     `turned` (...) are angles by which the whole formation is turned [rad].
     """
-    displaced = np.array([dict(scenario.formation.displaced).get(i, 0.0) for i in scenario.ring])
-    gamma = scenario.alpha * (scenario.equilibrium + displaced + np.asarray(turned)[..., None])
+    gamma = scenario.alpha * (scenario.equilibrium + scenario.displacements + np.asarray(turned)[..., None])
     velocity = closed_forms.curve_derivatives(scenario.driven, gamma)[0] * scenario.formation.phase_rate
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
     speed = np.hypot(velocity[..., 0], velocity[..., 1])

@@ -134,6 +134,20 @@ class Scenario(BringsRogues):
         return phases
 
     @cached_property
+    def displacements(self) -> np.ndarray:
+        """(N,) angle by which each robot is displaced along the phase at a reset, from `formation.displaced` [rad]."""
+        angles = np.zeros(self.num_robots)
+        for robot, angle in self.formation.displaced:
+            angles[robot] += angle
+        angles.flags.writeable = False
+        return angles
+
+    @cached_property
+    def speed_unit(self) -> float:
+        """Unit of the speeds in the observation [m/s]."""
+        return model_of(self.robot.kind).speed_unit(self.driven, self.formation, self.robot)
+
+    @cached_property
     def places(self) -> tuple[int, ...]:
         """Place of each robot; robots of the same place overlap by design, so their collisions are not counted.
 

@@ -289,7 +289,7 @@ _GUARANTEE_RECOVERY = Column(
     "guarantee_recovery_time",
     "time from the end of the last fault until the time for which a target can have been undetected stays below 1.1 "
     "times its largest value before the first fault",
-    _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s", empty="never",
+    _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s", empty="never, or never disturbed",
 )
 RETURN = Column(
     "return_mean", "sum of the rewards, mean over robots", lambda e: e.totals["returns"].mean(), rule=FINITE,

@@ -70,7 +70,7 @@ Counts = wp.types.vector(2, wp.int64)
 def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Counts:
     """Count the visits of the cells in the rows of a lane, from what is sensed now and what was.
 
-    Nothing is coming then. Returns the idleness that they end, and how many cells nobody had sensed before.
+    It then clears `cells.coming`. Returns the idleness that they end, and how many cells nobody had sensed before.
     """
     ...
 

@@ -140,7 +140,7 @@ def take_term(w, i, term: int, weight: float, value: wp.array2d(dtype=float), cl
 
 
 @stage(ROBOT, writes="observation_out")
-def take_entries(w, i, start: int, low: float, high: float, value: wp.array3d(dtype=float), clock, observation_out):
+def copy_observation(w, i, start: int, low: float, high: float, value: wp.array3d(dtype=float), clock, observation_out):
     """Copy an extension's entries to the end of the rows."""
     for k in range(value.shape[2]):
         observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
@@ -175,7 +175,7 @@ def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
 
 
 @stage(TARGET, writes="targets: before, position")
-def take_entry(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
+def place_entering(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Put the targets that appear now at the places of an extension."""
     if targets.stage[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
         place = inside(value[w, t], curve)
@@ -221,7 +221,7 @@ class ExtensionStages:
                 place, takes, value = "end", take_term, self._room(shape[:2])
                 own, term = {"term": term, "weight": extension.weight}, term + 1
             elif isinstance(extension, ObservationEntry):
-                place, takes, value = "observation", take_entries, self._room((*shape[:2], extension.size))
+                place, takes, value = "observation", copy_observation, self._room((*shape[:2], extension.size))
                 own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
             elif isinstance(extension, ScoreColumn):
                 place, takes, value = "reward", keep_column, self._room(shape[:1], wp.float64)
@@ -229,7 +229,7 @@ class ExtensionStages:
                 own["reduction"] = REDUCTIONS.index(extension.reduce)
             elif isinstance(extension, (TargetMotion, TargetEntry)):
                 moves = isinstance(extension, TargetMotion)
-                place, takes = ("collisions", take_places) if moves else ("respawn", take_entry)
+                place, takes = ("collisions", take_places) if moves else ("respawn", place_entering)
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
             else:
                 continue

@@ -1,6 +1,6 @@
 """The kernels that fill the observation: `lissajous_env.world.observation` documents its entries.
 
-With many robots or targets, bins are used to compute those that a robot detects, with the same result to the last bit.
+With many robots or targets, bins are used to compute those in sight of a robot, with the same result to the last bit.
 """
 
 import warp as wp
@@ -26,7 +26,7 @@ def clear(w, i, start: int, stop: int, observation_out):
 
 @part
 def empty(w, i, start: int, width: int, count: int, observation_out):
-    """Zero the last `count` entries of a list, up to the first that is zero."""
+    """Zero the last `count` slots of a list, up to the first empty one; all after it are empty already."""
     for entry in range(start, start + count * width, width):
         if observation_out[w, i, entry] == 0.0:
             break
@@ -118,7 +118,7 @@ def keep_nearest(w, i, filled: int, room: int, offset: wp.vec2, index: int, near
 
 @part
 def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, nearest) -> int:
-    """Enter robot j as `keep_nearest` does, if it is in the disc."""
+    """Enter robot j as `keep_nearest` does, if it is in sight."""
     away = planar(robots.position[w, j]) - planar(robots.position[w, i])
     if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
         return keep_nearest(w, i, filled, room, away / radius, j, nearest)
@@ -127,7 +127,7 @@ def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, nearest) 
 
 @part
 def nearest_robots(w, i, room: int, radius: float, robots, bins, nearest) -> int:
-    """Find the nearest robots in the disc; returns how many, at most `room`."""
+    """Find the nearest robots in sight; returns how many, at most `room`."""
     filled = int(0)
     if bins.columns > 0:
         entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
@@ -163,7 +163,7 @@ def in_disc(
     position: wp.array2d(dtype=wp.vec2),
     in_sight: wp.array2d(dtype=int),
 ) -> wp.uint32:
-    """Return the bits of those of 32 targets, from the first on, that are in sight and in the disc at a place [m].
+    """Return the bits of those of 32 targets, from the first on, that are in sight within a radius of a place [m].
 
     It is in C++ because SIMD halves the time of the observation.
     """
@@ -172,7 +172,7 @@ def in_disc(
 
 @part
 def nearest_targets(w, i, room: int, radius: float, robots, targets, bins, nearest) -> int:
-    """Find the nearest targets in the disc; returns how many, at most `room`."""
+    """Find the nearest targets in sight; returns how many, at most `room`."""
     here = robots.sensor[w, i]
     filled = int(0)
     if bins.columns > 0:

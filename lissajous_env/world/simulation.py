@@ -176,7 +176,11 @@ class Simulation(Copyable):
         self._step()
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
-        """Return the score row of the latest episode of some worlds so far: `lissajous_env.world.columns.NAMES`."""
+        """Return the score row of the latest episode of some worlds so far.
+
+        Its entries are those of `lissajous_env.world.columns.NAMES` but `policy` and `episode`, then those of
+        extensions.
+        """
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
         return [
             score_of(episode) | {name: plain(values[w]) for name, values in brought.items()}

@@ -63,7 +63,7 @@ class Robots:
     status: wp.array2d(dtype=wp.int32)
     """WORKING, STUCK or REMOVED."""
     stuck_until: wp.array2d(dtype=wp.int32)
-    """Step at whose end a random fault is over."""
+    """Step at whose end a random fault is over; NEVER for a robot that a collision stopped."""
     resumed_at: wp.array2d(dtype=wp.int32)
     """Step at whose end the latest fault was over; -1 for none."""
     removed_at: wp.array2d(dtype=wp.int32)

@@ -28,9 +28,6 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
     """Return the constants of a resolved scenario by the names of kernels' parameters."""
     task, targets, n = scenario.task, scenario.targets, scenario.num_robots
     model = model_of(scenario.robot.kind)
-    displaced = np.zeros(n)
-    for robot, angle in scenario.formation.displaced:
-        displaced[robot] += angle
     schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
     return {
         "curve": curve_struct(scenario.curve, device),
@@ -49,7 +46,7 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "message_start": message_start(scenario),
         "track_start": track_start(scenario),
         "cell_start": cell_start(scenario),
-        "speed_unit": model.speed_unit(scenario.driven, scenario.formation, scenario.robot),
+        "speed_unit": scenario.speed_unit,
         "driving": wp.array(_driving(scenario), dtype=wp.float32, device=device, ndim=2),
         "curve_points": points_of(None if model.keeps_to_curve else scenario.driven, str(device)),
         "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),
@@ -59,7 +56,7 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "places": wp.array(scenario.places, dtype=wp.int32, device=device),
         "drive_factors": wp.array(scenario.drive_factors, dtype=wp.float32, device=device),
         "top_speeds": wp.array(scenario.top_speeds, dtype=wp.float32, device=device),
-        "displaced": wp.array(displaced, dtype=wp.float32, device=device),
+        "displaced": wp.array(scenario.displacements, dtype=wp.float32, device=device),
         "removals": wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device),
         "schedule": wp.array(schedule, dtype=wp.int32, device=device, ndim=2),
     }
@@ -72,9 +69,8 @@ def _driving(scenario: Scenario) -> np.ndarray:
     """
     model = scenario.model
     rest = np.array(model.rest_action(scenario.robot))
-    unit = model.speed_unit(scenario.driven, scenario.formation, scenario.robot)
     drives = np.isin(np.arange(model.action_size), range(model.action_size) if model.driving is None else model.driving)
-    return np.stack([rest, drives * unit / (1 + abs(rest))], axis=-1)
+    return np.stack([rest, drives * scenario.speed_unit / (1 + abs(rest))], axis=-1)
 
 
 def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, device: Any) -> dict[str, Any]:

@@ -85,7 +85,7 @@ def test_every_command_plays_it(here, capsys):
     two = ("--policies", "run/best", "kuramoto")
     command("benchmark", "--scenarios", "other.toml", *two, "--episodes", 1, "--replays", "0", "--out", "results")
     publish(here / "run" / "best", "published", "how", folder=here)
-    text = checkpoint.read_text(here / "policies" / "published")
+    text = checkpoint.read_contents(here / "policies" / "published")
     assert text["made_for"] == ["mine"]
     assert training.load(here / "policies" / "published").scenario == wanted
 

@@ -16,7 +16,7 @@ SCRIPTS = ("wander", "flee", "shadow", "follow-gap")
 
 
 def text_of(name):
-    return checkpoint.read_text(folder_of(name))
+    return checkpoint.read_contents(folder_of(name))
 
 
 def test_each_shipped_rogue_tells_how_it_was_trained():

@@ -201,7 +201,7 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, mo
     seen: list = []
     history = train(cut, QUIET, seen.append)
     assert (arrays_of(tmp_path / "cut") == arrays_of(tmp_path / "run")).all()
-    states = [checkpoint.read_state(of, checkpoint.read_text(of)) for of in (tmp_path / "cut", tmp_path / "run")]
+    states = [checkpoint.read_state(of, checkpoint.read_contents(of)) for of in (tmp_path / "cut", tmp_path / "run")]
     assert all((array == states[1][name]).all() for name, array in states[0].items())
     assert [point["steps"] for point in seen] == [point["steps"] for point in history["curve"]][2:]
     # A finished training is left alone.

@@ -52,8 +52,12 @@ def test_every_car_can_go_on_within_the_walls(name):
     assert not turned.all(), "a car with room is not"
 
 
-def test_policies_that_plan_ways_know_these_headings():
-    scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall", "formation.start_noise": 0.0}).resolve()
-    pose, speed = formation_starts(scenario)
+DISPLACED = {"formation.ring": (0, 2, 4, 1, 3), "formation.displaced": ((1, 0.2), (3, -0.1), (1, 0.1))}
+
+
+@pytest.mark.parametrize("fields", [{}, DISPLACED], ids=["equilibrium", "displaced"])
+def test_policies_that_plan_ways_know_these_starts(fields):
+    scenario = lissajous_env.scenario("evaders", **fields | {"task.boundary": "wall", "formation.start_noise": 0.0})
+    pose, speed = formation_starts(scenario.resolve())
     places, headings, speeds = starts(scenario, 1)
     np.testing.assert_allclose(np.column_stack([pose, speed]), np.column_stack([places, headings, speeds]), atol=1e-4)

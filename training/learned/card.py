@@ -23,7 +23,7 @@ class Card:
     scenario: str
     """Name of the scenario of the training."""
     kind: str
-    """Kind of robot."""
+    """Kind of robot that the policy drives, `velocity` for velocities of cars, or `rogue`."""
     inputs: tuple[str, ...]
     """Names of the entries of a rogue's row that its network reads, in order; empty for robots."""
     action_size: int

@@ -101,7 +101,7 @@ def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str
     Raises:
         ValueError: there is none, it has another format, or a file is damaged; the message names the file.
     """
-    text = read_text(folder)
+    text = read_contents(folder)
     path = Path(folder) / FILE
     with _naming(path):
         card = Card.from_dict(text["policy"], text["settings"], text["scenario"])
@@ -119,7 +119,7 @@ def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str
     return network, card, text
 
 
-def read_text(folder: str | Path) -> dict[str, Any]:
+def read_contents(folder: str | Path) -> dict[str, Any]:
     """Read and validate `checkpoint.json` of a folder.
 
     Raises:
@@ -147,7 +147,7 @@ def parts(folder: str | Path) -> dict[str, str]:
     Raises:
         ValueError: there is no checkpoint, or it is damaged.
     """
-    text = read_text(folder)
+    text = read_contents(folder)
     card = hashlib.sha256(json.dumps(text["policy"], sort_keys=True).encode()).hexdigest()[:16]
     return {"policy of the checkpoint": card, "weights of the checkpoint": text["files"]["weights"]["sha256"][:16]}
 
@@ -165,7 +165,7 @@ def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndar
 
 @contextlib.contextmanager
 def resuming(folder: str | Path, text: Mapping[str, Any]) -> Iterator[None]:
-    """Raise ValueError that names the file of the state where what is resumed does not accept it."""
+    """Turn an error while a state is loaded into a ValueError that names its file."""
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:

@@ -17,7 +17,6 @@ import numpy as np
 from baselines.policies.base import Policy
 from baselines.policies.own_row import Rows
 from baselines.policies.reacting import Reacting, kept_apart
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import (
     NEIGHBOUR_ENTRIES,
@@ -69,7 +68,7 @@ class Perception(NamedTuple):
 
 
 def wish_of(base: Policy, observation: np.ndarray) -> np.ndarray:
-    """Return the actions (W, N, A) of a classical policy, before robots that are near are kept apart if it reacts."""
+    """Return the actions (W, N, A) of a base; those of a `Reacting` one before its robots are steered apart."""
     if not isinstance(base, Reacting):
         return base.act(observation)
     wish = base.wish(base.rows(observation))
@@ -79,8 +78,8 @@ def wish_of(base: Policy, observation: np.ndarray) -> np.ndarray:
 def commanded_velocity(velocity: np.ndarray, observation: np.ndarray, scenario: Scenario) -> np.ndarray:
     """Return the velocities (W, N, 2) [top speed] that cars are to have for those that a network wishes.
 
-    They also lead away from robots that are near, as those of the classical policies do. Slow ones are zeros: a car
-    turns only while it drives, so that one which is to stay would leave its place on a circle.
+    They also lead away from robots that are near, as those of the classical policies do. Slow ones become
+    zero, because a car that is to stay in its place cannot turn without leaving it.
     """
     fast = velocity * (_length(velocity) >= _REST)[..., None]
     return kept_apart(fast, Rows(observation, scenario)).astype(np.float32)
@@ -94,7 +93,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, wish: np.ndarray | Non
         scenario: The scenario, resolved.
         wish: (W, N, A) actions that a base wishes, if there is one.
     """
-    sensing, sight, top = scenario.sensing, scenario.sight, speed_unit(scenario)
+    sensing, sight, top = scenario.sensing, scenario.sight, scenario.speed_unit
     half = half_of(scenario)
     axes = axes_of(observation, scenario)
     here = observation[..., :2] * half * axes
@@ -219,8 +218,3 @@ def to_walls(places: np.ndarray, half: np.ndarray, unit: float) -> np.ndarray:
 def _length(vectors: np.ndarray) -> np.ndarray:
     """Return the lengths of vectors (..., 2)."""
     return np.sqrt(vectors[..., 0] ** 2 + vectors[..., 1] ** 2)
-
-
-def speed_unit(scenario: Scenario) -> float:
-    """Return the top speed of a car, or that of a point in the equilibrium [m/s]."""
-    return model_of(scenario.robot.kind).speed_unit(scenario.driven, scenario.formation, scenario.robot)

@@ -2,7 +2,8 @@
 
 A layer maps each token to features, which the robot pools by attention: each head has a query, computed from the
 robot's own numbers, and its result is the mean of the features with the weights softmax(query . features). Without
-heads, the features are averaged. With a memory, a gated recurrent unit follows (Cho et al., EMNLP 2014).
+heads, the features are averaged over all slots, of which an empty one counts as zeros. With a memory, a gated recurrent
+unit follows (Cho et al., EMNLP 2014).
 
 Each world is computed by matrix products of its own, so that actions do not depend on the other worlds of a batch.
 """

@@ -7,8 +7,8 @@ formation opens for a while, and targets between two cars are detected later. `S
 The car has no brakes: from 1.1 m/s it coasts 1.2 m, so it must steer, and in time. The filter therefore evaluates an
 action u by the manoeuvres that remain after it. The car applies u for one step and then one of nine ways out b (full
 right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes straight on. It is a car
-within the sensing radius, whose position and velocity are observed, or, where that radius is too short for the speed of
-the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and, by their
+in sight, whose position and velocity are observed, or, where the radius of sight is too short for the speed
+of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and, by their
 difference, its velocity. With d_k(t) their distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
@@ -30,7 +30,7 @@ best; cars whose motor hardly lets them catch up lose it all the same.
 Two cars that avoid each other must not choose the same side, so both compute the same best pair of ways out
 (`agreed_way_out`). A symmetric pair passes on the right.
 
-Limits: the filter accounts for `sensing.robots_seen` robots and, beyond the sensing radius, only ring neighbours, as
+Limits: the filter accounts for `sensing.robots_seen` robots and, beyond the radius of sight, only ring neighbours, as
 long as their messages arrive without delay. Other cars that approach at 2 m/s in `intruders` are sensed too late. A car
 that stops abruptly less than about 0.45 m ahead cannot be avoided. There are only nine ways out, so a car between two
 others may have none. Of three cars, two may agree on ways out that do not suit the third.
@@ -111,11 +111,11 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
 
 
 def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
-    """Speed [m/s] up to which two cars that drive towards each other can still pass when they sense each other.
+    """Speed [m/s] up to which two cars that drive towards each other can still pass once they are in sight.
 
     On its tightest circle, of radius R = l / tan(delta_max), a car moves aside by half of D = 2 r + clearance within s
     = sqrt(R^2 - (R - D / 2)^2), whatever its speed. A step may pass before either senses the other, so, with the
-    radius of sight r, r - 2 s = 2 v step.
+    radius of sight S, S - 2 s = 2 v step.
     """
     robot = scenario.robot
     tightest = turning_radius(robot.wheelbase, robot.steering_max)

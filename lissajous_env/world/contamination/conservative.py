@@ -9,8 +9,9 @@ cells.
 * A tick is P steps. A target that is in c' at the end of tick n, and was there k ticks ago, was in a cell c with D(c,
   c') <= k P v dt. It has stayed undetected until then, so L[n - k, c] applies to it. So the least L[n - k, c] of these
   cells is a bound, for each k: the largest bound is one.
-* A target that came since then was introduced in a cell where targets are introduced, at most k P v dt away. To be
-  introduced in tick n - k counts as having been there from that tick on: all that follows allows it to be where it is.
+* A target that came since then was introduced in a cell where targets are introduced, at most k P v dt away. A
+  target that is introduced in tick n - k is treated as present since that tick. This is safe: the bound covers every
+  place that it can reach.
   Targets that came later came at the end of step (n - k + 1) P - 1 or later, which enters the bound of the lag k of
   cells that are so near.
 * In the steps s = 1 ... P - 1 between two ticks, labels stay with the cell in which a target was in the tick before. It

@@ -78,7 +78,7 @@ class TickContext:
     latest: int
     """Slot of the labels of targets that stay: of the tick before, or of this one where it continues."""
     aged: int
-    """Bits of them that are preserved: after a tick, a target came a tick ago or more."""
+    """Mask of the bits of a label that remain: after a tick, the share of a tick is cleared."""
     hops: bool
     """True in a step in which targets hop."""
     entry: int

@@ -69,8 +69,8 @@ def compare_with_others(
 ) -> float:
     """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step.
 
-    With bins, robots are those in the lists on the robot's path, in several of which a robot may be. In the first step
-    of an episode, and as long as no two robots were within reach, the nearest is in no list.
+    With bins, only robots in the lists of the bins that the path crosses are compared; one robot may be in several. In
+    the first step of an episode, and as long as no two robots were within reach, the nearest is in no list.
     """
     nearest = float(1.0e30)
     if bins.columns > 0 and beyond <= bins.reach and bins.is_everywhere[w, i] == 0:
@@ -196,7 +196,7 @@ def wall_distance(curve, radius: float, place: wp.vec2) -> float:
 
 @part
 def driven_speed(w, i, driving, taken) -> float:
-    """Return the speed that a robot's action requests [m/s], without its direction; `driving` as in `constants`."""
+    """Return the speed that a robot's action requests [m/s], without its direction; `driving` is from `values`."""
     square = float(0.0)
     for k in range(driving.shape[0]):
         part = driving[k, 1] * (taken[w, i, k] - driving[k, 0])

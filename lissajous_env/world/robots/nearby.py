@@ -53,7 +53,7 @@ class Bins:
     widened: wp.float32
     """The same, and a margin for rounding [m]."""
     room: wp.int32
-    """Entries for lists of one bin; those after them are of the list with which every other ends."""
+    """Number of entries for lists of single bins. Those after them form one more list, with which every list ends."""
     first: wp.array2d(dtype=wp.int32)
     """(W, K) first entry of each bin."""
     entry: wp.array2d(dtype=wp.vec2i)
@@ -182,7 +182,7 @@ _FEWEST = 12
 _BINS_PER_ROBOT = 16
 _AT_LEAST = 1024
 _MOST_ENTRIES = 256
-"""Entries for each robot that there is room for at most; those for which there is none are in every list."""
+"""Most entries for a robot; a robot that needs more is in every list."""
 
 
 def has_bins(scenario: Scenario) -> bool:

@@ -35,7 +35,7 @@ def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
 
 @stage(TARGET, writes="targets: position")
 def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins=OPTIONAL):
-    """Put each target that appears now at the first of `PLACES` random places out of sight, or at the last."""
+    """Put targets that appear now at the first of `PLACES` random places outside all sensing discs, or at the last."""
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
     for t in range(lane, targets.stage.shape[1], lanes):
