@@ -90,7 +90,7 @@ def main() -> None:
         rogue, folder = rogue_of(learned), folder_of(learned)
         assert rogue is not None
         assert folder is not None
-        for policy in checkpoint.read_text(folder)["held_out_times"]:
+        for policy in checkpoint.read_contents(folder)["held_out_times"]:
             rows.append(row_of(rogue.trained_on, policy, learned, seeds))
             print(*rows[-1], sep=" | ", flush=True)
     table = {"columns": TITLES, "rows": rows}

@@ -2,14 +2,15 @@
 
     python benchmarks/learned.py --trainings runs/0 runs/1 runs/2 runs/3 runs/4 --store
     python benchmarks/learned.py --scenario intercept --trainings runs/5 runs/6 runs/7 --store
-    python benchmarks/learned.py --space watch-v1 --store
+    python benchmarks/learned.py --space watch-v1 --trainings runs/0 runs/1 runs/2 runs/3 runs/4 --store
     python benchmarks/learned.py --ablations runs/* --store
     python benchmarks/learned.py --curves runs/* --store
 
 The first two commands add the best policies of some trainings to the comparison on a scenario, and name the training
 whose validation is best. The third one plays the scenarios of a space, in its split `test` and its shifts, with the
-best policy and its rival. The fourth one compares complete trainings by the options in which they differ from the
-defaults, by their policies after the last step, with the rule on the same scenario. The last one has their validations.
+best policy, its rival and some trainings. The fourth one compares complete trainings by the options in which they
+differ from the defaults, by their policies after the last step, with the rule on the same scenario. The last one has
+their validations.
 """
 
 import itertools
@@ -106,23 +107,29 @@ def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
     return {"columns": columns, "rows": rows}
 
 
-def on_space(name: str) -> figures.Table:
-    """Return the table of the split `test` and the shifts of a space: its best policy and the rival."""
+def on_space(name: str, trainings: list[str]) -> figures.Table:
+    """Return the table of the split `test` and the shifts of a space: its best policy, the rival, and the trainings."""
     rows, (ours, rival), space = [], SPACES[name], lissajous_env.scenario_space(name)
     better = task_score(space.base).better
     for split in ("test", *space.shifts):
-        scores = []
+        scores, learned = [], []
         for scenario in itertools.islice(space.scenarios(split), SCENARIOS):
             seeds = range(SEEDS[0], SEEDS[0] + EPISODES)
             scores.append([play(baselines.make(of, scenario, EPISODES), scenario, seeds) for of in (ours, rival)])
+            loaded = (training.load(Path(folder) / checkpoint.BEST, scenario, EPISODES) for folder in trainings)
+            learned.append([play(policy, scenario, seeds).mean(axis=1) for policy in loaded])
         # Scenarios are drawn as trainings are above.
         both = np.moveaxis(np.array(scores), (1, 2), (0, 1))
         first, second = both[:, 0] if better > 0 else both[::-1, 0]
         seen, collided = ([f"{of[k].mean():.{3 - k}f}" for of in both] for k in (0, 1))
         rows.append([f"`{split}`", *seen, gain(first, second), *collided])
+        if trainings:
+            of = np.moveaxis(np.array(learned), (1, 2), (1, 0))
+            rows[-1] += [gain(of[0].T, both[1, 0].mean(axis=1)), f"{of[1].mean():.2f}"]
         print(*rows[-1], flush=True)
     columns = [f"`{name}`", f"`{ours}`", f"`{rival}`", "ratio", "collisions", f"of `{rival}`"]
-    return {"columns": columns, "rows": rows}
+    more = [f"ratio of {len(trainings)} trainings", "their collisions"] if trainings else []
+    return {"columns": columns + more, "rows": rows}
 
 
 def on_ablations(trainings: list[str]) -> figures.Table:
@@ -162,7 +169,7 @@ def grouped(trainings: list[str]) -> dict[tuple[str, str, int], list[tuple[str, 
     """Return the complete trainings, each with its checkpoint, by their scenario, options and steps."""
     groups = defaultdict(list)
     for folder in trainings:
-        text = checkpoint.read_text(folder)
+        text = checkpoint.read_contents(folder)
         settings = text["settings"]
         if text["training"]["curve"][-1]["steps"] >= settings["steps"]:
             groups[(settings["scenario"], *options_of(settings))].append((folder, text))
@@ -180,7 +187,7 @@ def options_of(settings: dict[str, Any]) -> tuple[str, int]:
 
 def preferred(trainings: list[str]) -> str:
     """Return the training whose validation is best, with its collisions in units of the limit of a training."""
-    texts = {folder: checkpoint.read_text(Path(folder) / checkpoint.BEST)["training"] for folder in trainings}
+    texts = {folder: checkpoint.read_contents(Path(folder) / checkpoint.BEST)["training"] for folder in trainings}
     return max(trainings, key=lambda of: rank_of(texts[of]["best"], limit_of(None, texts[of]["rivals"])))
 
 
@@ -200,7 +207,7 @@ def main() -> None:
     elif options.curves:
         figures.publish("curves", "validations", on_curves(options.curves), options.store)
     elif options.space:
-        figures.publish(options.space, "test and shifts", on_space(options.space), options.store)
+        figures.publish(options.space, "test and shifts", on_space(options.space, options.trainings), options.store)
     else:
         table = on_scenario(options.scenario, options.trainings)
         figures.publish(POLICIES[options.scenario][0], f"{len(SEEDS)} worlds", table, options.store)

@@ -12,7 +12,7 @@ def rows() -> list[str]:
     """Return a row of the table for each included rogue and each policy that it was trained against."""
     found = []
     for name in shipped_rogues():
-        for policy, times in checkpoint.read_text(folder_of(name))["held_out_times"].items():
+        for policy, times in checkpoint.read_contents(folder_of(name))["held_out_times"].items():
             learned = times.pop("learned")
             best = {each: max(of[each] for of in times.values()) for each in ("mean", "longest")}
             cells = [f"{of['mean']:.2f} ({of['longest']:.1f})" for of in (best, learned)]
