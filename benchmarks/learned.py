@@ -125,7 +125,7 @@ def on_space(name: str, trainings: list[str]) -> figures.Table:
         rows.append([f"`{split}`", *seen, gain(first, second), *collided])
         if trainings:
             of = np.moveaxis(np.array(learned), (1, 2), (1, 0))
-            rows[-1] += [gain(of[0].T, both[1, 0].mean(axis=1)), f"{of[1].mean():.2f}"]
+            rows[-1] += [gain(of[0], both[1, 0].mean(axis=1)), f"{of[1].mean():.2f}"]
         print(*rows[-1], flush=True)
     columns = [f"`{name}`", f"`{ours}`", f"`{rival}`", "ratio", "collisions", f"of `{rival}`"]
     more = [f"ratio of {len(trainings)} trainings", "their collisions"] if trainings else []
