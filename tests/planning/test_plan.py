@@ -176,6 +176,8 @@ def test_a_look_ends_early_and_compares_as_a_plan_does(small):
     given = (partition, math.inf), (partition, 0.1), (random, math.inf)
     whole, cut, hit = (look_at(plan, Episodes(failures=1), cutoff) for plan, cutoff in given)
     assert whole.figures.worst_case < math.inf
+    speed = np.mean([row["distance_mean"] for row in whole.rows]) / 4  # half of the episode was played
+    assert whole.figures.distance == pytest.approx(60 * speed)
     assert [row["lost"] for row in whole.failed_rows] == [(robot,) for robot in range(5)]
     assert (cut.figures.worst_case, cut.figures.settled, cut.figures.worst_case_failed) == (math.inf,) * 3
     assert hit.figures.collisions > 0
@@ -230,6 +232,13 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, h
     assert "Lissajous" in first
 
 
+def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_every_start(small, monkeypatch, hours):
+    monkeypatch.setattr("baselines.planning.search.cores", lambda: 64)
+    search = Search(lissajous_env.scenario(small), Episodes(), families_of(lissajous_env.scenario(small)))
+    search.run(seconds=1)
+    assert len(search.looks) == AHEAD < sum(len(family.starts) for family in search.families)
+
+
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):
     """Law: when a plan is changed for the first time, every start of every family was begun."""
     scenario, changed = lissajous_env.scenario(small), []
@@ -245,6 +254,14 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
     assert untried == []
     assert looks >= sum(len(family.starts) for family in search.families) - AHEAD - 1
     assert search.finals  # what was interrupted is played to the end
+
+
+def test_a_family_without_a_plan_says_whether_its_plans_collide_when_they_are_played_to_the_end():
+    family = Family("hand", looks=[({}, planned(1.0)), ({}, planned(2.0))])
+    search = Search(family.looks[0][1].plan.scenario, Episodes(), [family])
+    assert search.refusals()["hand"].endswith("2 remain, but none was simulated to the end")
+    search._finals = {0: planned(1.0, collisions=2)}
+    assert search.refusals()["hand"].endswith("2 remain, but 1 of them collided in simulations to the end")
 
 
 def test_the_fewest_robots_that_guarantee_a_time(small, capsys):
