@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 42_752
+LINES = 42_786
 """Lines of the packages."""
 MODULES = 274
 """Files of the packages."""
-TESTS = 25_986
+TESTS = 25_982
 """Lines of the tests."""
 
 
