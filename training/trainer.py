@@ -285,8 +285,7 @@ class Training:
             self._begins, self._returns = arrays["begins"], arrays["returns"]
             self._memory, self._noise = torch.from_numpy(arrays["memory"]), torch.from_numpy(arrays["noise"])
         else:
-            self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
-            self.worlds.batch.reset()
+            self.worlds.begin_anew(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
 

@@ -35,6 +35,8 @@ FIRST_SCENARIOS = 64
 """Number of scenarios at the beginning of a split among which a batch finds the largest team and the most targets."""
 _FROM_SYSTEM, _NEXT = -2, -1
 """In place of the seed of a world's next episode: the operating system draws it, or it follows from the latest one."""
+_DRIVER = "driver."
+"""Prefix of the arrays of the policy that drives the robots."""
 
 
 class Batch:
@@ -284,12 +286,21 @@ class Batch:
         return parts[0] if len(parts) == 1 else library.concatenate(parts)
 
     def save_state(self) -> dict[str, np.ndarray]:
-        """Return copies of all arrays that change during steps, by name; not for a space of scenarios."""
-        return self.simulation.save_state()
+        """Return copies of all arrays that change during steps, by name; not for a space of scenarios.
+
+        They include those of the policy that drives the robots, if it has a method `save_state`.
+        """
+        saved = self.simulation.save_state()
+        if hasattr(self.driver, "save_state"):
+            saved |= {_DRIVER + name: array for name, array in self.driver.save_state().items()}
+        return saved
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned."""
-        self.simulation.load_state(saved)
+        of_driver = {name.removeprefix(_DRIVER): saved[name] for name in saved if name.startswith(_DRIVER)}
+        self.simulation.load_state({name: array for name, array in saved.items() if not name.startswith(_DRIVER)})
+        if hasattr(self.driver, "load_state"):
+            self.driver.load_state(of_driver)
         self._seeds[:] = _NEXT
 
     @property

@@ -161,8 +161,8 @@ class Scenario(BringsRogues):
     def drive_factors(self) -> np.ndarray:
         """(N,) factor on `robot.drive` of each robot, from `robot.drive_factors`."""
         factors = np.ones(self.num_robots)
-        for robot, factor in self.robot.drive_factors:
-            factors[robot] *= factor
+        for robot, factor in self.robot.factors.items():
+            factors[robot] = factor
         factors.flags.writeable = False
         return factors
 
