@@ -351,4 +351,5 @@ def padded(array: Any, missing: int, library: Any) -> Any:
     """Return an array (W, n, ...) with more places (W, n + missing, ...), which are zero."""
     if not missing:
         return array
-    return library.concatenate([array, *[library.zeros_like(array[:, :1])] * missing], 1)
+    zeros = library.zeros((len(array), missing, *array.shape[2:]), dtype=array.dtype, device=array.device)
+    return library.concatenate([array, zeros], 1)

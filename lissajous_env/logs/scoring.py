@@ -208,7 +208,7 @@ def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray, motion
     for robot in range(status.shape[1]):
         gone = np.flatnonzero(status[:, robot] == int(REMOVED))
         if len(gone):
-            # A robot does not move in the step in which a fault removes it; where the edge or a collision does, it moves.
+            # A robot moves in the step in which the edge or a collision removes it, and not where a fault does.
             last = int(gone[0])
             before, after = motions[robot].at(times[[max(last - 1, 0), last]])[0]
             removed.append((robot, max(last - bool((before == after).all()), 0) * step))
