@@ -16,8 +16,7 @@ from gymnasium.error import ResetNeeded
 
 from lissajous_env.device.devices import cores
 from lissajous_env.device.work import Work
-from lissajous_env.envs.sides import Rows, Side, sides_of
-from lissajous_env.envs.true_state import state_rows, state_size
+from lissajous_env.envs.sides import Rows, Side, sides_of, state_rows, state_size
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.named import space_and_split
@@ -274,7 +273,7 @@ class Batch:
         return [row for rows in scores for row in rows]
 
     def state(self, library: Any = np) -> Any:
-        """Return (W, S) the true state of each world; see `lissajous_env.envs.true_state`.
+        """Return (W, S) the true state of each world; see `lissajous_env.envs.sides.state_names`.
 
         It contains the numbers of the largest team and of the largest number of target slots; those of robots and
         target slots that a scenario does not have are 0.
