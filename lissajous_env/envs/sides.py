@@ -1,4 +1,7 @@
-"""The two sides of a batch, robots and rogues: names, rows, actions; and the true state of a world."""
+"""The two sides of a batch, robots and rogues: names, rows, actions, and tables of discrete actions.
+
+`state_rows` returns the true state of each world, for centralized critics.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
