@@ -196,6 +196,8 @@ def cells_of(
     others = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
     given = settings.scenarios if scenarios is None else scenarios
     played = [named.build(scenario, **settings.overrides) for scenario in given]
+    if not played:
+        raise ValueError("scenarios must contain at least one scenario, got none")
     for name in others:
         if not any(name in registry.names(scenario) for scenario in played):
             registry.make(name, played[0])  # names the defect

@@ -6,7 +6,7 @@ It is done for each number of robots, and its result has the plans that no other
 import dataclasses
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import where_raised
 
 AHEAD = 8
-"""Plans that are begun before the first of them has ended, whatever the number of cores."""
+"""Plans that are begun before the first of them has ended; a search for a duration begins at most one for each core."""
 _FINALS, _FEWEST_FINALS = 5, 3
 """Plans that are tried for one that is played to the end, and plans that are played to the end at least."""
 _LOOKING = 0.7
@@ -83,9 +83,10 @@ class Search:
         return list(self._finals.values())
 
     def refusals(self) -> dict[str, str]:
-        """Return for each family without a final plan the reason."""
-        finals = {final.plan.family for final in self.finals if final.figures.collisions == 0}
-        return {family.name: family.why() for family in self.families if family.name not in finals}
+        """Return the reason for each family without a final plan that does not collide."""
+        good = {final.plan.family for final in self.finals if final.figures.collisions == 0}
+        collided = Counter(final.plan.family for final in self.finals)
+        return {family.name: family.why(collided[family.name]) for family in self.families if family.name not in good}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
@@ -110,7 +111,7 @@ class Search:
         self._finals_max = max(_FEWEST_FINALS, plans // _FINALS)
         begin = self._time()
         self._clock = lambda: self._time() - begin
-        self._ahead = AHEAD if seconds is None else cores()
+        self._ahead = AHEAD if seconds is None else min(cores(), AHEAD)
         with ThreadPoolExecutor(min(cores(), AHEAD)) as threads:
             for stage in (self._look, self._finish, self._confirm):
                 if self.interrupted and stage != self._finish:
@@ -237,8 +238,9 @@ class Search:
     ) -> Iterator[tuple[Any, Future]]:
         """Run calls in threads, and yield what each was for with its result, in the order in which they began.
 
-        A call is taken from the iterator when the result of the one `AHEAD` before it has been used, whatever the
-        number of cores and their load. So what the next call depends on is the same on every machine.
+        In a search for a number of plans, a call is taken from the iterator when the result of the one `AHEAD` before
+        it has been used, whatever the number of cores and their load. So the results on which the next call depends
+        are the same on every machine.
         """
         waiting: deque[tuple[Any, Future]] = deque()
         try:
