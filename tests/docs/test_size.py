@@ -9,7 +9,7 @@ LINES = 42_786
 """Lines of the packages."""
 MODULES = 274
 """Files of the packages."""
-TESTS = 25_982
+TESTS = 25_995
 """Lines of the tests."""
 
 
