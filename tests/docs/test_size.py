@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 42_786
+LINES = 42_825
 """Lines of the packages."""
 MODULES = 274
 """Files of the packages."""
-TESTS = 25_995
+TESTS = 25_999
 """Lines of the tests."""
 
 

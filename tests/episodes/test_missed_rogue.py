@@ -57,6 +57,10 @@ def test_without_a_guarantee_the_rogue_is_undetected_for_the_whole_episode():
     assert not rogue.replayed.detected
     assert rogue.undetected == pytest.approx(11.9)  # targets appear from the first step on
     assert rogue.path.steps == 119
+    # The rogue of the stage appears at once, and is detected after 3.3 s; one that appears later is not.
+    later = missed("evaders", "sweep", **SHORT, **{"targets.count": 3, "targets.arrival_rate": 0.5})
+    assert later.path.appears_at > 0
+    assert later.undetected == pytest.approx(11.9, abs=0.2)  # a cell
 
 
 def test_without_rogues_or_without_a_place_for_them_there_is_none():
