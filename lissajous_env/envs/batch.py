@@ -56,7 +56,7 @@ class Batch:
         num_groups: Number of groups that draw from a space, a divisor of W.
         roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
         robots: Policy that drives the robots if only the rogues act: the name of a policy, or folder of a checkpoint; a
-            policy for so many worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
+            policy for `num_worlds` worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
             (W, N, action_size).
         discrete_actions: True for actions that are indices of a table.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
@@ -136,11 +136,11 @@ class Batch:
         return slice(group * self.group_size, (group + 1) * self.group_size)
 
     def seed(self, seed: Any, worlds: Any = slice(None)) -> None:
-        """Set the seeds of the next episode of some worlds, in ascending order; None leaves them as they are.
+        """Set the seeds of the next episodes of some worlds; None leaves them as they are.
 
         Args:
-            seed: A number, where world k has seed + k, or a number for each of these worlds. With a space, a number
-                from which the sequence of its scenarios follows.
+            seed: A number, where world k has seed + k, or a number for each of these worlds, in ascending order. With a
+                space, a number from which the sequence of its scenarios follows.
             worlds: Indices of the worlds; all by default.
 
         Raises:

@@ -194,9 +194,9 @@ def check_agents(actions: Any, live: Sequence[str]) -> None:
 def action_table(scenario: str | Scenario) -> np.ndarray:
     """Return (K, action_size) the actions from which a discrete action selects.
 
-    They are steering x throttle, phase rates, or rest and velocities in eight directions. With messages of k numbers,
-    the table contains every motion with each of k + 1 messages: first zeros, then 1 in component 0 and zeros elsewhere,
-    and so on.
+    They are steering x throttle for cars, speed x yaw rate for differential drives, phase rates for points, or rest and
+    velocities in eight directions. With messages of k numbers, the table contains every motion with each of k + 1
+    messages: first zeros, then 1 in component 0 and zeros elsewhere, and so on.
     """
     scenario = named.build(scenario)
     moves = np.array(scenario.model.table, dtype=np.float32)
