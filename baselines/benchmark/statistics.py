@@ -157,7 +157,7 @@ def summarize_largest(
 def wins(own: Values, other: Values) -> np.ndarray:
     """Return for each seed whether a policy has less than another: 1 if it has, 0 if not, 1/2 in a tie.
 
-    Seed by seed, what a seed is worth, as easy or hard as it is, cancels. NaN where one of the two has no number.
+    Both play the same seeds, so the difficulty of a seed cancels. The result is NaN where one of the two has no number.
 
     Args:
         own: Numbers of the policy, by seed.

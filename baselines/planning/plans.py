@@ -131,7 +131,7 @@ they are."""
 
 
 def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = None) -> PolicySettings:
-    """Return a policy for cars whose parameters are in the units `UNITS` with parameters in SI units.
+    """Convert the parameters of a policy for cars from the units `UNITS` to SI units.
 
     Args:
         relative: The policy with relative parameters.
@@ -211,8 +211,8 @@ def _mean(values: Sequence[float]) -> float:
 def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
     """Return the plans without collisions that none of these dominates, by their worst-case undetected time.
 
-    Of plans with equal objectives the first is returned; where plans differ in their number of robots, fewer are
-    better.
+    Plans that are too close come last. Of plans with equal objectives the first is returned; where plans differ in
+    their number of robots, fewer are better.
     """
     by_objectives: dict[tuple[float, ...], Planned] = {}
     for plan in planned:
@@ -224,7 +224,10 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
 
 
 def best_of(planned: Sequence[Planned]) -> list[Planned]:
-    """Return the Pareto-optimal plans, the shortest worst case first; only those with a bound, if any."""
+    """Return the Pareto-optimal plans, the shortest worst case first and those that are too close last.
+
+    Only those with a bound are returned, if there are any.
+    """
     bounded = [plan for plan in planned if plan.figures.worst_case < math.inf]
     return pareto_optimal(bounded) or pareto_optimal(planned)
 

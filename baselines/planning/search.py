@@ -100,7 +100,7 @@ class Search:
     ) -> None:
         """Search until a number of plans, or in its place a duration, is spent.
 
-        Ctrl-C ends the search for plans, and once more the final episodes of the best ones.
+        The first Ctrl-C ends the search for plans, and a second one ends the final episodes of the best ones.
 
         Args:
             plans: Plans that are tried; a fifth as many of the best ones are then played to the end.
@@ -192,7 +192,7 @@ class Search:
             yield family, settings, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
-        """Play the best plans to the end, and all defaults that may be among them: no printed plan is worse."""
+        """Play the best plans to the end, and defaults that may be among them, so that no printed plan is worse."""
         looks, cutoff = self.ranked(), self._cutoff()
         defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
         plans = [look.plan for look in looks]
@@ -306,7 +306,7 @@ class Outcome:
 
     @property
     def plans(self) -> list[Planned]:
-        """Return the Pareto-optimal plans, the shortest worst case first; only those with a bound, if any."""
+        """Return the Pareto-optimal plans in the order of `best_of`; only those with a bound, if any."""
         return best_of(self.finals)
 
     @property

@@ -16,8 +16,7 @@ from gymnasium.error import ResetNeeded
 
 from lissajous_env.device.devices import cores
 from lissajous_env.device.work import Work
-from lissajous_env.envs.sides import Rows, Side, sides_of
-from lissajous_env.envs.true_state import state_rows, state_size
+from lissajous_env.envs.sides import Rows, Side, sides_of, state_rows, state_size
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.named import space_and_split
@@ -59,7 +58,7 @@ class Batch:
         num_groups: Number of groups that draw from a space, a divisor of W.
         roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
         robots: Policy that drives the robots if only the rogues act: the name of a policy, or folder of a checkpoint; a
-            policy for so many worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
+            policy for `num_worlds` worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
             (W, N, action_size).
         discrete_actions: True for actions that are indices of a table.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
@@ -139,11 +138,11 @@ class Batch:
         return slice(group * self.group_size, (group + 1) * self.group_size)
 
     def seed(self, seed: Any, worlds: Any = slice(None)) -> None:
-        """Set the seeds of the next episode of some worlds, in ascending order; None leaves them as they are.
+        """Set the seeds of the next episodes of some worlds; None leaves them as they are.
 
         Args:
-            seed: A number, where world k has seed + k, or a number for each of these worlds. With a space, a number
-                from which the sequence of its scenarios follows.
+            seed: A number, where world k has seed + k, or a number for each of these worlds, in ascending order. With a
+                space, a number from which the sequence of its scenarios follows.
             worlds: Indices of the worlds; all by default.
 
         Raises:
@@ -276,7 +275,7 @@ class Batch:
         return [row for rows in scores for row in rows]
 
     def state(self, library: Any = np) -> Any:
-        """Return (W, S) the true state of each world; see `lissajous_env.envs.true_state`.
+        """Return (W, S) the true state of each world; see `lissajous_env.envs.sides.state_names`.
 
         It contains the numbers of the largest team and of the largest number of target slots; those of robots and
         target slots that a scenario does not have are 0.

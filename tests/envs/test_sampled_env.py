@@ -11,7 +11,7 @@ from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, see
 
 import lissajous_env
 from lissajous_env import ScenarioSpace, scenario
-from lissajous_env.envs.true_state import state_rows
+from lissajous_env.envs.sides import state_rows
 
 SHORT = {"task.duration": 1.0, "task.contamination": None}
 DRAW = {
