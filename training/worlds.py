@@ -12,7 +12,8 @@ from torch import Tensor
 
 import baselines
 from baselines.policies.base import Policy
-from lissajous_env.envs.batch import Batch, padded
+from lissajous_env.envs.batch import Batch
+from lissajous_env.envs.sides import padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from lissajous_env.world.targets.motion import DRIFTING, FLEEING, WANDERING

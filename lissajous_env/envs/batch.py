@@ -16,7 +16,7 @@ from gymnasium.error import ResetNeeded
 
 from lissajous_env.device.devices import cores
 from lissajous_env.device.work import Work
-from lissajous_env.envs.sides import Rows, Side, sides_of, state_rows, state_size
+from lissajous_env.envs.sides import Rows, Side, padded, sides_of, state_rows, state_size
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.named import space_and_split
@@ -344,11 +344,3 @@ def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
     if isinstance(robots, type) or not callable(robots):
         raise ValueError(f"robots must be the name of a policy, a policy or a function, got {shown(robots)}")
     return FunctionPolicy(robots, num_worlds)
-
-
-def padded(array: Any, missing: int, library: Any) -> Any:
-    """Return an array (W, n, ...) with more places (W, n + missing, ...), which are zero."""
-    if not missing:
-        return array
-    zeros = library.zeros((len(array), missing, *array.shape[2:]), dtype=array.dtype, device=array.device)
-    return library.concatenate([array, zeros], 1)

@@ -256,8 +256,7 @@ def state_rows(simulation: Simulation, library: Any = np, num_robots: int = 0, n
     def columns(places: int, *numbers: Any) -> Any:
         # The phase is float64.
         rows = library.stack([library.asarray(column, dtype=library.float32) for column in numbers], -1)
-        more = [library.zeros_like(rows[:, :1])] * (places - rows.shape[1])
-        return library.concatenate([rows, *more], 1).reshape(simulation.num_worlds, -1)
+        return padded(rows, max(places - rows.shape[1], 0), library).reshape(simulation.num_worlds, -1)
 
     def place(position: Any) -> tuple[Any, Any]:
         return position[..., 0] / scenario.curve.half_width, position[..., 1] / scenario.curve.half_height
@@ -279,3 +278,11 @@ def state_rows(simulation: Simulation, library: Any = np, num_robots: int = 0, n
     of_targets = columns(num_targets, waiting, *(waiting * coordinate for coordinate in position))
     elapsed = columns(1, (read(simulation.clock.step) / scenario.task.steps)[:, None])
     return library.concatenate([of_robots, of_targets, elapsed], 1)
+
+
+def padded(array: Any, missing: int, library: Any) -> Any:
+    """Return an array (W, n, ...) with more places (W, n + missing, ...), which are zero."""
+    if not missing:
+        return array
+    zeros = library.zeros((len(array), missing, *array.shape[2:]), dtype=array.dtype, device=array.device)
+    return library.concatenate([array, zeros], 1)
