@@ -1,4 +1,4 @@
-"""The rounded form of the curve 3:2 (`lissajous_env.theory.rounded`): `python benchmarks/rounding.py`.
+"""The rounded form of the curve 3:2 (`lissajous_env.theory.closed_forms.rounded`): `python benchmarks/rounding.py`.
 
 It is the curve of the form of that module nearest to (3) at equal gamma, between the walls of a scenario, on which
 

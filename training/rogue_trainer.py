@@ -27,7 +27,7 @@ from training.learned.rogue import rogue_card
 from training.learned.rogue_network import RogueNetwork
 from training.rogue_settings import MAY_CHANGE, RogueTraining
 from training.settings import check_resumes
-from training.torch_state import load_state, save_state
+from training.trainer import load_state, save_state
 
 FIRST_EVALUATION_SEED = 20_000
 _FIRST_SEED = 1_000_000

@@ -32,7 +32,6 @@ from training.learned.perception import OWN, TOKEN
 from training.learned.policy import LearnedTeam
 from training.learned.team_network import TeamNetwork
 from training.settings import MAY_CHANGE, TrainingSettings, check_resumes, without_warnings
-from training.torch_state import load_state, save_state
 from training.validation import limit_of, mean_of, rank_of, validate, words_of
 from training.worlds import TRUTH, Rollout, Step, Worlds
 
@@ -285,8 +284,7 @@ class Training:
             self._begins, self._returns = arrays["begins"], arrays["returns"]
             self._memory, self._noise = torch.from_numpy(arrays["memory"]), torch.from_numpy(arrays["noise"])
         else:
-            self.worlds.batch.seed(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
-            self.worlds.batch.reset()
+            self.worlds.begin_anew(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
 
@@ -359,3 +357,31 @@ class TeamModule(nn.Module):
         names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
         names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
         return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})
+
+
+def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:
+    """Copy a module, its optimizer, and the state of torch's and NumPy's random generators, by name."""
+    arrays = checkpoint.prefixed(
+        "model", {name: tensor.detach().cpu().numpy() for name, tensor in module.state_dict().items()}
+    )
+    for k, moments in optimizer.state_dict()["state"].items():
+        arrays |= checkpoint.prefixed(
+            f"optimizer.{k}", {name: tensor.cpu().numpy() for name, tensor in moments.items()}
+        )
+    _, keys, position, *_ = np.random.get_state()
+    arrays |= {"random": torch.get_rng_state().numpy(), "shuffle": np.append(keys, np.uint32(position))}
+    return {name: np.array(array) for name, array in arrays.items()}
+
+
+def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict[str, np.ndarray]) -> None:
+    """Resume from what `save_state` returned; other names are ignored."""
+    module.load_state_dict(
+        {name: torch.from_numpy(array) for name, array in checkpoint.within("model", arrays).items()}
+    )
+    state: dict[str, Any] = optimizer.state_dict()
+    for name, array in checkpoint.within("optimizer", arrays).items():
+        k, moment = name.split(".")
+        state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
+    optimizer.load_state_dict(state)
+    torch.set_rng_state(torch.from_numpy(arrays["random"]))
+    np.random.set_state(("MT19937", arrays["shuffle"][:-1], int(arrays["shuffle"][-1]), 0, 0.0))

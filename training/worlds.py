@@ -12,7 +12,8 @@ from torch import Tensor
 
 import baselines
 from baselines.policies.base import Policy
-from lissajous_env.envs.batch import Batch, padded
+from lissajous_env.envs.batch import Batch
+from lissajous_env.envs.sides import padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from lissajous_env.world.targets.motion import DRIFTING, FLEEING, WANDERING
@@ -89,18 +90,25 @@ class Worlds:
         )  # fmt: skip
         self.side = self.batch.sides[0]
         self.count = worlds * self.side.places
-        self.batch.reset()
         self._base = settings.chosen_base
         self._bases: list[Policy] = []
         """Policies that the network corrects, one for each group; empty without any."""
         self._wishes: list[np.ndarray] = []
         """Actions (W, N, A) of these for the present states."""
-        self._update_wishes()
         self.steps = self.batch.scenario.task.steps
         # Worlds of a group end together, so that it can draw its next scenario.
         shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
-        self._left = np.ceil(shares * self.steps).repeat(worlds // len(shares))
+        self._first = np.ceil(shares * self.steps).repeat(worlds // len(shares))
+        self._left = self._first.copy()
         """Steps (W,) until the episode of a world ends: the first ones end at different times."""
+        self.begin_anew(None)
+
+    def begin_anew(self, seed: int | None) -> None:
+        """Begin the first episode of all worlds, after a seed if it is not None."""
+        self.batch.seed(seed)
+        self.batch.reset()
+        self._left, self._bases = self._first.copy(), []
+        self._update_wishes()
 
     def rows(self) -> list[np.ndarray]:
         """Return own numbers (B, A), tokens (B, K, F) and presence (B, K) of what the robots perceive."""

@@ -1,8 +1,8 @@
-"""The episodes of a cell played, and the engine of a benchmark on this machine: as many cells at a time as cores.
+"""Play the episodes of a cell, and the engine of a benchmark on this machine.
 
-An included policy may be played on any thread. What a user brings is played afterwards by the main thread, one cell
-after the other: such code may share data between its policies, and Ctrl-C reaches it there. The rows do not depend on
-it.
+The engine plays as many cells at a time as there are cores. An included policy may be played on any thread. What a user
+brings is played afterwards by the main thread, one cell after the other: such code may share data between its policies,
+and Ctrl-C reaches it there. The rows do not depend on it.
 """
 
 import threading
@@ -92,7 +92,7 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading
     """Play some episodes of a cell, given by number, and yield the rows of each batch; `stopped` ends it at a step.
 
     Raises:
-        ValueError: a score that is none, as one of a return that is infinite.
+        ValueError: a score is invalid, such as that of an infinite return.
     """
     policy = cell.factory(cell.scenario, settings.worlds, settings.device)
     numbers_left = iter(numbers)

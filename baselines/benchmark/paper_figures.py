@@ -47,8 +47,8 @@ _STYLE: dict[Any, Any] = STYLE | {
     "pdf.fonttype": 42,  # fonts that journals accept and readers can search
     "svg.hashsalt": "lissajous",
 }
-_FIRST_ROW = 0.8
-"""Height of a row of panels beside the lines of its policies [inch]."""
+_MARGINS = 0.8
+"""Height of the title and the axis of a row of panels [inch]."""
 _ROW = 0.17
 """Height of a line [inch]."""
 
@@ -82,7 +82,7 @@ def _figure(
     columns = with_numbers(policies, columns)
     across = min(max(len(columns), 1), 4)
     down = -(-len(columns) // across)
-    figure = Figure(figsize=(WIDTH, (_FIRST_ROW + _ROW * len(policies)) * max(down, 1)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, (_MARGINS + _ROW * len(policies)) * max(down, 1)), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03)  # type: ignore[union-attr]
     figure.suptitle(title, x=0.005, ha="left", fontsize=8, fontweight="bold")
     for k, column in enumerate(columns):

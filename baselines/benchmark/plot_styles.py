@@ -1,9 +1,9 @@
 """A colour and a mark for each policy, or other thing of a kind, in a picture.
 
-The first seven colours are those of Okabe and Ito (Color Universal Design, 2008) without yellow, which is too pale for
-a line on white, and with a softer black; the other six were chosen to be as far from them, and from each other, as can
-be. No two of the thirteen are one to a reader without red, green or blue cones, and the first thirteen styles differ in
-their marks as well. More things than that share a colour or a mark, never both.
+The first six colours and the eighth are those of Okabe and Ito (Color Universal Design, 2008) without yellow, which is
+too pale for a line on white, and with a softer black; the other six were chosen to be as far from them, and from each
+other, as can be. No two of the thirteen are one to a reader without red, green or blue cones, and the first thirteen
+styles differ in their marks as well. More things than that share a colour or a mark, never both.
 """
 
 import io

@@ -44,7 +44,8 @@ from lissajous_env.world.columns import (
 FORMAT = "lissajous report 3"
 MOST_EPISODES = 20_000
 """Largest number of episodes that are listed, the worst first."""
-_KINDS = {"car": "cars", "curve": "points on the curve"}
+_ROBOTS = {"car": "cars", "curve": "points on the curve", "differential": "differential drives"}
+"""Names of the robots by their kind."""
 _DIGITS = 5
 _EPISODES = "the episodes"
 """Placeholder of the episodes in the page of the frame."""
@@ -224,7 +225,7 @@ def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
     """Return the estimates over the scenarios of a kind of robots."""
     columns = with_numbers(overall.policies, OVERALL)
     return {
-        "kind": _KINDS.get(overall.kind, overall.kind),
+        "kind": _ROBOTS.get(overall.kind, overall.kind),
         "scenarios": list(overall.scenarios),
         "measures": [_described(column) for column in columns],
         "policies": [
@@ -252,7 +253,7 @@ def _described(column: Column) -> dict[str, Any]:
 def _facts(scenario: Scenario, bounds: Bounds, reference: str | None) -> list[tuple[str, str]]:
     """Return the main numbers of a scenario, each as its name and its value in words."""
     known = (
-        ("robots", f"{scenario.num_robots} {_KINDS.get(scenario.robot.kind, scenario.robot.kind)}"),
+        ("robots", f"{scenario.num_robots} {_ROBOTS.get(scenario.robot.kind, scenario.robot.kind)}"),
         ("episode", f"{scenario.task.duration:g} s"),
         (scenario.detection_time_label, f"{scenario.detection_time_bound:.3g} s"),
         *((("policies are compared with", reference),) if reference is not None else ()),

@@ -35,7 +35,7 @@ _Key = tuple[str, str, int]
 
 
 class Results:
-    """The settings and score rows in a folder; of an episode that has ended, its row is there once.
+    """The settings and score rows in a folder; an episode that has ended has exactly one row.
 
     Attributes:
         stored: Settings of the folder, including those of earlier calls.
@@ -167,7 +167,7 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
 
 
 def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
-    """Return digests of the code of each policy, of each model of robots that is not ours, and of learned rogues."""
+    """Return digests of the code of each policy, each model of robots that is not included, and learned rogues."""
     kinds = {cell.scenario.robot.kind for cell in cells}
     models = {_ROBOTS + kind: parts_of(model_of(kind).move) for kind in sorted(kinds) if not is_shipped(kind)}
     adversaries = sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""})

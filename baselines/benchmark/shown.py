@@ -98,7 +98,7 @@ def best_of(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
     most = max((of.known / of.n for of in numbers), default=0)
     if not most or not column.better or len({in_words(of)[0] for of in numbers}) == 1:
         return ""
-    fit = [of for of in numbers if of.known == most * of.n and not of.at_least]
+    fit = [of for of in numbers if of.known / of.n == most and not of.at_least]
     return in_words(max(fit, key=lambda of: column.better * of.value))[0] if fit else ""
 
 
@@ -112,14 +112,14 @@ def number(value: float) -> str:
         return f"{value:.3g}"
     if float(value).is_integer() or abs(value) >= 100:
         return f"{value:.0f}"
-    return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"
+    return f"{value:#.3g}".removesuffix(".") if abs(value) >= 0.9995 else f"{value:.3f}"
 
 
 def in_words(of: Estimate) -> tuple[str, str]:
     """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
 
-    Beside a largest value is instead the median of the episodes, unless half of them are open, and the number of the
-    episodes and of the open ones. A lower bound is written `> 59.9`, and a share of seeds in percent.
+    Beside a largest value is instead the median of the sample, unless half of it are open, and the number of its
+    episodes or scenarios and of the open ones. A lower bound is written `> 59.9`, and a share of seeds in percent.
     """
     if not of.known:
         return DASH, ""
@@ -130,7 +130,7 @@ def in_words(of: Estimate) -> tuple[str, str]:
     value = ("> " if of.at_least else "") + number(of.value) if math.isfinite(of.value) else "no bound"
     median = f"median {number(of.median)}" if math.isfinite(of.median) else ""
     counted = f"{of.open} of {of.known} open"
-    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median}, {of.known} episodes"
+    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median}, {of.known} {of.sample}"
 
 
 def between(low: float, high: float, times: float = 1.0) -> str:
@@ -287,8 +287,8 @@ def legend(table: Table, episodes: int) -> list[str]:
         words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
     if table.overall:
         words.append(
-            "Over scenarios: a scenario counts once, with the mean of its episodes or its largest guarantee; score and "
-            "guarantee / best: over the best policy on the same scenario and seed."
+            "Over scenarios: n is a number of scenarios, each with the mean of its episodes or its largest guarantee; "
+            "score and guarantee / best: over the best policy on the same scenario and seed."
         )
     if any(math.isfinite(bounds.best_known) for bounds in table.bounds.values()):
         words.append(

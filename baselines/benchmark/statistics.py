@@ -8,7 +8,7 @@ wastes half of the runs.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -40,30 +40,32 @@ Values = Sequence[float] | np.ndarray
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate of a score from episodes, with its interval; a number that does not exist is NaN."""
+    """Estimate of a score from a sample, with its interval; a number that does not exist is NaN."""
 
     summary: str
     """Kind of `value`: `Column.summary`, or `SHARE_OF_SEEDS`, the probability of improvement over the reference."""
     n: int
-    """Episodes."""
+    """Size of the sample."""
     known: int
-    """Episodes in which there was a number; the others count in `n` alone."""
+    """Episodes or scenarios of the sample that have a number; the others count in `n` alone."""
     value: float = np.nan
-    """Number that stands for the episodes; it may be infinite."""
+    """Number that stands for the sample; it may be infinite."""
     low: float = np.nan
     """Lower end of the 95 % bootstrap interval of `value`; NaN for a largest value, which has none."""
     high: float = np.nan
     """Upper end of the same."""
     min: float = np.nan
     median: float = np.nan
-    """Median; of largest values it counts open episodes as infinite."""
+    """Median; of largest values it counts open ones as infinite."""
     max: float = np.nan
     open: int = 0
-    """Episodes that show no bound."""
+    """Episodes or scenarios of the sample that show no bound."""
     at_least: bool = False
     """True if `value` is a lower bound of the largest value."""
     worst: int | None = None
     """Seed of the worst episode; None where it is unknown, or no value is better than another."""
+    sample: Literal["episodes", "scenarios"] = "episodes"
+    """Kind of the sample."""
 
 
 def interquartile_mean(values: Values) -> float:
@@ -155,7 +157,7 @@ def summarize_largest(
 def wins(own: Values, other: Values) -> np.ndarray:
     """Return for each seed whether a policy has less than another: 1 if it has, 0 if not, 1/2 in a tie.
 
-    Seed by seed, what a seed is worth, as easy or hard as it is, cancels. NaN where one of the two has no number.
+    Both play the same seeds, so the difficulty of a seed cancels. The result is NaN where one of the two has no number.
 
     Args:
         own: Numbers of the policy, by seed.

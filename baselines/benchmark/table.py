@@ -218,5 +218,7 @@ def overall(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[str, Sc
 def _over_scenarios(column: Column, strata: Sequence[Rows]) -> Estimate:
     known = [values[~np.isnan(values)] for values in (numbers(rows, column) for rows in strata)]
     if column.summary == LARGEST:
-        return summarize_largest([values.max(initial=-np.inf) if len(values) else np.nan for values in known])
-    return summarize([values.mean() if len(values) else np.nan for values in known], column.summary)
+        of = summarize_largest([values.max(initial=-np.inf) if len(values) else np.nan for values in known])
+    else:
+        of = summarize([values.mean() if len(values) else np.nan for values in known], column.summary)
+    return replace(of, sample="scenarios")

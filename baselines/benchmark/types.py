@@ -31,7 +31,8 @@ POLICIES = (
     "lanes", "follow", "a-cmommt", "greedy-cover", "pure-pursuit", "lead-pursuit",
     "voronoi-pursuit", "index", "index-learned", "learned-watch", "learned-intercept",
 )  # fmt: skip
-"""Policies of the standard comparison, which the command, the table of the README and the figures show.
+"""Policies of the standard comparison, which the command and the table of docs/comparison.md show; the README's table
+has some of them.
 
 A policy is played where it drives the robots, also where it was not made for; from `lanes` on they drive where actions
 are velocities.
@@ -51,7 +52,7 @@ class Benchmark:
     """Scenarios to play. SPACE:SPLIT, such as monitoring-v1:test, stands for the first 32 scenarios of a split or shift
     of a scenario space, and SPACE:SPLIT:COUNT for the first COUNT."""
     policies: tuple[str, ...] = ()
-    """Policies to play, each on the scenarios whose robots it drives; by default those of the README's table, and
+    """Policies to play, each on the scenarios whose robots it drives; by default the standard ones (`POLICIES`), and
     those that you registered. `all` plays every registered policy. Your own policy can be given as a checkpoint's
     folder, as `module:factory`, or by a name that a module of the current folder registers."""
     episodes: int = 16
@@ -196,6 +197,8 @@ def cells_of(
     others = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
     given = settings.scenarios if scenarios is None else scenarios
     played = [named.build(scenario, **settings.overrides) for scenario in given]
+    if not played:
+        raise ValueError("scenarios must contain at least one scenario, got none")
     for name in others:
         if not any(name in registry.names(scenario) for scenario in played):
             registry.make(name, played[0])  # names the defect

@@ -59,7 +59,8 @@ class Row:
             for part in ("robots", "targets", "links")
         )
         self._numbers, self._targets_in_sight = state["messages"].heard.numpy()[0, 0], state["latest"].in_sight.numpy()
-        self._scenario, self._near = scenario, float(scenario.equilibrium[robot])
+        self._scenario = scenario
+        self._near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
         self.values = row.numpy()[0, 0]
         """(D,) the row."""
         self.forget()

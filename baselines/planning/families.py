@@ -118,7 +118,7 @@ def lines(scenario: Scenario) -> Family:
 
 
 def patrols(scenario: Scenario) -> Family:
-    """Return loops of cars in file or for themselves, by their speed, number of lanes and inset."""
+    """Return loops on which cars drive in file or by themselves, by their speed, number of lanes and inset."""
     first = [
         {"cruise": 0.8, "lanes": lanes, "inset": inset, "start": start}
         for lanes, inset, start in ((2, 0.5, 0.9), (4, 0.5, 0.9), (2, 0.1, 0.9), (6, 0.5, 0.9), (2, 0.5, 0.0))

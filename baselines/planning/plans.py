@@ -50,7 +50,7 @@ class Plan:
     def key(self) -> tuple:
         """Return what distinguishes it from every other plan."""
         given = self.settings
-        return self.scenario.digest(), given.policy, repr(given.parameters), repr(given.coordinator)
+        return self.scenario.digest(), given.policy, repr(sorted(given.parameters.items())), repr(given.coordinator)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ they are."""
 
 
 def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = None) -> PolicySettings:
-    """Return a policy for cars whose parameters are in the units `UNITS` with parameters in SI units.
+    """Convert the parameters of a policy for cars from the units `UNITS` to SI units.
 
     Args:
         relative: The policy with relative parameters.
@@ -147,7 +147,12 @@ def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = 
 
 
 def figures_of(
-    rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, messages: str, clearance: float
+    rows: Sequence[dict[str, Any]],
+    failed: Sequence[dict[str, Any]],
+    plan: Plan,
+    duration: float,
+    messages: str,
+    clearance: float,
 ) -> Figures:
     """Return the figures of a plan.
 
@@ -155,10 +160,11 @@ def figures_of(
         rows: Score rows of the episodes without failures.
         failed: Those with failures.
         plan: The plan.
+        duration: Duration of an episode without failures, as far as it was played [s].
         messages: Content of the messages that its policy uses.
         clearance: Least distance of two bodies [m].
     """
-    duration, body = plan.scenario.task.duration, 2 * plan.scenario.robot.radius
+    body = 2 * plan.scenario.robot.radius
     detection = np.array(_of(DETECTION_TIME, rows))
     detection_low, detection_high = bootstrap_interval(detection[~np.isnan(detection)], cut=0.0)
     collisions_failed = sum(_of(COLLISIONS, failed))
@@ -205,8 +211,8 @@ def _mean(values: Sequence[float]) -> float:
 def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
     """Return the plans without collisions that none of these dominates, by their worst-case undetected time.
 
-    Of plans with equal objectives the first is returned; where plans differ in their number of robots, fewer are
-    better.
+    Plans that are too close come last. Of plans with equal objectives the first is returned; where plans differ in
+    their number of robots, fewer are better.
     """
     by_objectives: dict[tuple[float, ...], Planned] = {}
     for plan in planned:
@@ -218,7 +224,10 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
 
 
 def best_of(planned: Sequence[Planned]) -> list[Planned]:
-    """Return the Pareto-optimal plans, the shortest worst case first; only those with a bound, if any."""
+    """Return the Pareto-optimal plans, the shortest worst case first and those that are too close last.
+
+    Only those with a bound are returned, if there are any.
+    """
     bounded = [plan for plan in planned if plan.figures.worst_case < math.inf]
     return pareto_optimal(bounded) or pareto_optimal(planned)
 
@@ -272,11 +281,15 @@ class Family:
         """Return settings of which about a third differ, by a factor of about 1.25 where they are numbers."""
         child, names = dict(settings), list(self.space)
         for name in random.permutation(names)[: 1 + random.binomial(len(names) - 1, 0.33)]:
-            child[name] = _drawn(self.space[name], child.get(name), random)
+            child[str(name)] = _drawn(self.space[name], child.get(name), random)
         return child
 
-    def why(self) -> str:
-        """Return the reason why the family has no plan, with numbers."""
+    def why(self, collided_later: int = 0) -> str:
+        """Return the reason why the family has no plan, with numbers.
+
+        Args:
+            collided_later: Number of plans that collided when they were played to the end.
+        """
         if self.refusal:
             return self.refusal
         if not (self.looks or self.unmade):
@@ -288,7 +301,8 @@ class Family:
         if self.unmade:
             words.append(f"{len(self.unmade)} cannot be made: {self.unmade[0]}")
         if self.alive:
-            words.append(f"{len(self.alive)} remain, but none of them was played to the end")
+            ends = f"{collided_later} of them collided in simulations" if collided_later else "none was simulated"
+            words.append(f"{len(self.alive)} remain, but {ends} to the end")
         return "; ".join(words)
 
 

@@ -165,7 +165,7 @@ class Prior:
     about: Mapping[str, Any]
     """The command that made it, with its seed, and the scenarios that it played."""
     objective: str
-    """`DETECTION` or `GUARANTEE` of `baselines.planning.rehearse`."""
+    """`DETECTION` or `GUARANTEE`."""
     patrols: tuple[PolicySettings, ...]
     """K policies with parameters relative to the scenario (`baselines.planning.plans.absolute`)."""
     limits: np.ndarray
@@ -337,10 +337,10 @@ def rehearsal_of(scenario: Scenario, objective: str) -> Scenario:
 def best_rehearsed(prior: Prior, scenario: Scenario, count: int) -> int | None:
     """Return the index of the best of the first `count` patrols that suit a scenario; None if none does.
 
-    The `FINALISTS` best of `FEW` episodes are compared in `MANY`, of which a worst-case undetected time
-    is the largest; so each further one follows that was better in its few episodes than these are in all. The episodes
-    do not depend on the machine's load or on what ran before, so that all robots on machines of one kind choose the
-    same.
+    The `FINALISTS` best patrols of `FEW` episodes are compared in `MANY`. The worst case of more episodes is never
+    shorter. So with the objective `GUARANTEE`, every other patrol that was better in its few episodes than these are in
+    all is played again, too. The episodes do not depend on the machine's load or on what ran before, so that all robots
+    on machines of one kind choose the same.
     """
     rehearsal, step = rehearsal_of(scenario, prior.objective), scenario.task.step
     costs: dict[int, float] = {}

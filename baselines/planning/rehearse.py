@@ -48,23 +48,28 @@ class Episodes:
     seed: int = 0
     """Seed of the first episode without failures and of the first with failures."""
     failures: int = 0
-    """Robots that fail for good in an episode with failures."""
+    """Robots that fail for good in an episode with failures, besides those that the scenario removes."""
     count: int = EPISODES
     clearance: float = 0.0
     """Distance of two bodies below which a plan is ranked after all others [m]."""
 
     def with_failures(self, scenario: Scenario) -> Scenario:
         """Return a scenario in which so many more robots fail for good; `remove_early` determines which and when."""
-        return named.build(scenario, **{"faults.lost": scenario.faults.lost + self.failures})
+        return named.build(scenario, **{"faults.lost": self.lost(scenario)})
+
+    def lost(self, scenario: Scenario) -> int:
+        """Return the number of robots that are removed in an episode with failures."""
+        return scenario.faults.lost + self.failures
 
     def losses(self, scenario: Scenario) -> list[tuple[int, ...]]:
         """Return the robots that are removed in each episode with failures; none without failures.
 
-        These are all combinations of as many robots as fail, or, of more than `MOST_LOSSES`, so many random ones.
+        These are all combinations of as many robots as fail. If there are more than `MOST_LOSSES` of them, that many
+        are drawn at random.
         """
         if not self.failures:
             return []
-        robots, lost = scenario.num_robots, self.with_failures(scenario).faults.lost
+        robots, lost = scenario.num_robots, self.lost(scenario)
         if self.combinations(scenario) <= MOST_LOSSES:
             return list(itertools.combinations(range(robots), lost))
         draw, chosen = np.random.default_rng(self.seed), {}
@@ -74,7 +79,7 @@ class Episodes:
 
     def combinations(self, scenario: Scenario) -> int:
         """Return the number of combinations of as many robots as fail in an episode with failures."""
-        return math.comb(scenario.num_robots, self.with_failures(scenario).faults.lost)
+        return math.comb(scenario.num_robots, self.lost(scenario))
 
 
 class _Run:
@@ -143,7 +148,7 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     """Play half of some episodes of a plan on a coarse grid; they end at the first collision, or beyond a cutoff [s].
 
     If the worst case exceeds the cutoff, the result has no bound. A plan without a bound is not played with failures:
-    its worst case with failures is infinite, too.
+    its worst case with failures is infinite, too. Episodes with failures are played to the end, on the same grid.
     """
     scenario, until = on_coarse_grid(plan.scenario), max(round(_SHARE * plan.scenario.task.steps), 1)
     run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
@@ -172,7 +177,8 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
         lossy = _Run(plan, episodes.with_failures(scenario), episodes.seed, losses)
         lossy.play(scenario.task.steps)
         failed = lossy.rows()
-    figures = figures_of(rows, failed, plan, run.policy.communicates, episodes.clearance)
+    duration = scenario.task.duration * (run.step / scenario.task.steps)
+    figures = figures_of(rows, failed, plan, duration, run.policy.communicates, episodes.clearance)
     return Planned(plan, figures, rows, failed)
 
 

@@ -40,7 +40,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> Non
             Column(f"second half [s]\n{episodes}"),
             lambda entry: worst_in_words(entry.figures.settled, entry.rows, SETTLED_TIME),
         ),
-        (failures > 0, Column(f"with {failures} lost [s]\n{_losses(outcome)} episodes"), _failed),
+        (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), _failed),
         (
             True,
             Column("lower\nbound [s]", rank=1),
@@ -83,8 +83,9 @@ def sentences(outcome: Outcome) -> list[str]:
         f" {_played(outcome.plans)} of the best"
     ]
     if episodes.failures:
-        lost = "1 robot is removed" if episodes.failures == 1 else f"{episodes.failures} robots are removed"
-        all_or_some = "each combination of robots once" if episodes.failures > 1 else "each robot once"
+        count = _lost(outcome)
+        lost = "1 robot is removed" if count == 1 else f"{count} robots are removed"
+        all_or_some = "each combination of robots once" if count > 1 else "each robot once"
         if "of" in _losses(outcome):
             all_or_some = "of as many combinations of robots, drawn at random"
         words[0] += f", and {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
@@ -113,7 +114,7 @@ def _of_failures(outcome: Outcome) -> list[str]:
     """Return the reasons why no plan has a bound with removed robots, and a remedy; nothing if one has."""
     if any(planned.figures.worst_case_failed < math.inf for planned in outcome.plans):
         return []
-    lost, collide = outcome.request.failures, sum(planned.figures.collisions_failed > 0 for planned in outcome.plans)
+    lost, collide = _lost(outcome), sum(planned.figures.collisions_failed > 0 for planned in outcome.plans)
     open_ones = len(outcome.plans) - collide
     words = (
         f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
@@ -137,6 +138,11 @@ def _played(plans: Sequence[Planned]) -> str:
     """Return the number of episodes without failures of some plans."""
     counts = [len(planned.rows) for planned in plans]
     return " to ".join(dict.fromkeys([str(min(counts, default=0)), str(max(counts, default=0))]))
+
+
+def _lost(outcome: Outcome) -> int:
+    """Return the number of robots that are removed in an episode with failures; it does not depend on their number."""
+    return outcome.request.episodes.lost(next(iter(outcome.scenarios.values())))
 
 
 def _losses(outcome: Outcome) -> str:

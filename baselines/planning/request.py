@@ -97,8 +97,9 @@ class Request:
     entry: Literal["inside", "boundary", "unseen"] | None = None
     """Place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs."""
     failures: int = 0
-    """Number of robots that fail for good: each combination of as many is removed once, after a quarter of an episode;
-    of more than 64 combinations, 64 are drawn at random."""
+    """Number of robots that fail for good, besides those that the scenario removes at random (`faults.lost`): each
+    combination of as many is removed once, after a quarter of an episode; of more than 64 combinations, 64 are drawn
+    at random."""
     guarantee: float | None = None
     """Time within which every target must be detected [s]; if robots is a range, the search ends at the smallest number
     that achieves it."""
@@ -131,8 +132,9 @@ class Request:
             if self.seconds is not None:
                 rule = "plans must be omitted if seconds is given"
                 raise ValueError(f"{rule}, got {self.plans} and {self.seconds:g} s")
-        if not isinstance(self.failures, int) or not 0 <= self.failures < self.numbers[0]:
-            rule = f"failures must be a whole number from 0 to {self.numbers[0] - 1}, fewer than the robots"
+        most = max(self.numbers[0] - 1 - (0 if self.base is None else self.base.faults.lost), 0)
+        if not isinstance(self.failures, int) or not 0 <= self.failures <= most:
+            rule = f"failures must be a whole number from 0 to {most}, so that a robot remains"
             raise ValueError(f"{rule}, got {shown(self.failures)}")
 
     def _check_kind(self) -> None:

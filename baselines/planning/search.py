@@ -6,7 +6,7 @@ It is done for each number of robots, and its result has the plans that no other
 import dataclasses
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import where_raised
 
 AHEAD = 8
-"""Plans that are begun before the first of them has ended, whatever the number of cores."""
+"""Plans that are begun before the first of them has ended; a search for a duration begins at most one for each core."""
 _FINALS, _FEWEST_FINALS = 5, 3
 """Plans that are tried for one that is played to the end, and plans that are played to the end at least."""
 _LOOKING = 0.7
@@ -83,9 +83,10 @@ class Search:
         return list(self._finals.values())
 
     def refusals(self) -> dict[str, str]:
-        """Return for each family without a final plan the reason."""
-        finals = {final.plan.family for final in self.finals if final.figures.collisions == 0}
-        return {family.name: family.why() for family in self.families if family.name not in finals}
+        """Return the reason for each family without a final plan that does not collide."""
+        good = {final.plan.family for final in self.finals if final.figures.collisions == 0}
+        collided = Counter(final.plan.family for final in self.finals)
+        return {family.name: family.why(collided[family.name]) for family in self.families if family.name not in good}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
@@ -99,7 +100,7 @@ class Search:
     ) -> None:
         """Search until a number of plans, or in its place a duration, is spent.
 
-        Ctrl-C ends the search for plans, and once more the final episodes of the best ones.
+        The first Ctrl-C ends the search for plans, and a second one ends the final episodes of the best ones.
 
         Args:
             plans: Plans that are tried; a fifth as many of the best ones are then played to the end.
@@ -110,7 +111,7 @@ class Search:
         self._finals_max = max(_FEWEST_FINALS, plans // _FINALS)
         begin = self._time()
         self._clock = lambda: self._time() - begin
-        self._ahead = AHEAD if seconds is None else cores()
+        self._ahead = AHEAD if seconds is None else min(cores(), AHEAD)
         with ThreadPoolExecutor(min(cores(), AHEAD)) as threads:
             for stage in (self._look, self._finish, self._confirm):
                 if self.interrupted and stage != self._finish:
@@ -191,7 +192,7 @@ class Search:
             yield family, settings, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
-        """Play the best plans to the end, and all defaults that may be among them: no printed plan is worse."""
+        """Play the best plans to the end, and defaults that may be among them, so that no printed plan is worse."""
         looks, cutoff = self.ranked(), self._cutoff()
         defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
         plans = [look.plan for look in looks]
@@ -237,8 +238,9 @@ class Search:
     ) -> Iterator[tuple[Any, Future]]:
         """Run calls in threads, and yield what each was for with its result, in the order in which they began.
 
-        A call is taken from the iterator when the result of the one `AHEAD` before it has been used, whatever the
-        number of cores and their load. So what the next call depends on is the same on every machine.
+        In a search for a number of plans, a call is taken from the iterator when the result of the one `AHEAD` before
+        it has been used, whatever the number of cores and their load. So the results on which the next call depends
+        are the same on every machine.
         """
         waiting: deque[tuple[Any, Future]] = deque()
         try:
@@ -304,7 +306,7 @@ class Outcome:
 
     @property
     def plans(self) -> list[Planned]:
-        """Return the Pareto-optimal plans, the shortest worst case first; only those with a bound, if any."""
+        """Return the Pareto-optimal plans in the order of `best_of`; only those with a bound, if any."""
         return best_of(self.finals)
 
     @property

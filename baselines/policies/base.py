@@ -198,8 +198,8 @@ class Policy(Copyable, Remembering):
                 array may be the simulation's own, and must not be changed.
 
         Returns:
-            An array of any type, or nested lists, of numbers. With `arrays = "warp"` a policy may write `self.action`
-            instead, and return None.
+            An array of any type, or nested lists, of numbers. With `arrays = "warp"` a policy may write all of
+            `self.action` instead, in which the wall rule changes actions, and return None.
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method decide(observation) that returns actions")
 

@@ -27,7 +27,7 @@ _FULL = 0.985
 
 @wp.kernel
 def choose_ways(
-    equilibrium: wp.array(dtype=float),
+    starts: wp.array(dtype=float),
     angles: int,
     first: int,
     variants: int,
@@ -38,7 +38,7 @@ def choose_ways(
     """Choose the way into the lines at the first step: by the angle of the formation, which a robot's phase shows."""
     w, i = wp.tid()
     if memory[w, i, STEPS] == 0.0:
-        turned = wrap(own_phase(w, i, observation) - equilibrium[i]) / 6.283185307179586
+        turned = wrap(own_phase(w, i, observation) - starts[i]) / 6.283185307179586
         nearest = int(wp.floor(turned * float(angles) + 0.5)) - first
         if variants == angles:
             variant_out[w, i] = (nearest + angles) % angles
@@ -95,7 +95,8 @@ class LineAbreast(TimedPaths):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
-        self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
+        starts = self.scenario.equilibrium + self.scenario.displacements
+        self._starts = wp.array(starts, dtype=wp.float32, device=self.device)
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths: a variant for each angle of the formation, or one alone within an inset."""
@@ -105,6 +106,6 @@ class LineAbreast(TimedPaths):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         if len(self.tables.pose) > 1:
-            inputs = [self._equilibrium, *self._angles, len(self.tables.pose), self._memory, observation]
+            inputs = [self._starts, *self._angles, len(self.tables.pose), self._memory, observation]
             self.launch(choose_ways, self.shape, inputs, [self.variant])
         super().decide(observation)

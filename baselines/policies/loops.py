@@ -191,8 +191,8 @@ class SweepParameters(Checked):
     """Lowest speed at which a car of `sweep` waits for its place, if it is ahead of it on the loop [m/s]; None: cars
     drive straight to their places."""
     by_phase: bool = flag(False)
-    """True if the phase of a car of `sweep` alone determines its place in the file: places are then evenly spaced
-    however far cars are off the formation at the start, but some are farther away. False: the file has the order of the
+    """True if the phase of a car of `sweep` alone determines its place in the file: places are then as evenly spaced as
+    the phases at the start, less `formation.displaced`, but some are farther away. False: the file has the order of the
     formation's places along the loop, on which cars that are off their places disagree."""
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
     """Distance of the goal ahead of a car's place [m]; None is the distance that the patrol drives in
@@ -253,23 +253,26 @@ def file_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:
 def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -> np.ndarray:
     """Return evenly spaced points (K, 2) of the loop [m], counter-clockwise.
 
-    It goes around the rectangle if targets enter at the boundary (then close to it), or if a disc that reaches the
-    boundary also reaches the middle. Otherwise it goes along lanes, two sensing radii apart, and back along one side.
+    It goes around the rectangle if targets enter at the boundary (then close to it), if a disc that reaches the
+    boundary also reaches the middle, or if lanes have no room for the corners. Otherwise it goes along lanes of the
+    longer side, two sensing radii apart, and back along one end.
     """
     parameters = parameters or SweepParameters()
     curve, radius = scenario.driven, scenario.sensing_radius
-    A, B = curve.half_width, curve.half_height
+    B, A = sorted((curve.half_width, curve.half_height))
     corner = parameters.corner or corner_radius(scenario, parameters.cruise)
     at_boundary = scenario.targets.entry == "boundary"
     wanted = (0.1 if at_boundary else 0.7) * radius if parameters.inset is None else parameters.inset
-    inset = max(min(wanted, B - corner, A - corner), 0.0)
+    inset = max(min(wanted, B - corner), 0.0)
     around = at_boundary or B - inset <= radius
     lanes = parameters.lanes or (2 if around else 2 * math.ceil((B - inset) / (2 * radius) + 0.5))
+    if A - inset < 2 * corner:
+        lanes = 2
     corners = lane_corners(A - inset, B - inset, corner, lanes)
     path = resampled(rounded(corners, corner, 16), _POINTS)
     if lanes == 2 and parameters.bow > 0:
         path = resampled(_bowed(path, np.array([A - inset, B - inset]), corner, parameters.bow), _POINTS)
-    return path
+    return path[::-1, ::-1] if curve.half_height > curve.half_width else path
 
 
 def _bowed(path: np.ndarray, half_sides: np.ndarray, corner: float, bow: float) -> np.ndarray:

@@ -294,6 +294,7 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
     repair.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
     repair.spacing, repair.offset = _avoided_distance(scenario) / _FINER, _offset(scenario)
     repair.sensing, repair.drift, repair.back = _SEEN * scenario.sensing_radius, drift, math.inf
+    repair.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
     repair.margins = wp.array(margins, dtype=wp.vec4, device=device)
     repair.middles = wp.array(middle_of(takeover.loop), dtype=wp.vec2, device=device)
     repair.away = wp.array(takeover.away, dtype=wp.vec2, device=device)

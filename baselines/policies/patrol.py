@@ -75,17 +75,19 @@ def agreed_phase(
     w: int,
     i: int,
     equilibrium: wp.array(dtype=float),
+    displaced: wp.array(dtype=float),
     ring: wp.array(dtype=wp.vec2i),
     observation: wp.array3d(dtype=float),
 ) -> float:
-    """Return robot i's phase after the mean of its own and its neighbours' deviations from the equilibrium is removed.
+    """Return robot i's phase after the mean of its own and its neighbours' deviations from the start is removed.
 
     Robots whose phases deviate differently thus agree better on the order of their places.
     """
     phase = own_phase(w, i, observation)
     for side in range(2):
         if hears(w, i, side, observation):
-            expected = equilibrium[ring[i][side]] - equilibrium[i]
+            other = ring[i][side]
+            expected = equilibrium[other] + displaced[other] - equilibrium[i] - displaced[i]
             phase += wrap(lead(w, i, side, observation) - expected) / 3.0
     return phase
 
@@ -97,6 +99,7 @@ def follow_loop(
     eagerness: float,
     alpha: float,
     equilibrium: wp.array(dtype=float),
+    displaced: wp.array(dtype=float),
     ring: wp.array(dtype=wp.vec2i),
     loop: wp.array(dtype=wp.vec2),
     cruise: float,
@@ -115,7 +118,7 @@ def follow_loop(
 
     With a time constant `gather` [s] the places start from rest: their speed is (1 - exp(-t / gather)) of that. If
     `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed. If `winding` is not 0,
-    the place of a robot is `file_by_phase` of its phase.
+    the place of a robot is `file_by_phase` of its phase. The phase is that without its angle `displaced` of the start.
 
     The memory of a robot is the index on the loop where its place began, and one more than the number of steps since
     then.
@@ -126,7 +129,8 @@ def follow_loop(
     if known[1] == 0.0:
         phase = own_phase(w, i, observation)
         if slowest >= 0.0:
-            phase = agreed_phase(w, i, equilibrium, ring, observation)
+            phase = agreed_phase(w, i, equilibrium, displaced, ring, observation)
+        phase -= displaced[i]
         slot = winding * phase / 6.283185307179586 * float(size) + origin
         if winding == 0.0:
             slot = slot_of(i, phase, curve, alpha, equilibrium, loop)
@@ -259,10 +263,11 @@ class Sweep(_Patrol):
         slowest = -1.0 if parameters.slowest is None else parameters.slowest
         in_file = file_by_phase(scenario, loop) if parameters.by_phase else (0.0, 0.0)
         equilibrium = wp.array(scenario.equilibrium, dtype=wp.float32, device=self.device)
+        displaced = wp.array(scenario.displacements, dtype=wp.float32, device=self.device)
         ring = wp.array(scenario.neighbours, dtype=wp.vec2i, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-        self._inputs += [float(scenario.alpha), equilibrium, ring, self._loop, cruise, loop_spacing(loop)]
+        self._inputs += [float(scenario.alpha), equilibrium, displaced, ring, self._loop, cruise, loop_spacing(loop)]
         self._inputs += [lookahead(scenario, cruise, parameters), scenario.task.step, parameters.gather, slowest]
         self._inputs += [*in_file]
 
@@ -325,7 +330,8 @@ class Still(Policy):
         action = np.zeros(self.action.shape, dtype=np.float32)
         rest = self.scenario.model.rest_action(self.scenario.robot)
         action[..., : len(rest)] = rest
-        self.action.assign(action)
+        self._rest = wp.array(action, dtype=wp.float32, device=self.device)
 
-    def decide(self, observation: wp.array) -> None:
-        """Leave the action as it is."""
+    def decide(self, observation: wp.array) -> wp.array:
+        """Return the actions of robots that rest."""
+        return self._rest

@@ -300,6 +300,8 @@ class Cover(Searching):
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Drive to the robot's place, if it has one."""
+        if rows.tracks.shape[2] == 0:
+            return np.zeros_like(rows.position), np.zeros(self.shape, dtype=bool)
         unit_time = self.sight / self.top
         at = rows.position[:, :, None] + self.expected_offset(rows)
         pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)

@@ -127,8 +127,8 @@ def is_safe_after(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, a
     With noise, the drive is faster than measured and heads to the left or to the right of what is measured and wanted.
     """
     speed = commanded_speed(robot, wp.clamp(action[0] + wp.sign(action[0]) * room.action_error, -1.0, 1.0))
-    for k in range(2 - room.is_exact):
-        side = wp.where(k == 0, 1.0, -1.0)
+    for k in range(wp.where(room.is_exact == 1, 1, 4)):
+        side = wp.where(k % 2 == 0, 1.0, -1.0)
         now = Drive()
         now.pose = drive.pose
         now.pose[2] += side * room.heading_error
@@ -136,7 +136,7 @@ def is_safe_after(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, a
         now.yaw_rate = beside(room, drive.yaw_rate / robot.yaw_rate_max, side)
         turning = beside(room, wp.clamp(action[1] + side * room.action_error, -1.0, 1.0), side)
         for _ in range(room.substeps):
-            now = moved(room, robot, now, speed, turning, room.pushes[k])
+            now = moved(room, robot, now, speed, turning, room.pushes[k / 2])
             if not is_in(room, half, now):
                 return False
         if not (

@@ -1,8 +1,8 @@
 """Takeovers: what a robot knows about failed robots, and the loop that it drives because of them.
 
 A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
-age of its last message grows. A robot receives nothing else: it has no information about robots that are not its ring
-neighbours unless they are in its disc.
+age of its last message grows, or the time since the reset without any. A robot receives nothing else: it has no
+information about robots that are not its ring neighbours unless they are in its disc.
 """
 
 import warp as wp
@@ -72,6 +72,8 @@ class Repair:
     """Most by which the middle of a loop moves in a control step [m]."""
     back: float
     """The same on the way to the robot's own loop [m], so that the car stays in phase with the others."""
+    neighbours: wp.array(dtype=wp.vec2i)
+    """(N,) previous and next robot on the ring, -1 for none."""
     margins: wp.array2d(dtype=wp.vec4)
     """(P, N) distances by which a loop can be moved to the left, down, to the right and up in the rectangle [m]."""
     middles: wp.array2d(dtype=wp.vec2)
@@ -103,13 +105,15 @@ def watch_neighbours(
     for side in range(2):
         known = memory[w, i, side]
         if not hears(w, i, side, observation):
-            if known[AGE] > 0.0:
+            if known[AGE] <= 0.0 and repair.neighbours[i][side] >= 0:
+                known[AGE] -= repair.step
+            if known[AGE] > 0.0 or known[AGE] < -repair.time_unit - 0.5 * repair.step:
                 known[STATE] = float(SILENT)
         else:
             place = position + offset_heard(w, i, side, curve, observation)
-            # One step more than the age, so that 0 means that nothing was heard yet.
+            # Both have one step more: the age, and with a negative sign the time since the reset without a message.
             age = message_age(w, i, side, repair.time_unit, observation) + repair.step
-            is_first = known[AGE] == 0.0
+            is_first = known[AGE] <= 0.0
             # A message that was heard before is older by a step and does not count.
             if is_first or age < known[AGE] + 0.5 * repair.step:
                 moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))

@@ -100,12 +100,13 @@ def start_is_known(scenario: Scenario) -> bool:
 def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return poses (..., N, 3), x, y [m] and heading [rad], and speeds (..., N) [m/s] of a start in the equilibrium.
 
+    A robot starts at its own top speed if that is lower than the formation's.
     `turned` (...) are angles by which the whole formation is turned [rad].
     """
     gamma = scenario.alpha * (scenario.equilibrium + scenario.displacements + np.asarray(turned)[..., None])
     velocity = closed_forms.curve_derivatives(scenario.driven, gamma)[0] * scenario.formation.phase_rate
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    speed = np.hypot(velocity[..., 0], velocity[..., 1])
+    speed = np.minimum(np.hypot(velocity[..., 0], velocity[..., 1]), scenario.top_speeds.clip(0))
     pose = np.concatenate([closed_forms.curve_point(scenario.driven, gamma)[..., :2], heading[..., None]], axis=-1)
     pose[..., 2] = start_headings(scenario, pose, speed)
     return pose, speed

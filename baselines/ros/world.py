@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from baselines.onboard import Limits, inputs_of
+from baselines.onboard.simulated import Vehicle
 from baselines.ros import library as ros
 from baselines.ros import messages
 from baselines.ros.settings import WorldSettings, check_command
-from baselines.ros.vehicle import Vehicle
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.messages import seconds

@@ -15,8 +15,8 @@ from benchmarks import figures
 from docs.generator import replays
 from docs.generator.files import table, write_changed
 from docs.generator.pictures import MOST_TARGETS, picture_of
+from lissajous_env.console.scenarios import measured, value_of_feedback
 from lissajous_env.envs.sides import action_table
-from lissajous_env.parameters.feedback import measured, value_of_feedback
 from lissajous_env.parameters.scenario import PARTS, Scenario, Task
 from lissajous_env.settings.checks import meanings
 from lissajous_env.world.observation import layout

@@ -16,8 +16,7 @@ from gymnasium.error import ResetNeeded
 
 from lissajous_env.device.devices import cores
 from lissajous_env.device.work import Work
-from lissajous_env.envs.sides import Rows, Side, sides_of
-from lissajous_env.envs.true_state import state_rows, state_size
+from lissajous_env.envs.sides import Rows, Side, padded, sides_of, state_rows, state_size
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.named import space_and_split
@@ -35,6 +34,8 @@ FIRST_SCENARIOS = 64
 """Number of scenarios at the beginning of a split among which a batch finds the largest team and the most targets."""
 _FROM_SYSTEM, _NEXT = -2, -1
 """In place of the seed of a world's next episode: the operating system draws it, or it follows from the latest one."""
+_DRIVER = "driver."
+"""Prefix of the arrays of the policy that drives the robots."""
 
 
 class Batch:
@@ -57,7 +58,7 @@ class Batch:
         num_groups: Number of groups that draw from a space, a divisor of W.
         roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
         robots: Policy that drives the robots if only the rogues act: the name of a policy, or folder of a checkpoint; a
-            policy for so many worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
+            policy for `num_worlds` worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
             (W, N, action_size).
         discrete_actions: True for actions that are indices of a table.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
@@ -137,11 +138,11 @@ class Batch:
         return slice(group * self.group_size, (group + 1) * self.group_size)
 
     def seed(self, seed: Any, worlds: Any = slice(None)) -> None:
-        """Set the seeds of the next episode of some worlds, in ascending order; None leaves them as they are.
+        """Set the seeds of the next episodes of some worlds; None leaves them as they are.
 
         Args:
-            seed: A number, where world k has seed + k, or a number for each of these worlds. With a space, a number
-                from which the sequence of its scenarios follows.
+            seed: A number, where world k has seed + k, or a number for each of these worlds, in ascending order. With a
+                space, a number from which the sequence of its scenarios follows.
             worlds: Indices of the worlds; all by default.
 
         Raises:
@@ -274,7 +275,7 @@ class Batch:
         return [row for rows in scores for row in rows]
 
     def state(self, library: Any = np) -> Any:
-        """Return (W, S) the true state of each world; see `lissajous_env.envs.true_state`.
+        """Return (W, S) the true state of each world; see `lissajous_env.envs.sides.state_names`.
 
         It contains the numbers of the largest team and of the largest number of target slots; those of robots and
         target slots that a scenario does not have are 0.
@@ -284,12 +285,21 @@ class Batch:
         return parts[0] if len(parts) == 1 else library.concatenate(parts)
 
     def save_state(self) -> dict[str, np.ndarray]:
-        """Return copies of all arrays that change during steps, by name; not for a space of scenarios."""
-        return self.simulation.save_state()
+        """Return copies of all arrays that change during steps, by name; not for a space of scenarios.
+
+        They include those of the policy that drives the robots, if it has a method `save_state`.
+        """
+        saved = self.simulation.save_state()
+        if hasattr(self.driver, "save_state"):
+            saved |= {_DRIVER + name: array for name, array in self.driver.save_state().items()}
+        return saved
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned."""
-        self.simulation.load_state(saved)
+        of_driver = {name.removeprefix(_DRIVER): saved[name] for name in saved if name.startswith(_DRIVER)}
+        self.simulation.load_state({name: array for name, array in saved.items() if not name.startswith(_DRIVER)})
+        if hasattr(self.driver, "load_state"):
+            self.driver.load_state(of_driver)
         self._seeds[:] = _NEXT
 
     @property
@@ -334,10 +344,3 @@ def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
     if isinstance(robots, type) or not callable(robots):
         raise ValueError(f"robots must be the name of a policy, a policy or a function, got {shown(robots)}")
     return FunctionPolicy(robots, num_worlds)
-
-
-def padded(array: Any, missing: int, library: Any) -> Any:
-    """Return an array (W, n, ...) with more places (W, n + missing, ...), which are zero."""
-    if not missing:
-        return array
-    return library.concatenate([array, *[library.zeros_like(array[:, :1])] * missing], 1)

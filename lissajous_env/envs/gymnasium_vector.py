@@ -110,7 +110,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
         self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
-        return self._observed(), self._infos(np.zeros(self._gone.shape, np.float32), self._ended)
+        return self._observed(), self._infos(np.zeros(self._gone.shape, np.float32), np.zeros_like(self._ended))
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take a step in every world; `autoreset_mode` determines when worlds that ended are reset.

@@ -186,7 +186,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self.agents = [*self.agents, *(side.names[t] for t in live)]
 
     def state(self) -> np.ndarray:
-        """Return the true state of the world, for centralized critics; see `lissajous_env.envs.true_state`.
+        """Return the true state of the world, for centralized critics; see `lissajous_env.envs.sides.state_names`.
 
         Of a space, it has the size of the largest team and of the largest number of target slots.
         """

@@ -149,7 +149,7 @@ def evaluate(
 
     Args:
         policy: A policy, or a function `act(observation) -> action` on NumPy arrays (W, N, D), which is called for
-            16 worlds together.
+            at most 16 worlds together.
         scenario: The scenario.
         seeds: Seed of each episode.
         device: Warp device of the simulation.

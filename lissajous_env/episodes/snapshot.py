@@ -36,7 +36,7 @@ class Snapshot:
     appears_at: np.ndarray
     """(T,) step in which a target appears."""
     found_at: np.ndarray
-    """(T,) step in which it was detected; above `step` before."""
+    """(T,) step in which it was detected; larger than `step` until then."""
     found_early: np.ndarray
     """(T,) share of that step that was left then."""
     sensed_at: np.ndarray

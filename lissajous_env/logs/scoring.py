@@ -105,7 +105,7 @@ def score(
     before = np.maximum(times - scenario.task.step, times[0])
     hidden = np.stack([motion.unknown(before, times) for motion in motions], axis=1)
     status = _statuses(log, times, hidden)
-    scenario = _as_logged(scenario, times, status)
+    scenario = _as_logged(scenario, times, status, motions)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
     simulation = PrescribedSimulation(scenario, _paths(log, scenario, motions, times, hidden), len(seeds))
@@ -202,13 +202,16 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     return status
 
 
-def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray) -> Scenario:
+def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray, motions: Sequence[Motion]) -> Scenario:
     """Return a scenario with the duration of a log and with the faults of its robots, and no others."""
     step, schedule, removed = scenario.task.step, [], []
     for robot in range(status.shape[1]):
         gone = np.flatnonzero(status[:, robot] == int(REMOVED))
         if len(gone):
-            removed.append((robot, max(int(gone[0]) - 1, 0) * step))
+            # A robot moves in the step in which the edge or a collision removes it, and not where a fault does.
+            last = int(gone[0])
+            before, after = motions[robot].at(times[[max(last - 1, 0), last]])[0]
+            removed.append((robot, max(last - bool((before == after).all()), 0) * step))
         failed = np.concatenate([[0], status[1:, robot] == int(STUCK), [0]]).astype(int)
         edges = np.flatnonzero(np.diff(failed))
         schedule += [(robot, *(edge * step for edge in fault)) for fault in edges.reshape(-1, 2).tolist()]
@@ -253,7 +256,7 @@ def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: n
     for k in np.flatnonzero(np.append(True, hidden[:-1] & ~hidden[1:])):
         if logged is None:
             x, y, heading = pose[k].tolist()
-            near = float(scenario.equilibrium[robot])
+            near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
             phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
         else:
             phase[k] = logged.before(times[k], _LATE_STATUS * scenario.task.step)

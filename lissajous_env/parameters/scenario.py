@@ -21,7 +21,6 @@ from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
 from lissajous_env.settings.task import Sensing, Targets, Task
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.rounded import rounded
 
 __all__ = [
     "PARTS",
@@ -161,8 +160,8 @@ class Scenario(BringsRogues):
     def drive_factors(self) -> np.ndarray:
         """(N,) factor on `robot.drive` of each robot, from `robot.drive_factors`."""
         factors = np.ones(self.num_robots)
-        for robot, factor in self.robot.drive_factors:
-            factors[robot] *= factor
+        for robot, factor in self.robot.factors.items():
+            factors[robot] = factor
         factors.flags.writeable = False
         return factors
 
@@ -233,7 +232,7 @@ class Scenario(BringsRogues):
         if self.start_turning == 0 or curve.harmonics or self.task.action == "velocity":
             return curve
         is_tight = 2 * geometry.along_lap(self._fitted)[1].min() < self.start_turning
-        return rounded(curve) if is_tight else curve
+        return closed_forms.rounded(curve) if is_tight else curve
 
     @cached_property
     def driven(self) -> Curve:

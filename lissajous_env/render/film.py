@@ -13,8 +13,7 @@ from PIL import Image
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.plugins import missing
 from lissajous_env.render import palette
-from lissajous_env.render.renderer import Renderer
-from lissajous_env.render.window import Window
+from lissajous_env.render.renderer import Renderer, Window
 from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
 

@@ -11,7 +11,6 @@ from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, FOOTER, HEADER, MARGIN, View
 from lissajous_env.render.targets import draw_dots, draw_flash
 from lissajous_env.render.text import width_of, write
-from lissajous_env.render.times import decimals_of
 
 _GAP = 22
 """Space between entries [px]."""
@@ -100,3 +99,8 @@ def _round_length(about: float) -> float:
     """Return the largest of 1, 2, 5 times a power of ten up to a length [m]."""
     power = 10.0 ** math.floor(math.log10(about))
     return next(factor * power for factor in (5, 2, 1) if factor * power <= about)
+
+
+def decimals_of(step: float) -> int:
+    """Return the number of decimals that distinguishes the times of control steps [s]."""
+    return max(math.ceil(-math.log10(step) - 1e-9), 0)

@@ -9,7 +9,6 @@ from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, stamp
-from lissajous_env.render.times import flash_time
 from lissajous_env.world.targets.motion import FLEEING
 
 SHADES = 20
@@ -63,3 +62,9 @@ def draw_flash(surface: pygame.Surface, points: np.ndarray, radius: float, age: 
         outer = radius * (1.3 + 2.1 * age)
         stamp(surface, points, outer, palette.FOUND, hole=outer - 0.45 * radius, alpha=fading)
     stamp(surface, points, 0.9 * radius, palette.FOUND, alpha=fading**1.5)
+
+
+def flash_time(scenario: Scenario) -> float:
+    """Return the time for which a detection is shown [s]: a quarter of T_max, at most a twentieth of the episode."""
+    task = scenario.task
+    return max(min(scenario.detection_time_bound / 4, task.duration / 20), task.step)

@@ -9,7 +9,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, draw_line, transparent, within
 from lissajous_env.render.text import write_outlined
-from lissajous_env.render.times import trail_time
+from lissajous_env.theory import closed_forms
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 MOST_CONTACTS = 2000
@@ -104,3 +104,13 @@ def _drop(tip: float) -> np.ndarray:
     touch = np.arccos(1 / tip)
     around = np.linspace(touch, 2 * np.pi - touch, 40)
     return np.concatenate([[[tip, 0.0]], np.stack([np.cos(around), np.sin(around)], axis=-1)])
+
+
+def trail_time(scenario: Scenario) -> float:
+    """Return the time in which a robot at nominal speed covers 0.55 of the rectangle's shorter side [s].
+
+    That is how long a trail is; those of many robots are a fifth of it.
+    """
+    lap = np.linspace(0, 2 * np.pi, 512)
+    speed = scenario.formation.phase_rate * closed_forms.curve_speed(scenario.driven, lap).mean()
+    return float(1.1 * min(scenario.curve.half_width, scenario.curve.half_height) / speed)

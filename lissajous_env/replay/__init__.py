@@ -1,5 +1,68 @@
-"""Replay pages: an episode, or two side by side, as one HTML file that a browser plays offline."""
+"""Replay pages: an episode, or two side by side, as one HTML file that a browser plays offline, or a notebook shows."""
 
-from lissajous_env.replay.document import Replay, page
+import html
+from pathlib import Path
+
+from lissajous_env.episodes.missed import MissedRogue
+from lissajous_env.episodes.recording import Recording
+from lissajous_env.replay import contents
+from lissajous_env.replay.bundle import bundled
+from lissajous_env.storage.files import replacing
 
 __all__ = ["Replay", "page"]
+
+FRAME_HEIGHT = 860
+"""Height of the frame in a notebook [px]."""
+
+
+def page(recording: Recording, against: Recording | None = None, missed: MissedRogue | None = None) -> str:
+    """Return the page of an episode, or of two side by side with a common cursor.
+
+    Args:
+        recording: The episode.
+        against: Another episode, for example of another policy on the same seed.
+        missed: A rogue that the policy of the first episode misses.
+
+    Returns:
+        HTML that needs no other file and no network.
+    """
+    episodes = [recording] if against is None else [recording, against]
+    policies = " against ".join(str(episode.score.get("policy", "")) or "an episode" for episode in episodes)
+    return bundled(
+        "page.html",
+        "main.js",
+        {
+            "format": contents.FORMAT,
+            "episodes": [contents.contents(recording, missed=missed), *map(contents.contents, episodes[1:])],
+        },
+        {"title": f"{recording.scenario.name}: {policies}"},
+    )
+
+
+class Replay:
+    """Replay page that notebooks display as the last value of a cell, and that can be saved.
+
+    Args:
+        recording: The episode.
+        against: Another episode, shown beside it.
+        missed: A rogue that the policy of the first episode misses.
+    """
+
+    def __init__(self, recording: Recording, against: Recording | None = None, missed: MissedRogue | None = None):
+        self.recording, self.against, self.missed = recording, against, missed
+
+    def html(self) -> str:
+        """Return the page as HTML."""
+        return page(self.recording, self.against, self.missed)
+
+    def save(self, path: str | Path) -> None:
+        """Write the page, first under a temporary name."""
+        with replacing(path) as temporary:
+            temporary.write_text(self.html(), encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        """Return a frame that isolates the page from the notebook."""
+        return (
+            f'<iframe title="replay" sandbox="allow-scripts" width="100%" height="{FRAME_HEIGHT}" frameborder="0" '
+            f'srcdoc="{html.escape(self.html(), quote=True)}"></iframe>'
+        )

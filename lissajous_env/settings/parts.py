@@ -305,6 +305,14 @@ class Robot(Checked):
             return self.yaw_acceleration_max
         return 2 * self.top_acceleration / self.radius if self.kind == "differential" else math.inf
 
+    @property
+    def factors(self) -> dict[int, float]:
+        """Factor on `drive` of each robot in `drive_factors`; several factors of a robot are multiplied."""
+        factors: dict[int, float] = {}
+        for robot, factor in self.drive_factors:
+            factors[robot] = factors.get(robot, 1.0) * factor
+        return factors
+
     def steady_speed(self, drive: float) -> float:
         """Return the steady speed at action 1 of a robot with its own drive [m/s].
 

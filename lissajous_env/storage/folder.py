@@ -38,7 +38,7 @@ class Journal:
 
     Raises:
         BlockingIOError: another process has locked the file.
-        ValueError: the file is a link, or a line before the last is damaged; the message names file and line.
+        ValueError: the file is a link, or a finished line is damaged; the message names file and line.
     """
 
     def __init__(self, path: str | Path, exclusive: bool = False):

@@ -2,15 +2,23 @@
 
 M. Boldrer, L. Lyons, L. Palopoli, D. Fontanelli, L. Ferranti, "Time-inverted Kuramoto Model Meets Lissajous Curves:
 Multi-Robot Persistent Monitoring and Target Detection". Equation numbers refer to it. Quantities without a closed form
-are computed numerically in `lissajous_env.theory.geometry`.
+are computed numerically in `lissajous_env.theory.geometry`. `rounded` is a curve that the paper does not have.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from lissajous_env.settings.parts import Curve
+
+ROUNDED = {(3, 2): ((-0.25, 0.825, -0.037, -0.002, 0.03), (0.623, 0.707, -0.289, 0.202, 0.038))}
+"""Coefficients of `rounded` by a and b: c_k for k = 1, 3 and so on, and s_k for k = 2, 4 and so on.
+
+`python benchmarks/rounding.py` computes them for the cars of `evaders-walls`: of the curves that bend at 1.1 of their
+turning radius at least, and on which they are 0.39 m apart in formation, this one is nearest to (3) at equal gamma.
+"""
 
 # Radii and times of the formation, as functions of curve, number of robots and sensor.
 
@@ -216,6 +224,22 @@ def _series(curve: Curve, gamma: np.ndarray, order: int) -> np.ndarray:
     turn = gamma[..., None] * k + order * np.pi / 2
     rows = np.array(curve.harmonics) * (k**order)[:, None]
     return np.cos(turn) @ rows[:, ::2] + np.sin(turn) @ rows[:, 1::2]
+
+
+def rounded(curve: Curve) -> Curve:
+    """Return the rounded form of a Lissajous curve, as a series in the same rectangle; the curve itself without one.
+
+    In the open, a car that turns more widely than the curve bends leaves the rectangle there, which walls prevent. The
+    rounded form of the curve 3:2, for such cars within walls, has the extents and the symmetries of (3):
+
+        x(gamma) = A sum of c_k cos(k gamma), k odd        y(gamma) = B sum of s_k sin(k gamma), k even
+    """
+    if (curve.a, curve.b) not in ROUNDED:
+        return curve
+    x, y = ROUNDED[curve.a, curve.b]
+    rows = np.zeros((2 * len(y), 4))
+    rows[::2, 0], rows[1::2, 3] = curve.half_width * np.array(x), curve.half_height * np.array(y)
+    return dataclasses.replace(curve, harmonics=tuple(map(tuple, rows.tolist())))
 
 
 def ellipse_residual(curve: Curve, positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:

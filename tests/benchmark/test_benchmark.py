@@ -249,6 +249,8 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
 def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
         run(small(tmp_path / "out", **changes), console=QUIET)
+    with pytest.raises(ValueError, match="scenarios must contain at least one scenario, got none"):
+        run(small(tmp_path / "out"), scenarios=[], console=QUIET)
     assert not (tmp_path / "out").exists()
 
 

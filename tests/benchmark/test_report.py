@@ -62,12 +62,13 @@ def test_the_page_has_all_scenarios_together_the_first_column_in_order():
             numbers = dict.fromkeys(COLUMNS, 1.0) | {"detection_time_mean": time, "collisions": collisions}
             yield {"scenario": name, "policy": policy, "episode": 0, "seed": 0} | numbers
 
-    scenarios = {name: lissajous_env.scenario(name) for name in ("evaders", "team")}
+    drives = {"robot.kind": "differential", "robot.yaw_rate_max": 5.0}
+    scenarios = {name: lissajous_env.scenario(name, **drives) for name in ("evaders", "team")}
     table = Table.of([*rows("a", 4.0, 0), *rows("b", 2.0, 3)], scenarios)
     page = report_page.page(table, table.rows, {}, {})
     data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
     (of,) = data["overall"]
-    assert (of["kind"], of["scenarios"]) == ("cars", ["evaders", "team"])
+    assert (of["kind"], of["scenarios"]) == ("differential drives", ["evaders", "team"])
     first, second = of["policies"]
     assert [data["policies"][each["policy"]]["name"] for each in (first, second)] == ["b", "a"]
     assert [each["cells"]["score_over_best"]["words"] for each in (first, second)] == ["1", "2"]

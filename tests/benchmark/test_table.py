@@ -158,7 +158,7 @@ def test_over_scenarios_each_counts_once_and_those_without_episodes_do_not():
     assert (of.kind, of.scenarios, list(of.policies)) == ("car", ("evaders", "team"), ["a"])
     assert of.policies["a"]["collisions"].value == 1.0
     assert (of.policies["a"]["collisions"].n, of.policies["a"]["score_over_best"].value) == (2, 1.0)
-    assert in_words(of.policies["a"]["worst_case_over_best"]) == ("1", "median 1, 2 episodes")
+    assert in_words(of.policies["a"]["worst_case_over_best"]) == ("1", "median 1, 2 scenarios")
     often = Table.of([*played, *played], SCENARIOS).overall[0]  # more episodes of the same scenarios narrow nothing
     assert often.policies["a"]["collisions"] == of.policies["a"]["collisions"]
     assert Table.of(played[:3], SCENARIOS).overall == []

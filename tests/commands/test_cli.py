@@ -81,10 +81,7 @@ def test_bad_options_of_a_search_and_of_a_training_are_refused_by_name(arguments
             ["evaluate", "failure", "kuramoto", "--seed", "99999999999"],
             "seed must be a whole number from 0 to 21474835",
         ),
-        (
-            ["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"],
-            "out must be in an existing folder",
-        ),
+        (["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"], "out must be in an existing folder"),
         (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),
         (["evaluate", "failure", ""], "got ''"),
         (["evaluate", "still"], "scenario must be given before the policy"),

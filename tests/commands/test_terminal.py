@@ -58,10 +58,7 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
     assert shown(width, TERM="dumb", NO_COLOR="1") == text
 
 
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [("nothing <&- >&- 2>&-", 2), ("--help > /dev/full", 1)],
-)
+@pytest.mark.parametrize(("line", "code"), [("nothing <&- >&- 2>&-", 2), ("--help > /dev/full", 1)])
 def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, code):
     command = f"set -o pipefail; {sys.executable} -m lissajous_env {line}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)

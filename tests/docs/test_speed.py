@@ -3,10 +3,8 @@
 import figures
 import pytest
 import speed
-import speeds
 from speeds import Options, contamination, controller, marl, step
 
-# What the pages show, whose marks name columns and rows.
 STORED = figures.load()
 LIGHT = Options(rounds=2, worlds=4, threads=1, quick=True)
 
@@ -41,25 +39,10 @@ def test_the_tables_of_a_part_are_those_of_the_pages(part):
         assert all(len(row) == len(table["columns"]) for row in table["rows"])
 
 
-def test_a_part_without_its_rival_is_left_out_in_one_line(monkeypatch, capsys):
-    # Story: VMAS is not installed, and there is no other checkout.
-    monkeypatch.setattr(speeds, "find_spec", lambda name: None if name in ("vmas", "casadi") else name)
-    monkeypatch.setattr(speed, "measured", lambda part, options: pytest.fail(f"{part.name} was measured"))
-    with pytest.raises(SystemExit, match="no part is left"):
-        speed.main(["--parts", "step", "growth", "controller", "step"])
-    assert capsys.readouterr().out.splitlines() == [
-        'left out: step; pip install ".[bench]" for vmas, or pass --without-rivals',
-        "left out: growth; pass --against FOLDER with another checkout, or pass --without-rivals",
-        'left out: controller; pip install ".[bench]" for casadi',
-    ]
-
-
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["--parts", "steps"], "invalid choice: 'steps'"),
         (["--rounds", "0"], "must be a whole number of at least 1, got 0"),
-        (["--worlds", "many"], "must be a whole number of at least 1, got many"),
         (["--against", "nowhere"], "must be a checkout or commit of this project, got nowhere"),
         (["--quick", "--store"], "--store must be without --quick"),
     ],

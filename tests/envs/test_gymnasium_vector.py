@@ -78,6 +78,14 @@ def test_rows_are_the_robots_of_the_teams(mode):
     assert removed >= 8
 
 
+@EVERY_MODE
+def test_a_reset_of_one_world_reports_no_score_of_the_others_again(mode):
+    teams = lissajous_env.vector_env(num_envs=3, autoreset_mode=mode, **{"task.duration": 0.1})
+    teams.reset(seed=1)
+    assert teams.step(np.zeros((3, 5, 2), np.float32))[4]["_score"].all()
+    assert not teams.reset(options={"reset_mask": np.arange(3) == 0})[1]["_score"].any()
+
+
 def test_a_mask_holds_whole_worlds():
     rows, _ = pair()
     rows.reset(seed=1)

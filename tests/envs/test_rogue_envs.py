@@ -92,6 +92,12 @@ def test_a_rogue_team_plays_until_all_are_detected():
     with pytest.raises(ValueError, match="robots must be driven by a policy for 1 worlds, got 2"):
         lissajous_env.LissajousEnv("experiment", robots=baselines.make("still", "experiment", 2), **settings)
     env = lissajous_env.LissajousEnv("experiment", robots="sweep", **settings)
+    batch = lissajous_env.Batch("experiment", 2, roles="rogues", robots="sweep", overrides=settings)
+    batch.reset()
+    saved, rest = batch.save_state(), {"rogue": np.zeros((2, 2, 2), np.float32)}
+    played = [(batch.step(rest), batch.state())[1] for _ in range(8)]
+    batch.load_state(saved)
+    assert np.array_equal(played, [(batch.step(rest), batch.state())[1] for _ in range(8)]), "the sweep is saved, too"
     env.reset(seed=1)
     total, over = 0.0, False
     while not over:

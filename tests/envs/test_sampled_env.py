@@ -1,5 +1,6 @@
 """Environments of a space of scenarios: each reset draws a scenario, and the spaces stay."""
 
+import itertools
 import warnings
 
 import gymnasium
@@ -11,7 +12,7 @@ from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, see
 
 import lissajous_env
 from lissajous_env import ScenarioSpace, scenario
-from lissajous_env.envs.true_state import state_rows
+from lissajous_env.envs.sides import state_rows
 
 SHORT = {"task.duration": 1.0, "task.contamination": None}
 DRAW = {
@@ -52,8 +53,9 @@ def test_the_shipped_space_passes_them_by_name_and_by_id():
 
 
 def test_the_state_is_padded_to_the_largest_team():
-    env = make()
-    for seed in range(6):
+    none = {"targets.count": 0, "targets.arrival_rate": 0.0}  # no arrivals: a scenario may have no target slot
+    space = ScenarioSpace("few", scenario("evaders", **none), DRAW | {"targets": {"count": "choice(0, 3)"}})
+    for env, seed in itertools.product((make(), lissajous_env.parallel_env(space)), range(6)):
         env.reset(seed=seed)
         state = env.state()
         assert env.state_space.contains(state)

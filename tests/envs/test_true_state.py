@@ -6,7 +6,7 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env import Simulation
-from lissajous_env.envs.true_state import state_names, state_rows
+from lissajous_env.envs.sides import state_names, state_rows
 
 DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.skipif(not wp.is_cuda_available(), reason="needs CUDA"))]
 CRASHING = {"task.on_collision": "remove", "robot.radius": 0.3, "formation.start": "random"}

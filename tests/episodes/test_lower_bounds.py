@@ -7,11 +7,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from lissajous_env.episodes.lower_bounds import (
-    mean_time_lower_bound,
-    robot_speed_limit,
-    worst_case_lower_bound,
-)
+from lissajous_env.episodes.lower_bounds import mean_time_lower_bound, robot_speed_limit, worst_case_lower_bound
 
 STILL = {"targets.fleeing": 0.0, "targets.wandering": 0.0, "targets.drifting": 0.0}
 LONG = {"targets.count": 20, "targets.arrival_rate": 0.0, "task.duration": 60.0}
@@ -97,11 +93,7 @@ def test_top_speed_of_robots_is_never_passed():
 @pytest.mark.parametrize("name", ["sweep", "kuramoto-mpcc"])
 @pytest.mark.parametrize(
     "changes",
-    [
-        {},
-        STILL | {"targets.entry": "inside"},
-        {"targets.fleeing": 1.0, "targets.wandering": 0.0},
-    ],
+    [{}, STILL | {"targets.entry": "inside"}, {"targets.fleeing": 1.0, "targets.wandering": 0.0}],
     ids=["intruders", "still inside", "fleeing"],
 )
 def test_no_policy_of_ours_beats_them(name, changes):

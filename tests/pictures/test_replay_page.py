@@ -17,8 +17,7 @@ import lissajous_env
 from lissajous_env.console.cli import main
 from lissajous_env.episodes.recording import ARRAYS, Recorder, record
 from lissajous_env.replay import Replay, page
-from lissajous_env.replay.contents import contents
-from lissajous_env.replay.packing import angles, counts, quantised
+from lissajous_env.replay.contents import angles, contents, counts, quantised
 from lissajous_env.world.state import NEVER
 
 SHORT = {"task.duration": 6.0, "task.contamination": (45, 20), "targets.arrival_rate": 2.0}

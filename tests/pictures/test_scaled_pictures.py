@@ -12,7 +12,7 @@ import pytest
 import lissajous_env
 from lissajous_env.render import Renderer, Snapshot
 from lissajous_env.render.canvas import FOOTER, HEADER
-from lissajous_env.render.times import decimals_of
+from lissajous_env.render.panel import decimals_of
 from lissajous_env.world.state import STUCK
 
 SCENARIOS = ("experiment", "team", "swarm")

@@ -12,6 +12,7 @@ import lissajous_env
 from baselines.planning.families import curves_of, families_of, formations, partitions
 from baselines.planning.plans import Family, Plan
 from baselines.planning.request import Request
+from baselines.policies.settings import PolicySettings
 from lissajous_env.theory import geometry
 
 
@@ -54,6 +55,10 @@ def test_every_start_of_a_formation_is_a_scenario_whose_robots_part(robots):
 def test_changed_settings_stay_within_their_space():
     family = Family("any", Plan, [], {"speed": (0.5, 2.0), "lanes": [2, 4], "policy": ["a", "b"]})
     random, seen = np.random.default_rng(0), {"speed": 1.0, "lanes": 2, "policy": "a"}
+    assert {type(name) for _ in range(9) for name in family.changed({}, random)} == {str}
+    given = {"inset": 1.0, "cruise": 0.5}, {"cruise": 0.5, "inset": 1.0}
+    keys = {Plan("any", lissajous_env.scenario("evaders"), PolicySettings("laps", each)).key for each in given}
+    assert len(keys) == 1
     for _ in range(200):
         after = family.changed(seen, random)
         assert 0.5 <= after["speed"] <= 2.0

@@ -1,5 +1,6 @@
 """Guarantees of plans: with robots that fail, over all episodes, inside walls, and with bodies apart."""
 
+import dataclasses
 import io
 import itertools
 import math
@@ -202,5 +203,11 @@ def test_plans_without_a_bound_after_failures_say_why():
     assert not any("with 1 removed:" in each for each in report.sentences(outcome))
     first = "in which 1 robot is removed after a quarter of the episode (each robot"
     assert f"and 5 {first}" in report.sentences(outcome)[0]
-    outcome.request = Request("evaders", failures=2)
-    assert "and 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
+    loses_one = lissajous_env.scenario("evaders", **{"faults.lost": 1})
+    for request in (Request("evaders", failures=2), Request(loses_one, failures=1)):
+        outcome = dataclasses.replace(Outcome.of(request), finals=finals[:2])
+        assert "and 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
+        assert "with 2 lost [s]" in " ".join(printed(outcome, finals).split())
+        assert any("with 2 removed" in each for each in report.sentences(outcome))
+    with pytest.raises(ValueError, match=r"failures must be a whole number from 0 to 3, .* got 4"):
+        Request(loses_one, failures=4)

@@ -88,18 +88,13 @@ def mute(robot: RobotStruct, action_out: wp.array3d(dtype=float)):
     """Write nothing."""
 
 
-@pytest.mark.parametrize(
-    ("as_car", "rule"),
-    [
-        ("fast", "as_car of robot model odd must be an AsCar, got 'fast'"),
-        (lissajous_env.AsCar(print, float, float), "as_car.act of robot model odd must be a Warp kernel of robot, "),
-        (lissajous_env.AsCar(mute, float, float), r"yaw_rate, action_out, got \['robot', 'action_out'\]"),
-        (
-            lissajous_env.AsCar(ACT, lambda robot: 0.0, lambda robot: 6.0),
-            "as_car.turning_radius of robot model odd must be above 0, got 0.0",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("as_car", "rule"), [
+    ("fast", "as_car of robot model odd must be an AsCar, got 'fast'"),
+    (lissajous_env.AsCar(print, float, float), "as_car.act of robot model odd must be a Warp kernel of robot, "),
+    (lissajous_env.AsCar(mute, float, float), r"yaw_rate, action_out, got \['robot', 'action_out'\]"),
+    (lissajous_env.AsCar(ACT, lambda robot: 0.0, lambda robot: 6.0),
+     "as_car.turning_radius of robot model odd must be above 0, got 0.0"),
+])  # fmt: skip
 def test_what_does_not_say_how_to_move_like_a_car_is_refused(as_car, rule, monkeypatch):
     monkeypatch.setattr(robot_models, "_MODELS", dict(robot_models._MODELS))
     odd = dataclasses.replace(robot_models.model_of("differential"), name="odd", as_car=as_car)

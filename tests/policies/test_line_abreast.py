@@ -129,6 +129,10 @@ def test_all_starts_have_the_same_guarantee_and_no_cars_collide():
     assert max(worst) <= 18
     np.testing.assert_allclose(worst, np.mean(worst), rtol=0.03)
     assert sum(row["collisions"] for row in rows) == 0
+    displaced = lissajous_env.scenario(scenario, **{"formation.displaced": ((2, 0.3),)})
+    policy = LineAbreast(displaced, 8)
+    policy.act(lissajous_env.Simulation(displaced, 8).observation)
+    assert np.ptp(policy.variant.numpy(), axis=1).max() <= 1, "a team takes the ways of one angle"
 
 
 def test_uneven_cars_keep_the_line():

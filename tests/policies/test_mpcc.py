@@ -164,17 +164,14 @@ def test_parameters_of_a_robot():
     assert (p.offset, p.wheelbase, p.stages) == (3.804, 0.2, 7)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: MpccParameters(stages=0), "stages must be a whole number from 1 to 200, got 0"),
-        (lambda: MpccParameters(throttle_min=0.3), "throttle_max must be above throttle_min, got 0.25"),
-        (lambda: Mpcc(CURVE, P, 0), "batch must be at least 1, got 0"),
-        (lambda: Mpcc(CURVE, P, 2, threads=0), "threads must be at least 1, got 0"),
-        (lambda: Mpcc(CURVE, P, 2).solve(np.zeros((3, 5)), np.zeros(2)), r"state must have shape \(2, 5\)"),
-        (lambda: Mpcc(CURVE, P, 2).reset(np.zeros(3, bool)), r"mask must have shape \(2,\), got \(3,\)"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: MpccParameters(stages=0), "stages must be a whole number from 1 to 200, got 0"),
+    (lambda: MpccParameters(throttle_min=0.3), "throttle_max must be above throttle_min, got 0.25"),
+    (lambda: Mpcc(CURVE, P, 0), "batch must be at least 1, got 0"),
+    (lambda: Mpcc(CURVE, P, 2, threads=0), "threads must be at least 1, got 0"),
+    (lambda: Mpcc(CURVE, P, 2).solve(np.zeros((3, 5)), np.zeros(2)), r"state must have shape \(2, 5\)"),
+    (lambda: Mpcc(CURVE, P, 2).reset(np.zeros(3, bool)), r"mask must have shape \(2,\), got \(3,\)"),
+])  # fmt: skip
 def test_what_is_wrong_is_named(make, message):
     """Errors say the name, the rule and the value."""
     with pytest.raises(ValueError, match=message):

@@ -16,8 +16,7 @@ from lissajous_env.theory.geometry import top_speed
 WEIGHT = SafetyParameters().throttle_weight
 ALIKE = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
 TWO_CARS = lissajous_env.scenario(
-    "experiment",
-    **{"robot.count": 2, "formation.ring": None, "faults.schedule": (), "sensing.radius": 1.158, **ALIKE},
+    "experiment", **{"robot.count": 2, "formation.ring": None, "faults.schedule": (), "sensing.radius": 1.158, **ALIKE}
 ).resolve()
 """Two cars that see as far as those of the experiment."""
 SEEDS = range(2000, 2128)

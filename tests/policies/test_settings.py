@@ -34,16 +34,13 @@ def arc(scenario, num_worlds, device):
     return WithMpcc(coordinator, scenario, num_worlds, device)
 
 
-@pytest.mark.parametrize(
-    ("settings", "made"),
-    [
-        (PolicySettings("sweep", {"lanes": 4, "cruise": 1.5}),
-         lambda *given: Sweep(*given, SweepParameters(lanes=4, cruise=1.5))),
-        (PolicySettings("arc-mpcc", {}, {"speed": 1.1}), arc),
-        (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *given: Filtered(arc(*given), Safe)),
-        (PolicySettings("kuramoto-mpcc"), lambda *given: baselines.make("kuramoto-mpcc", *given)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("settings", "made"), [
+    (PolicySettings("sweep", {"lanes": 4, "cruise": 1.5}),
+     lambda *given: Sweep(*given, SweepParameters(lanes=4, cruise=1.5))),
+    (PolicySettings("arc-mpcc", {}, {"speed": 1.1}), arc),
+    (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *given: Filtered(arc(*given), Safe)),
+    (PolicySettings("kuramoto-mpcc"), lambda *given: baselines.make("kuramoto-mpcc", *given)),
+])  # fmt: skip
 def test_a_folder_is_the_policy_with_its_parameters(settings, made, tmp_path):
     """Oracle: the policy made by its class in Python, bit for bit."""
     folder = folder_of(tmp_path / "mine", settings)
@@ -91,19 +88,14 @@ def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
     assert "policy of policy.toml" in said
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("policy = 'swep'", "policy must be one of"),
-        ("policy = 3", "policy must be a name, got int"),
-        ("", "file must contain policy, the name of a policy"),
-        ("policy = 'sweep'\nlanes = 4", "must contain policy, parameters, coordinator, got 'lanes'"),
-        ("policy = 'sweep'\n[parameters]\nlane = 4", "got 'lane'; did you mean lanes?"),
-        ("policy = 'sweep'\n[parameters]\nlanes = 3", "lanes must be even, got 3"),
-        ("policy = 'sweep'\n[coordinator]\nlanes = 4", "coordinator must be empty for sweep"),
-        ("policy = ", "must be a TOML file that can be read"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("policy = 'swep'", "policy must be one of"), ("policy = 3", "policy must be a name, got int"),
+    ("policy = ", "must be a TOML file that can be read"), ("", "file must contain policy, the name of a policy"),
+    ("policy = 'sweep'\nlanes = 4", "must contain policy, parameters, coordinator, got 'lanes'"),
+    ("policy = 'sweep'\n[parameters]\nlane = 4", "got 'lane'; did you mean lanes?"),
+    ("policy = 'sweep'\n[parameters]\nlanes = 3", "lanes must be even, got 3"),
+    ("policy = 'sweep'\n[coordinator]\nlanes = 4", "coordinator must be empty for sweep"),
+])  # fmt: skip
 def test_a_wrong_file_is_refused_by_name(text, message, tmp_path):
     folder = folder_of(tmp_path / "mine", PolicySettings("still"))
     (tmp_path / "mine" / POLICY_FILE).write_text(text)

@@ -52,6 +52,19 @@ def test_a_drive_meets_no_wall_moves_on_and_knows_its_yaw_rate(name, fields):
     assert (policy._inside.yaw_rate.numpy()[3] != 0).any()
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_mirrored_drives_act_alike(axis):
+    """Law: a mirror image, with motors and wheels that differ."""
+    noise = {"noise.wheelbase_spread": 0.05, "noise.drive_spread": 0.2, "noise.heading": 0.05, "noise.actuator": 0.05}
+    policy = Straight(lissajous_env.scenario("evaders", **(DRIVES | noise)), 400)
+    rows = np.random.default_rng(0).uniform(-1, 1, policy.observation_shape)
+    rows[..., 7] = 1
+    found = policy.act(rows)
+    policy.reset()
+    rows[..., [axis, 2 + axis]] *= -1
+    np.testing.assert_allclose(policy.act(rows) * [1, -1], found, atol=1e-3)
+
+
 def test_a_drive_that_stands_at_a_wall_turns_on_the_spot_and_leaves_it():
     scenario = lissajous_env.scenario("evaders", **(EXACT | DRIVES)).resolve()
     policy, simulation = Straight(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=3)

@@ -83,6 +83,18 @@ def test_logs_of_every_kind_score_as_the_simulation_did(scenario, policy, tmp_pa
     assert same(recording.score, score(read(tmp_path / "log.mcap")).rows[0]) == []
 
 
+def test_a_log_has_the_step_in_which_robots_are_removed_and_the_phases_of_displaced_ones(tmp_path):
+    removed = {"task.on_collision": "remove", "robot.radius": 0.2, "task.duration": 6.0}
+    displaced = {"curve.b": 4, "formation.displaced": ((2, 1.8),), "formation.start_noise": 0.0, "task.duration": 4.0}
+    for fields, columns in ((removed, ("collisions", "contact_time", "min_separation")), (displaced, ("phase_error",))):
+        scenario = lissajous_env.scenario("evaders", **fields)
+        recording = record(baselines.make("open-loop-mpcc", scenario), scenario, seed=3)
+        save_mcap(recording, tmp_path / "log.mcap")
+        (row,) = score(dataclasses.replace(read(tmp_path / "log.mcap"), phases={})).rows
+        assert [row[name] for name in columns] == pytest.approx([recording.score[name] for name in columns])
+    assert recording.score["phase_error"] > 1
+
+
 def circle(count=101, robots=5):
     time = np.linspace(0, 10, count)
     gamma = 0.3 * time[None] + np.arange(robots)[:, None]

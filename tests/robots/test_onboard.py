@@ -7,8 +7,8 @@ import baselines
 import lissajous_env
 from baselines.onboard import Limits, Message, Odometry, Twist, inputs_of
 from baselines.onboard.signals import Actuation
+from baselines.onboard.simulated import Vehicle
 from baselines.policies import patrol
-from baselines.ros.vehicle import Vehicle
 from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.theory.geometry import locate
 from lissajous_env.world.observation import layout

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 import baselines.ros
 import lissajous_env
 from baselines.onboard import Command, Limits, Odometry, inputs_of
+from baselines.onboard.simulated import Vehicle
 from baselines.ros.control_loop import ControlLoop, SpeedOfPoses, in_scenario_frame, relative_to_robot
 from baselines.ros.settings import RobotSettings
-from baselines.ros.vehicle import Vehicle
 from lissajous_env.logs.samples import moved
 
 EXPERIMENT = lissajous_env.scenario("experiment").resolve()

@@ -5,8 +5,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from lissajous_env.envs.sides import action_table
-from lissajous_env.envs.true_state import state_names
+from lissajous_env.envs.sides import action_table, state_names
 from lissajous_env.episodes import guarantee, recording
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.observation import layout

@@ -11,13 +11,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.parameters.scenario import (
-    PARTS,
-    Curve,
-    Formation,
-    Scenario,
-    Task,
-)
+from lissajous_env.parameters.scenario import PARTS, Curve, Formation, Scenario, Task
 from lissajous_env.theory import closed_forms
 
 # Digests of all numbers of the scenarios that ship: a line that differs is a number that changed.
@@ -207,14 +201,8 @@ def test_overrides_dotted_and_nested_are_the_same():
     [
         ({"curv.a": 3}, "override must name one of curve, formation, .*, got 'curv.a'; did you mean curve?"),
         ({"wheels": 3}, "override must name one of .*, got 'wheels'; did you mean "),
-        (
-            {"curve.halfwidth": 3},
-            r"override must name one of .*, got 'curve.halfwidth'; did you mean curve.half_width",
-        ),
-        (
-            {"robot": {"radios": 3}},
-            r"override must name one of .*, got 'robot.radios'; did you mean robot.radius\?",
-        ),
+        ({"curve.halfwidth": 3}, r"override must name one of .*, got 'curve.halfwidth'; did you mean curve.half_width"),
+        ({"robot": {"radios": 3}}, r"override must name one of .*, got 'robot.radios'; did you mean robot.radius\?"),
         ({"robot": {1: 2}}, "override must name one of .*, got 'robot.1'"),
         ({"curve.": 3}, "override must name one of .*, got 'curve.'"),
         ({"curve": 3}, "override curve must be a mapping or a Curve, got 3"),

@@ -154,8 +154,7 @@ def test_a_given_field_is_not_drawn_and_changes_no_other_field():
 
 
 @pytest.mark.parametrize(
-    "overrides",
-    [{"curve.a": 3, "curve.b": 2}, {"curve": {"a": 3, "b": 2}}, {"curve": scenario("evaders").curve}],
+    "overrides", [{"curve.a": 3, "curve.b": 2}, {"curve": {"a": 3, "b": 2}}, {"curve": scenario("evaders").curve}]
 )
 def test_a_field_is_given_by_any_name_and_for_shifts_too(overrides):
     # The shift `larger` draws a and b.
@@ -208,10 +207,7 @@ def test_an_invalid_draw_is_refused_by_name(draw, words):
 def test_the_order_of_the_draws_changes_nothing():
     draw = {
         "robot": {"wheelbase": "robot.radius + noise.heading", "radius": "uniform(0.05, 0.1)"},
-        "noise": {
-            "choices": [{"heading": 0.01}, {"speed": 0.2}],
-            "position": "uniform(0.1, 0.2) * robot.radius",
-        },
+        "noise": {"choices": [{"heading": 0.01}, {"speed": 0.2}], "position": "uniform(0.1, 0.2) * robot.radius"},
     }
     made = [space(draw=draw).sample(seed) for seed in range(20)]
     turned = {part: dict(reversed(given.items())) for part, given in reversed(draw.items())}

@@ -5,9 +5,8 @@ import json
 import pytest
 
 import lissajous_env
-from lissajous_env.commands.scenarios import scenarios
+from lissajous_env.console.scenarios import measured, scenarios, value_of_feedback
 from lissajous_env.console.terminal import Output
-from lissajous_env.parameters.feedback import measured, value_of_feedback
 
 
 def test_the_measured_values_are_those_of_the_scenarios_as_they_are():

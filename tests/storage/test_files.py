@@ -81,10 +81,7 @@ def test_a_file_of_the_user_with_the_name_of_a_result_is_refused_at_once(tmp_pat
         assert (out / name).read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("command", "name"),
-    [(benchmark, "episodes.jsonl"), (theorem, "README.md")],
-)
+@pytest.mark.parametrize(("command", "name"), [(benchmark, "episodes.jsonl"), (theorem, "README.md")])
 def test_a_result_that_became_a_link_is_refused(tmp_path, command, name):
     outside, out = tmp_path / "outside", tmp_path / "out"
     command(out)

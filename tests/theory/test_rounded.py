@@ -8,7 +8,6 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.rounded import rounded
 
 WALLS = {"task.boundary": "wall"}
 
@@ -45,7 +44,7 @@ def test_only_curves_that_bend_too_tightly_within_walls_are_rounded(name, fields
     assert scenario.sensing_radius == scenario.resolve().sensing_radius > 0
     if is_rounded:
         plain = dataclasses.replace(scenario.curve, inset=scenario.inset)
-        assert scenario.driven == rounded(plain).driven
+        assert scenario.driven == closed_forms.rounded(plain).driven
         assert not scenario.detection_time_is_bounded
 
 

@@ -10,8 +10,7 @@ pytest.importorskip("torchrl")
 from torchrl.envs import check_env_specs  # noqa: E402
 
 import lissajous_env  # noqa: E402
-from lissajous_env.envs.sides import action_table  # noqa: E402
-from lissajous_env.envs.true_state import state_rows  # noqa: E402
+from lissajous_env.envs.sides import action_table, state_rows  # noqa: E402
 from training.torchrl.env import SCORES, LissajousTorchEnv  # noqa: E402
 
 SHORT = {"task.duration": 1.0}

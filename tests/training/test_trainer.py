@@ -62,6 +62,7 @@ def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     policy = training.load(tmp_path / "run" / "best", num_worlds=2)
     rows = lissajous_env.evaluate(policy, policy.scenario, seeds=[1, 2])
     assert all(np.isfinite(row["return_mean"]) for row in rows)
+    assert train(small(tmp_path, **changes, steps=1200), QUIET)["curve"][-1]["steps"] >= 1200, "it goes on"
 
 
 def test_a_training_draws_from_the_split_train_and_is_validated_on_the_first_of_validation(tmp_path):

@@ -52,10 +52,14 @@ def test_every_car_can_go_on_within_the_walls(name):
     assert not turned.all(), "a car with room is not"
 
 
-DISPLACED = {"formation.ring": (0, 2, 4, 1, 3), "formation.displaced": ((1, 0.2), (3, -0.1), (1, 0.1))}
+STARTS = {
+    "equilibrium": {},
+    "displaced": {"formation.ring": (0, 2, 4, 1, 3), "formation.displaced": ((1, 0.2), (3, -0.1), (1, 0.1))},
+    "slower cars": {"robot.throttle_max": None, "robot.speed_max": 0.7, "robot.drive_factors": ((1, 0.9),)},
+}
 
 
-@pytest.mark.parametrize("fields", [{}, DISPLACED], ids=["equilibrium", "displaced"])
+@pytest.mark.parametrize("fields", STARTS.values(), ids=STARTS)
 def test_policies_that_plan_ways_know_these_starts(fields):
     scenario = lissajous_env.scenario("evaders", **fields | {"task.boundary": "wall", "formation.start_noise": 0.0})
     pose, speed = formation_starts(scenario.resolve())

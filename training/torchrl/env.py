@@ -61,7 +61,7 @@ class LissajousTorchEnv(EnvBase):
         seed: Seed of world 0, where world k has seed + k, or of the sequence of a space's scenarios. Without a seed
             here or by `set_seed`, seeds are drawn from the operating system.
         discrete_actions: Let actions be rows of the tables of `lissajous_env.envs.sides`.
-        state: Return the true state, `lissajous_env.envs.true_state.state_names`.
+        state: Return the true state, `lissajous_env.envs.sides.state_names`.
         threads: CPU threads of the simulation; all cores by default.
         **overrides: Fields of the scenario.
 

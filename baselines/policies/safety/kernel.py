@@ -22,7 +22,6 @@ from baselines.policies.own_row import (
 )
 from baselines.policies.safety.quadratic_program import TOLERANCE, HalfPlanes, into_box, solve_quadratic_program
 from baselines.similarity import EXPERIMENT, motion_scale
-from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
@@ -31,6 +30,7 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.world.robots.car import motor_push, speed_limit_below
+from lissajous_env.world.robots.contacts import closest_approach
 
 wp.set_module_options(OPTIONS)
 

@@ -13,8 +13,8 @@ a time stands at its plan's place of that time while the other one drives on.
 
 import warp as wp
 
-from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.world.robots.contacts import closest_approach
 
 PIECES = wp.constant(16)
 """Pieces of a tail between its sampled points, in equal steps of q."""

@@ -5,7 +5,8 @@ after it, from the recorded tracks of the sensors:
 
 1. The episode is played once. The contamination stage reports when the rogues appear that stay undetected for longest.
 2. From there, the nodes of a fine lattice that a rogue can reach undetected are followed until there are none, and a
-   path to the last of them is traced back (`search`).
+   path to the last of them is traced back (`search`). Where no path lasts as long as the stage reports, rogues that
+   appear at other steps are followed, too.
 3. The path is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
    result: a lower bound of the worst case, whatever the search assumed.
 

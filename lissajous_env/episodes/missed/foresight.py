@@ -44,7 +44,7 @@ class Visits:
     works: list[np.ndarray] = field(default_factory=list)
     """For each moment (W, N) bool: robots that sense."""
     rows: list[np.ndarray] = field(default_factory=list)
-    """For each moment but the last the rows of the live rogues (V, D)."""
+    """For each moment the rows of the live rogues (V, D); those of the last moment are not labelled."""
     worlds: list[np.ndarray] = field(default_factory=list)
     """Their worlds (V,)."""
     places: list[np.ndarray] = field(default_factory=list)
@@ -109,7 +109,7 @@ class Foresight:
         return sensed
 
     def label(self, visits: Visits) -> Labels:
-        """Return the labels of all visits of episodes of one length, in order of time.
+        """Return the labels of the visits in all whole stages of episodes of one length, the stages in order of time.
 
         Raises:
             ValueError: the episodes are shorter than a stage.

@@ -184,7 +184,7 @@ def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:
     """Return a scenario whose targets move along a table, with the proved bound of its worst case."""
     inside = scenario.targets.entry if scenario.targets.entry == "boundary" else "inside"
     moved = {"drifting": 0.0, "wandering": 0.0, "fleeing": 0.0, "custom": 1.0, "speed_limit": scenario.rogue_speed}
-    targets = replace(scenario.targets, entry=inside, rogues=None, **moved)
+    targets = replace(scenario.targets, entry=inside, rogues=None, respawn=False, **moved)
     return replace(scenario, targets=targets, task=replace(scenario.task, conservative=True), extensions=(motion,))
 
 

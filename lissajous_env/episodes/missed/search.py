@@ -173,21 +173,55 @@ def longest_path(played: PlayedEpisode) -> Path | None:
     """Return the longest path of an episode on which a rogue stays undetected; None if no rogue ever is.
 
     The oldest rogues of the contamination stage state when the rogue appears. For each of them, finer lattices are
-    searched until the path lasts as long as the stage reports, to the time in which a rogue crosses a cell.
+    searched until the path lasts as long as the stage reports, to the time in which a rogue crosses a cell. If no path
+    does, rogues that appear at other steps are searched on the coarsest lattice, to the same tolerance.
     """
-    longest, enough = None, resolution(played.scenario) - 1
+    longest, enough, rogues = None, resolution(played.scenario) - 1, played.oldest_rogues()
     with compile_quietly():
         wp.load_module(__name__, device="cpu")
     with wp.ScopedDevice("cpu"):
-        for since, until in played.oldest_rogues()[:_ROGUES]:
+        for since, until in rogues[:_ROGUES]:
             for k, (fineness, least) in enumerate(LATTICES):
                 wanted = until - since - (enough if k != 1 else 0)  # a path of the coarsest lattice must be as long
                 search = _Search(played, fineness, least)
                 is_large = k > 0 and search.nodes * (until - since) / search.period > _MOST
                 if is_large or (longest is not None and longest.steps >= wanted):
                     break
-                paths = [path for path in (longest, search.path(since)) if path is not None]
-                longest = max(paths, key=lambda path: path.steps, default=None)
+                longest = _longer(longest, search.path(since))
+        return _with_later(longest, played, rogues, enough)
+
+
+def _longer(*paths: Path | None) -> Path | None:
+    """Return the longest of some paths; None is shorter than any."""
+    return max(paths, key=lambda path: -1 if path is None else path.steps)
+
+
+def _with_later(
+    longest: Path | None, played: PlayedEpisode, rogues: Sequence[tuple[int, int]], enough: int
+) -> Path | None:
+    """Return the longest of a path and of those of rogues that appear at other steps.
+
+    A target that is undetected when another one appears may be that one. So no rogue is detected before one that
+    appeared earlier, and between two steps no path is longer than from the first of them to the end of the path that
+    begins at the second. (Where targets appear on the edges alone, some may be longer, and are not found.)
+
+    Args:
+        longest: The longest path of the oldest rogues.
+        played: The episode.
+        rogues: The rogues of the contamination stage, the oldest first.
+        enough: Tolerance [step].
+    """
+    search, ends = None, {played.steps: played.steps}
+    spans = [(min(since for since, _ in rogues) - 1, played.steps)] if rogues else []
+    while spans:
+        first, last = spans.pop()
+        most = min(ends[last] - first - 1, rogues[0][1] - rogues[0][0]) - enough
+        if last - first > 1 and (longest is None or longest.steps < most):
+            search, middle = search or _Search(played, *LATTICES[0]), (first + last) // 2
+            path = search.path(middle)
+            ends[middle] = middle - 1 if path is None else middle + path.steps
+            longest = _longer(longest, path)
+            spans += [(middle, last), (first, middle)]
     return longest
 
 

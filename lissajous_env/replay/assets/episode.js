@@ -150,7 +150,7 @@ function rogueEvent({ steps, until, detected }, step) {
   return { kind: "rogue", time: steps[0] * step, until: until * step, robots: [], words: words + ends };
 }
 
-// Decode the arrays of lissajous_env/replay/packing.py to whole numbers: {values, shape, none}; the last axis is time.
+// Decode the arrays of lissajous_env/replay/contents.py to whole numbers: {values, shape, none}; the last axis is time.
 async function wholes(packed) {
   const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));

@@ -172,7 +172,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
         rule = "must keep cars on the curve below 100000 m/s [rad/s]"
         raise ValueError(f"formation.phase_rate {rule}, got {formation.phase_rate}")
     # A car's own constants lie at most three deviations from those of the scenario.
-    strongest = robot.drive * noise.most_drive * max([1.0, *(factor for _, factor in robot.drive_factors)])
+    strongest = robot.drive * noise.most_drive * max([1.0, *robot.factors.values()])
     fastest = robot.steady_speed(strongest)
     shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
     turn = fastest * h * math.tan(robot.steering_max) / shortest

@@ -3,11 +3,12 @@
 A pair collides where it is closer than the sum of its radii, by the closest approach between sub-steps.
 """
 
+from typing import Any
+
 import warp as wp
 
 from lissajous_env.device import abreast
 from lissajous_env.device.abreast import Floats
-from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
@@ -21,6 +22,18 @@ wp.set_module_options(OPTIONS)
 
 _STOP = wp.constant(place_of(Task, "on_collision", "stop"))
 _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
+
+
+@wp.func
+def closest_approach(before: Any, after: Any) -> float:
+    """Return the smallest squared length of before + t (after - before), t in [0, 1] [m^2], in the plane or in space.
+
+    `before` and `after` are the offset of two robots at the two ends of a stretch of time, at equal speeds within it.
+    """
+    moved = after - before
+    t = wp.clamp(-wp.dot(before, moved) / wp.max(wp.dot(moved, moved), 1.0e-30), 0.0, 1.0)
+    nearest = before + t * moved
+    return wp.dot(nearest, nearest)
 
 
 @part

@@ -24,7 +24,6 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
-from lissajous_env.device.approach import first_within
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import BIN, ROBOT, named_struct, part, stage
 from lissajous_env.parameters.scenario import Scenario
@@ -276,6 +275,25 @@ def max_displacement(w, robots) -> float:
         for s in range(last):
             square = wp.max(square, wp.length_sq(robots.path[w, i, last] - robots.path[w, i, s]))
     return wp.sqrt(square)
+
+
+@wp.func
+def first_within(before: wp.vec2, after: wp.vec2, radius: float) -> float:
+    """Return the smallest t in [0, 1] with |before + t (after - before)| <= radius [m]; 2 for none.
+
+    `before` and `after` are the offset of two points at the two ends of a stretch of time, at equal speeds within it.
+    """
+    outside = wp.dot(before, before) - radius * radius
+    if outside <= 0.0:
+        return 0.0
+    moved = after - before
+    nearing = -wp.dot(before, moved)
+    root = nearing * nearing - wp.dot(moved, moved) * outside
+    if nearing <= 0.0 or root < 0.0:
+        return 2.0
+    # The smaller root of a quadratic equation, written without a difference of numbers that are nearly equal.
+    t = outside / (nearing + wp.sqrt(root))
+    return wp.where(t <= 1.0, t, 2.0)
 
 
 @part

@@ -10,7 +10,6 @@ import warp as wp
 
 from lissajous_env.device import abreast, randomness
 from lissajous_env.device.abreast import Doubles, Floats
-from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
 from lissajous_env.device.curve import (
     CurveStruct,
@@ -29,6 +28,7 @@ from lissajous_env.device.structs import RobotStruct, place_of, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Formation
+from lissajous_env.world.robots.contacts import closest_approach
 from lissajous_env.world.robots.faults import rolling
 from lissajous_env.world.state import REMOVED, WORKING, planar
 

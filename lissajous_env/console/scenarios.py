@@ -1,9 +1,13 @@
 """The command `lissajous scenarios`."""
 
+import functools
+import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, ScenarioNames, print_table
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import PARTS
 from lissajous_env.parameters.scenario_file import changed_fields
 
@@ -11,6 +15,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from lissajous_env.parameters.scenario import Scenario
+
+_FEEDBACK = Path(named.__file__).with_name("feedback.json")
+"""Measured values of feedback of scenarios, by name: `python benchmarks/feedback.py --store` writes it."""
 
 
 def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT) -> None:
@@ -23,9 +30,7 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
         names: names of scenarios, .toml files, or module:attribute; SPACE:SPLIT:COUNT, such as watch-v1:test:2, stands
             for the first COUNT scenarios of a split; all scenarios by default.
     """
-    from lissajous_env.parameters import named
     from lissajous_env.parameters.assumptions import violations
-    from lissajous_env.parameters.feedback import value_of_feedback
     from lissajous_env.world.columns import task_score
 
     console = output.console()
@@ -47,8 +52,6 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
 
 
 def _print_designs(console: "Console", resolved_scenarios: "list[Scenario]") -> None:
-    from lissajous_env.parameters.feedback import value_of_feedback
-
     titles = "rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]", "feed-\nback"
     columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
     columns += [*map(Column, titles), Column("description", prose=True, rank=1)]
@@ -104,3 +107,28 @@ def _print_violations(console: "Console", sentences: Sequence[str]) -> None:
         console.print("\nViolated assumptions of the paper:")
     for words in sentences:
         console.print(f"* {words}", markup=False, highlight=False, soft_wrap=True)
+
+
+@functools.cache
+def measured() -> dict[str, dict[str, Any]]:
+    """Return for each measured scenario its `value` of feedback, its 95 % interval, and the policy that reaches it.
+
+    `sees_all` is the ratio for a rule that sees all targets, with its interval; it is no bound.
+    """
+    values: dict[str, dict[str, Any]] = json.loads(_FEEDBACK.read_text(encoding="utf-8"))
+    return values
+
+
+def value_of_feedback(scenario: "Scenario") -> float | None:
+    """Return the score of the best rule that reacts to targets over that of the best patrol, which observes none.
+
+    Above 1, reacting is better. It is 1 where targets appear independently of everything and leave when they are first
+    observed: then no observation says where an undetected target is. It is None where it has not been measured.
+    """
+    entry = measured().get(scenario.name)
+    if entry is not None and scenario.resolve() == named.build(scenario.name).resolve():
+        return float(entry["value"])
+    targets = scenario.targets
+    leaves_at_sight = targets.leave and not targets.respawn and scenario.sight <= scenario.sensing_radius
+    independent = targets.entry != "hotspots" and not scenario.extensions
+    return 1.0 if leaves_at_sight and independent else None

@@ -1,7 +1,9 @@
-"""The command `lissajous ros world`: the simulation in place of the robots' hardware, over ROS 2."""
+"""The commands `lissajous ros robot`, `ros world` and `ros launch`: policies and the simulation over ROS 2."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 from rich import progress as bars
@@ -9,9 +11,46 @@ from rich import progress as bars
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, check_file, progress_console, show
 from baselines.ros.settings import RobotSettings, WorldSettings
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, Overrides, parse_overrides
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    OutFile,
+    OutputOptions,
+    Overrides,
+    parse_overrides,
+    print_line,
+)
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+
+_Namespace = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+_Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
+
+
+def robot(
+    settings: tyro.conf.OmitArgPrefixes[RobotSettings],
+    namespace: _Namespace = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+) -> None:
+    """Run one robot's policy as a node of ROS 2.
+
+    Each option is also a parameter of the node. Arguments of ROS 2 can follow the options.
+
+    Example:
+        lissajous ros robot --robot 2 --policy kuramoto-mpcc --scenario lab.toml --frame map
+
+    Args:
+        settings: Defaults of the parameters.
+        namespace: namespace of the node's topics; robot_K by default.
+    """
+    from baselines.ros.robot import RobotNode
+    from baselines.ros.running import started
+
+    with started() as process:
+        node = RobotNode(settings, namespace)
+        process.nodes.append(node)
+        words = f"{node.get_fully_qualified_name()} runs {node.settings.policy} on {node.scenario.name}: {node.reason}"
+        print_line(progress_console(output), words)
+        process.spin()
 
 
 def world(
@@ -35,6 +74,36 @@ def world(
         out: file to write, as in `lissajous run`: .html, .mp4, .gif, .npz or .mcap.
     """
     play(named.scenario(scenario, **parse_overrides(overrides)), settings, out, output)
+
+
+def launch(
+    settings: tyro.conf.OmitArgPrefixes[WorldSettings],
+    scenario: str = "experiment",
+    policy: str = "kuramoto-mpcc",
+    duration: _Duration = None,
+    out: OutFile = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+    overrides: Overrides = (),
+) -> None:
+    """Run a simulated world and all robots as nodes of ROS 2, and print the score.
+
+    The nodes communicate on this machine alone, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
+
+    Example:
+        lissajous ros launch --scenario experiment --policy kuramoto-mpcc --duration 20
+
+    Args:
+        settings: Settings of the simulation's node; the robots' commands are of the same kind.
+        scenario: name of a scenario, .toml file, or module:attribute.
+        policy: name of a policy, folder of a checkpoint, or module:factory.
+        duration: duration of the episode [s]; by default that of the scenario.
+        out: file to write, as in `lissajous ros world`.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
+    setup = named.scenario(scenario, **changes)
+    robots = RobotSettings(policy=policy, command=settings.command, message_loss=setup.noise.message_loss)
+    play(setup, settings, out, output, robots)
 
 
 def play(
