@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping
 from importlib import import_module
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -289,9 +289,9 @@ class Batch:
 
         They include those of the policy that drives the robots, if it has a method `save_state`.
         """
-        saved = self.simulation.save_state()
-        if hasattr(self.driver, "save_state"):
-            saved |= {_DRIVER + name: array for name, array in self.driver.save_state().items()}
+        saved, driver = self.simulation.save_state(), cast("Any", self.driver)
+        if hasattr(driver, "save_state"):
+            saved |= {_DRIVER + name: array for name, array in driver.save_state().items()}
         return saved
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
@@ -299,7 +299,7 @@ class Batch:
         of_driver = {name.removeprefix(_DRIVER): saved[name] for name in saved if name.startswith(_DRIVER)}
         self.simulation.load_state({name: array for name, array in saved.items() if not name.startswith(_DRIVER)})
         if hasattr(self.driver, "load_state"):
-            self.driver.load_state(of_driver)
+            cast("Any", self.driver).load_state(of_driver)
         self._seeds[:] = _NEXT
 
     @property
