@@ -99,8 +99,8 @@ class Worlds:
         # Worlds of a group end together, so that it can draw its next scenario.
         shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
         self._first = np.ceil(shares * self.steps).repeat(worlds // len(shares))
-        self._left = self._first.copy()
-        """Steps (W,) until the episode of a world ends: the first ones end at different times."""
+        self._left = self._first
+        """Steps (W,) until the episode of a world ends: the first ones, `_first`, end at different times."""
         self.begin_anew(None)
 
     def begin_anew(self, seed: int | None) -> None:
