@@ -41,8 +41,8 @@ class SeesAll:
     def watch(self, simulation):
         """Remember where the targets are; a velocity is that of the latest step."""
         targets = simulation.targets
-        stage, place = targets.stage.numpy(), targets.position.numpy().astype(float)
-        self.present = (stage == PRESENT) | ((stage == FOUND) & (not self.scenario.targets.leave))
+        status, place = targets.status.numpy(), targets.position.numpy().astype(float)
+        self.present = (status == PRESENT) | ((status == FOUND) & (not self.scenario.targets.leave))
         moved = place - getattr(self, "place", place)
         near = np.linalg.norm(moved, axis=-1, keepdims=True) <= 2 * self.top * self.step
         self.velocity, self.place = np.where(near, moved, 0.0) / self.step, place

@@ -18,7 +18,7 @@ from lissajous_env.world.state import ENDED, IDLE, INITIAL, RUNNING
 wp.set_module_options(OPTIONS)
 
 
-@stage(WORLD, writes="clock: active, invalid, invalid_at, seed, stage, step", idle=True)
+@stage(WORLD, writes="clock: active, invalid, invalid_at, seed, status, step", idle=True)
 def reset_clock(w, seeds, clock):
     """Begin an episode with the given seed or, if it is negative, with one drawn from the seed before."""
     clock.active[w] = clock.fresh[w]
@@ -30,23 +30,23 @@ def reset_clock(w, seeds, clock):
         seed = int(randomness.stream(key, 0, randomness.EPISODE) >> wp.uint32(1))
     clock.seed[w] = seed
     clock.step[w] = 0
-    clock.stage[w] = RUNNING
+    clock.status[w] = RUNNING
     clock.invalid[w] = 0
     clock.invalid_at[w] = 0
 
 
-@stage(WORLD, writes="clock: active, stage, step", idle=True)
+@stage(WORLD, writes="clock: active, status, step", idle=True)
 def advance_clock(w, clock):
     """Count the step in worlds whose episode is running; the others stay as they are."""
-    if clock.stage[w] == RUNNING:
+    if clock.status[w] == RUNNING:
         clock.active[w] = 1
         clock.step[w] += 1
     else:
         clock.active[w] = 0
-        clock.stage[w] = IDLE
+        clock.status[w] = IDLE
 
 
-@stage(WORLD, writes="clock: stage; latest: truncated")
+@stage(WORLD, writes="clock: status; latest: truncated")
 def end_episodes(w, steps, clock, latest):
     """End an episode when its time is over, or when every robot is terminated."""
     over = clock.step[w] >= steps
@@ -56,7 +56,7 @@ def end_episodes(w, steps, clock, latest):
         if not latest.terminated[w, i]:
             running += 1
     if over or running == 0:
-        clock.stage[w] = ENDED
+        clock.status[w] = ENDED
 
 
 @named_struct("initial")

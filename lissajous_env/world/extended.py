@@ -165,8 +165,8 @@ def keep_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, kep
 @stage(TARGET, writes="targets: heading, position")
 def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Move the targets of an extension to their new positions."""
-    stage = targets.stage[w, t]
-    if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
+    status = targets.status[w, t]
+    if targets.motion[w, t] == CUSTOM and status != HIDDEN and status != GONE:
         place = inside(value[w, t], curve)
         moved = place - targets.position[w, t]
         if wp.length_sq(moved) > 0.0:
@@ -177,7 +177,7 @@ def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
 @stage(TARGET, writes="targets: before, position")
 def place_entering(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Put the targets that appear now at the places of an extension."""
-    if targets.stage[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
+    if targets.status[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
         place = inside(value[w, t], curve)
         targets.position[w, t] = place
         targets.before[w, t] = place

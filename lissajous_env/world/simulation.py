@@ -204,7 +204,7 @@ class Simulation(Copyable):
     @property
     def over(self) -> np.ndarray:
         """(W,) bool on the host: worlds whose episode has ended."""
-        return self.clock.stage.numpy() != int(RUNNING)
+        return self.clock.status.numpy() != int(RUNNING)
 
     def _allocate(self) -> None:
         w, n, k = self.num_worlds, self.num_robots, self.scenario.messages.size
@@ -233,7 +233,7 @@ class Simulation(Copyable):
         values["initial"] = initial_of(self._structs, self.device)
         seen = self.num_worlds, self.num_robots, self.scenario.sensing.most_seen
         values["nearest"] = wp.zeros(seen, dtype=wp.vec2, device=self.device)
-        sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
+        sizes = {ROBOT: self.num_robots, TARGET: self.targets.status.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         blocks = blocks_of(work, self.num_worlds, self.device, self.threads)

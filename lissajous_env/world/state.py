@@ -34,7 +34,7 @@ class Clock:
     """Seed of the world's random draws."""
     step: wp.array(dtype=wp.int32)
     """Number of control steps in this episode so far."""
-    stage: wp.array(dtype=wp.int32)
+    status: wp.array(dtype=wp.int32)
     """RUNNING, ENDED by the latest step, or IDLE: ended earlier and waiting for a reset."""
     active: wp.array(dtype=wp.int32)
     """1 where the world is part of the current step or reset."""
@@ -122,7 +122,7 @@ class Targets:
     """Heading [rad]."""
     motion: wp.array2d(dtype=wp.int32)
     """STILL, DRIFTING, WANDERING, FLEEING or CUSTOM."""
-    stage: wp.array2d(dtype=wp.int32)
+    status: wp.array2d(dtype=wp.int32)
     """HIDDEN until it appears, PRESENT, FOUND by a robot, GONE."""
     appears_at: wp.array2d(dtype=wp.int32)
     """Step in which it appears."""

@@ -44,11 +44,11 @@ def sight(w, i, sensing, target, clock, robots, targets, tracks):
         if i == 0:
             tracks.target_at[w, slot, t] = targets.position[w, t]
         sighted = int(_OUT_OF_SIGHT)
-        kind = targets.stage[w, t]
-        if kind != HIDDEN and kind != GONE:
+        status = targets.status[w, t]
+        if status != HIDDEN and status != GONE:
             away = robots.sensor[w, i] - targets.position[w, t]
             if wp.dot(away, away) < sensing.sight * sensing.sight:
-                leaves = kind == FOUND and target.leave == 1
+                leaves = status == FOUND and target.leave == 1
                 sighted = wp.where(leaves, _LEAVES, _IN_SIGHT)
         tracks.sighted[w, i, slot, t] = sighted
 

@@ -112,7 +112,7 @@ def test_a_track_ends_when_its_target_was_detected_and_left(shared):
     simulation = made(4, **{"targets.leave": True, "sensing.shared": shared, "sensing.memory": 100.0})
     told, left = 0, 0
     for _ in drive(simulation):
-        tracks, gone = simulation.tracks.seen_at.numpy() >= 0, simulation.targets.stage.numpy() == 3
+        tracks, gone = simulation.tracks.seen_at.numpy() >= 0, simulation.targets.status.numpy() == 3
         saw = simulation.tracks.own_at.numpy() >= simulation.targets.found_at.numpy()[:, None]
         left += entry(simulation, "track", "leaves").sum()
         told += (tracks & gone[:, None]).sum()

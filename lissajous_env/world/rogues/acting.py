@@ -89,7 +89,7 @@ def commanded(x: float, y: float) -> wp.vec2:
 def move_rogues(w, t, curve, target, task, clock, targets, rogues):
     """Move each undetected rogue by its action; walls stop it, and an action that is not finite counts as zero."""
     moved = wp.vec2(0.0, 0.0)
-    if targets.stage[w, t] == PRESENT:
+    if targets.status[w, t] == PRESENT:
         x = rogues.action[w, t, 0]
         y = rogues.action[w, t, 1]
         place = targets.position[w, t]
@@ -108,17 +108,17 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
 def reward_rogues(w, t, task, clock, targets, rogues):
     """Reward each rogue with the time of this step for which it was undetected [s]; a detection terminates it."""
     reward = float(0.0)
-    stage = targets.stage[w, t]
+    status = targets.status[w, t]
     now = clock.step[w]
     if clock.active[w] == 1:
         if targets.appears_at[w, t] < now:
-            if stage == PRESENT:
+            if status == PRESENT:
                 reward = task.step
-            elif stage == FOUND and targets.found_at[w, t] == now:
+            elif status == FOUND and targets.found_at[w, t] == now:
                 reward = (1.0 - targets.found_early[w, t]) * task.step
-        rogues.present[w, t] = stage == PRESENT and clock.stage[w] == RUNNING
-        rogues.terminated[w, t] = stage != PRESENT and stage != HIDDEN
-        rogues.truncated[w, t] = stage == PRESENT and clock.stage[w] == ENDED
+        rogues.present[w, t] = status == PRESENT and clock.status[w] == RUNNING
+        rogues.terminated[w, t] = status != PRESENT and status != HIDDEN
+        rogues.truncated[w, t] = status == PRESENT and clock.status[w] == ENDED
     rogues.reward[w, t] = reward
 
 
@@ -142,7 +142,7 @@ def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.ve
 def observe_itself(w, t, place: wp.vec2, curve, target, radius: float, age: float, targets, rogues):
     """Fill the entries of the rogue and of the walls."""
     speed = rogues.velocity[w, t] / target.speed_limit
-    rogues.observation[w, t, 0] = wp.where(targets.stage[w, t] == PRESENT, 1.0, 0.0)
+    rogues.observation[w, t, 0] = wp.where(targets.status[w, t] == PRESENT, 1.0, 0.0)
     rogues.observation[w, t, 1] = wp.clamp(place[0] / curve.half_width, -1.0, 1.0)
     rogues.observation[w, t, 2] = wp.clamp(place[1] / curve.half_height, -1.0, 1.0)
     rogues.observation[w, t, 3] = wp.clamp(speed[0], -1.0, 1.0)
@@ -175,8 +175,8 @@ def fill_rows(w, t, curve, sensing, target, speed_unit, bounds_per_step, clock, 
     size = rogues.observation.shape[2]
     now = clock.step[w]
     entry = int(0)
-    is_new = targets.stage[w, t] == FOUND and targets.found_at[w, t] == now
-    if targets.stage[w, t] == PRESENT or is_new:
+    is_new = targets.status[w, t] == FOUND and targets.found_at[w, t] == now
+    if targets.status[w, t] == PRESENT or is_new:
         place = targets.position[w, t]
         age = float(now - targets.appears_at[w, t]) * bounds_per_step
         observe_itself(w, t, place, curve, target, sensing.radius, age, targets, rogues)

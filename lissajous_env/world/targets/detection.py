@@ -38,10 +38,10 @@ def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins=OP
     """Put targets that appear now at the first of `PLACES` random places outside all sensing discs, or at the last."""
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    for t in range(lane, targets.stage.shape[1], lanes):
+    for t in range(lane, targets.status.shape[1], lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
-        if targets.stage[w, t] == HIDDEN:
+        if targets.status[w, t] == HIDDEN:
             draw = randomness.stream(key, t, randomness.UNSEEN)
             for _ in range(PLACES):
                 x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
@@ -58,7 +58,7 @@ class Flock:
 
     count: wp.int32
     number: Ints
-    stage: Ints
+    status: Ints
     motion: Ints
     """STILL for one that is hidden."""
     before_x: Floats
@@ -82,7 +82,7 @@ def gather(w, count: int, number: Ints, target, targets) -> Flock:
     for k in range(count):
         t = number[k]
         place = targets.position[w, t]
-        flock.stage[k] = targets.stage[w, t]
+        flock.status[k] = targets.status[w, t]
         flock.motion[k] = targets.motion[w, t]
         flock.x[k] = place[0]
         flock.y[k] = place[1]
@@ -96,7 +96,7 @@ def gather(w, count: int, number: Ints, target, targets) -> Flock:
             targets.before[w, t] = place
         flock.before_x[k] = before[0]
         flock.before_y[k] = before[1]
-        if targets.stage[w, t] == HIDDEN:
+        if targets.status[w, t] == HIDDEN:
             flock.motion[k] = STILL
         if flock.motion[k] == FLEEING:
             flock.flight[k] = target.flee_radius
@@ -147,7 +147,7 @@ def detect(w, t, now, nearest: wp.vec2, sight: wp.vec2, radius: float, targets, 
     if sight[1] <= 1.0:
         found = int(sight[0])
         targets.found_early[w, t] = 1.0 - sight[1]
-    targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
+    targets.status[w, t] = wp.where(found >= 0, FOUND, PRESENT)
     if found < 0:
         return 0
     targets.found_at[w, t] = now
@@ -197,7 +197,7 @@ def detect_together(
         nearest, least = nearest_sensors(w, flock.count, x, y, robots, bins)
     waiting = int(0)
     sighted = int(0)
-    stage = flock.stage
+    status = flock.status
     seen = Ints()
     asks = Ints()
     for k in range(ABREAST):
@@ -205,18 +205,18 @@ def detect_together(
             seen[k] = wp.where(least[k] < sight * sight, 1, 0)
             reach = near[k] + way
             met = wp.where(square[k] < reach * reach or reach > far, 1, 0)
-            appears = wp.where(stage[k] == HIDDEN, 1, 0)
-            asks[k] = wp.where(stage[k] == FOUND, 0, wp.where(least[k] < radius * radius, 1, 0) | met | appears)
+            appears = wp.where(status[k] == HIDDEN, 1, 0)
+            asks[k] = wp.where(status[k] == FOUND, 0, wp.where(least[k] < radius * radius, 1, 0) | met | appears)
     for k in range(flock.count):
         t = flock.number[k]
         targets.in_sight[w, t] = seen[k]
         sighted += seen[k]
         if seen[k] == 1 and bins.columns > 0:
             list_in_sight(w, t, wp.vec2(x[k], y[k]), bins)
-        waiting += wp.where(flock.stage[k] == FOUND, 0, 1)
+        waiting += wp.where(flock.status[k] == FOUND, 0, 1)
         if asks[k] == 1:  # which is rare
             first = wp.vec2(-1.0, 2.0)
-            if flock.stage[k] == PRESENT:
+            if flock.status[k] == PRESENT:
                 before = wp.vec2(flock.before_x[k], flock.before_y[k])
                 first = first_sight(w, before, wp.vec2(x[k], y[k]), radius, near[k] + way, robots, bins)
             at_end = wp.vec2(float(nearest[k]), least[k])
@@ -228,7 +228,7 @@ def detect_together(
     TARGET,
     writes=(
         "bins: first_seen, seen, seen_used; latest: detections, in_sight, waiting; targets: before, "
-        "found_at, found_early, heading, in_sight, position, stage"
+        "found_at, found_early, heading, in_sight, position, status"
     ),
 )
 def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, latest, bins=OPTIONAL):
@@ -242,7 +242,7 @@ def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots,
     # A target that an extension moved farther than lists reach may have met any robot.
     far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
     total = wp.vec2i(0, 0)
-    end = targets.stage.shape[1]
+    end = targets.status.shape[1]
     t = int(lane)
     while t < end:
         number = Ints()
@@ -251,11 +251,11 @@ def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots,
             if targets.appears_at[w, t] > now:
                 t = end  # the slots are in the order of their times
             else:
-                stage = targets.stage[w, t]
-                if target.leave == 1 and stage == FOUND:
-                    targets.stage[w, t] = GONE
+                status = targets.status[w, t]
+                if target.leave == 1 and status == FOUND:
+                    targets.status[w, t] = GONE
                     targets.in_sight[w, t] = 0
-                elif stage != GONE:
+                elif status != GONE:
                     number[count] = t
                     count += 1
                 t += lanes

@@ -126,12 +126,12 @@ def reset_targets(w, t, curve, target, clock, targets):
     TARGET,
     writes=(
         "targets: appears_at, before, earlier, earlier_longest, earlier_time, found_at, found_early, heading, "
-        "position, stage"
+        "position, status"
     ),
 )
 def respawn(w, t, curve, target, clock, targets):
     """Let each target that was detected in the step before appear anew in this one."""
-    if targets.stage[w, t] == FOUND:
+    if targets.status[w, t] == FOUND:
         now = clock.step[w]
         time = float(targets.found_at[w, t] - targets.appears_at[w, t]) - targets.found_early[w, t]
         targets.earlier[w, t] += 1
@@ -142,7 +142,7 @@ def respawn(w, t, curve, target, clock, targets):
         targets.position[w, t] = place
         targets.before[w, t] = place
         targets.heading[w, t] = 6.2831853 * wp.randf(draw)
-        targets.stage[w, t] = HIDDEN
+        targets.status[w, t] = HIDDEN
         targets.appears_at[w, t] = now
         targets.found_at[w, t] = NEVER
         targets.found_early[w, t] = 0.0
@@ -153,7 +153,7 @@ def reset_arrivals(w, target, task, clock, targets):
     """Draw the arrival times of the targets after those of the start, by a Poisson process."""
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.ARRIVAL)
     time = float(0.0)
-    for t in range(target.count, targets.stage.shape[1]):
+    for t in range(target.count, targets.status.shape[1]):
         time -= wp.log(1.0 - wp.randf(draw)) / target.arrival_rate
         targets.appears_at[w, t] = 1 + int(wp.min(time / task.step, 1.0e9))
 
