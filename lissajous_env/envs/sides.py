@@ -3,6 +3,7 @@
 `state_rows` returns the true state of each world, for centralized critics.
 """
 
+import operator
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -63,6 +64,8 @@ class Side:
         self.names = [f"{agent}_{i}" for i in range(places)]
         self.layout = layout(scenario) if self.is_robots else rogue_layout(scenario)
         self.action_size = scenario.action_size if self.is_robots else 2
+        self._sizes = [self.action_size] * places
+        self._pick_all = operator.itemgetter(*self.names) if places > 1 else None
         table = action_table(scenario) if self.is_robots else rogue_table()
         self.table = table if discrete else None
         """(K, action_size) actions from which a discrete action selects; None for continuous actions."""
@@ -126,17 +129,18 @@ class Side:
             KeyError: an agent is missing.
             ValueError: an action has a wrong shape, is an index outside the table, or is not finite.
         """
-        names = self.names if len(places) == self.places else [self.names[place] for place in places]
-        given = [actions[name] for name in names]
+        if self._pick_all and len(places) == self.places:
+            given = self._pick_all(actions)
+        else:
+            given = [actions[self.names[place]] for place in places]
         if len(flat_out) == len(given) * self.action_size and self.table is None:
             try:  # Regular actions, a float32 array for each agent, are copied together.
-                flat = np.concatenate(given, dtype=np.float32, casting="no")
-                if set(map(len, given)) == {self.action_size} and flat.dot(flat) < LARGE:
-                    flat_out[:] = flat
+                np.concatenate(given, out=flat_out, casting="no")
+                if [*map(len, given)] == self._sizes and flat_out.dot(flat_out) < LARGE:
                     return
             except (TypeError, ValueError, RuntimeError):
                 pass
-        rows = [self._read_one(name, on_host(action)) for name, action in zip(names, given, strict=True)]
+        rows = [self._read_one(self.names[place], on_host(action)) for place, action in zip(places, given, strict=True)]
         rows_out = flat_out.reshape(-1, self.action_size)
         rows_out[:] = 0.0
         rows_out[list(places)] = np.reshape(rows, (len(rows), self.action_size))

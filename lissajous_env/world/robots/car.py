@@ -174,6 +174,9 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     # A car's own constants lie at most three deviations from those of the scenario.
     strongest = robot.drive * noise.most_drive * max([1.0, *robot.factors.values()])
     fastest = robot.steady_speed(strongest)
+    if fastest > 1e4:
+        rule = "must keep every car's top speed, with noise.drive_spread, at most 10000 m/s"
+        raise ValueError(f"robot.drive_factors {rule}, got {fastest:g} m/s with {robot.drive_factors}")
     shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
     turn = fastest * h * math.tan(robot.steering_max) / shortest
     if turn > 1e4:
