@@ -30,7 +30,6 @@ from baselines.benchmark.table import Policies, Rows, Table, grouped, numbers
 from baselines.policies.registry import unwrapped
 from lissajous_env.world.columns import COLLISIONS, LARGEST, OPEN, SENSED, SHARE, WHOLE, WORST_CASE, Column, task_score
 
-FORMATS = ("pdf", "svg", "png")
 WIDTH = 7.16
 """Width of a figure over both columns of a paper [inch]."""
 _STYLE: dict[Any, Any] = STYLE | {

@@ -75,10 +75,8 @@ def interquartile_mean(values: Values) -> float:
     return float(ordered[cut : len(ordered) - cut].mean()) if len(ordered) else np.nan
 
 
-def bootstrap_interval(
-    values: Values, cut: float = CUT, confidence: float = 0.95, seed: int = 0
-) -> tuple[float, float]:
-    """Return the percentile bootstrap interval of the interquartile mean of some values, which may be infinite.
+def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
+    """Return the 95 % percentile bootstrap interval of the interquartile mean of some values, which may be infinite.
 
     NaN below two values. `cut` is the share that is left out at either end: with 0 the interval is that of the mean.
     """
@@ -89,21 +87,20 @@ def bootstrap_interval(
     # A resample of sorted values is how often each one was drawn, so no resample is ever sorted: the middle half of
     # it is from draw `outside` to draw n - outside, and a value counts as often as its draws lie in there.
     order, outside = np.argsort(samples, kind="stable"), int(cut * n)
-    samples, drawn = samples[order], draws(n, RESAMPLES, seed)[:, order]
+    samples, drawn = samples[order], draws(n, RESAMPLES)[:, order]
     last = np.cumsum(drawn, axis=1, dtype=drawn.dtype)
     counted = np.maximum(np.minimum(last, n - outside) - np.maximum(last - drawn, outside), 0)
     finite = np.isfinite(samples)
     means = counted[:, finite] @ samples[finite] / (n - 2 * outside)
     means[counted[:, ~finite].any(axis=1)] = np.inf
-    return middle_of(means, confidence)
+    return middle_of(means)
 
 
-def middle_of(values: np.ndarray, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the ends of the middle share of some values."""
-    tail = (1 - confidence) / 2
+def middle_of(values: np.ndarray) -> tuple[float, float]:
+    """Return the ends of the middle 95 % of some values."""
     # Between two infinite values there is no point, so an end is then one of the values.
     method = "linear" if np.isfinite(values).all() else "inverted_cdf"
-    low, high = np.quantile(values, [tail, 1 - tail], method=method)
+    low, high = np.quantile(values, [0.025, 0.975], method=method)
     return float(low), float(high)
 
 
@@ -169,9 +166,9 @@ def wins(own: Values, other: Values) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def draws(size: int, resamples: int, seed: int) -> np.ndarray:
+def draws(size: int, resamples: int) -> np.ndarray:
     """Return (resamples, size) how often each of `size` values is drawn, with replacement."""
-    generator = np.random.default_rng([seed, size])
+    generator = np.random.default_rng([0, size])
     return generator.multinomial(size, np.full(size, 1 / size), size=resamples).astype(np.int32)
 
 
