@@ -380,6 +380,7 @@ def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     walls.speed_unit = robot.top_speed
     walls.step, walls.substeps = scenario.task.step, scenario.task.substeps
     # A differential drive gains the yaw rate of its tightest turn steadily, so it is late by half of the time.
-    late = 0.0 if turns_early else robot.top_speed / (2 * walls.turning * robot.top_yaw_acceleration)
+    fastest = min(robot.top_speed, walls.fastest_turn)
+    late = 0.0 if turns_early else fastest / (2 * walls.turning * robot.top_yaw_acceleration)
     walls.predicted = walls.substeps + math.ceil(late / walls.step * walls.substeps)
     return walls

@@ -145,9 +145,11 @@ def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
 
 @pytest.mark.parametrize(("name", "policy", "fields", "longest"), [
     ("experiment", "partition", {"faults.schedule": ()}, None),
+    ("experiment", "partition", {"faults.schedule": (), "robot.kind": "differential"}, None),
+    ("experiment", "kuramoto-mpcc", {"faults.schedule": (), "robot.kind": "differential"}, None),
     ("evaders-walls", "partition-repair", {"faults.removed": ((0, 6.0),)}, 4.2),
 ])  # fmt: skip
-def test_cars_reach_loops_that_overlap_from_a_later_place_of_the_formation(name, policy, fields, longest):
+def test_formations_and_loops_that_overlap_have_no_collisions_within_walls(name, policy, fields, longest):
     """Oracle: collisions, contacts and worst case of the simulation, also after neighbours take over a cell."""
     scenario = lissajous_env.scenario(name, **{"task.boundary": "wall", "task.duration": 16.0, **fields})
     policy = baselines.make(policy, scenario)

@@ -163,7 +163,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
 
 
 def turning_radius(robot: Robot) -> float:
-    """Return the radius of the tightest circle that car policies drive at any speed [m]: v / omega or v / sqrt(alpha).
+    """Return the radius of the tightest circle that car policies drive at top speed [m]: v / omega or v / sqrt(alpha).
 
     The latter is that of the circle on which a drive of top speed v and yaw acceleration alpha is, from a straight way,
     after one radius of way. Policies of cars expect that their cars are on it at once.
@@ -199,6 +199,7 @@ DIFFERENTIAL = register_robot_model(
             act,
             turning_radius=turning_radius,
             acceleration=lambda robot: robot.top_acceleration,
+            has_yaw_limit=True,
         ),
     )
 )
