@@ -31,11 +31,11 @@ def to_struct(struct: Any, value: Any) -> Any:
     filled = struct()
     for name, _ in _kernel_fields(type(value)):
         given = getattr(value, name)
-        setattr(filled, name, place_of(type(value), name, given) if isinstance(given, str) else given)
+        setattr(filled, name, choice_index(type(value), name, given) if isinstance(given, str) else given)
     return filled
 
 
-def place_of(dataclass: type, name: str, option: str) -> int:
+def choice_index(dataclass: type, name: str, option: str) -> int:
     """Return the number that represents an option of a choice in kernels: its index."""
     field = next(field for field in dataclasses.fields(dataclass) if field.name == name)
     return field.metadata["options"].index(option)

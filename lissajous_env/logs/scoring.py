@@ -19,7 +19,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import few_of, shown
-from lissajous_env.world.state import REMOVED, STUCK, WORKING
+from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
 """Longest time between two poses of a robot during which it counts as working, by default [s]."""
@@ -198,7 +198,7 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     status = np.full(hidden.shape, int(WORKING))
     for robot, series in log.statuses.items():
         status[:, robot] = series.before(times, _LATE_STATUS * (times[1] - times[0]))
-    status[hidden & (status == int(WORKING))] = int(STUCK)
+    status[hidden & (status == int(WORKING))] = int(FAILED)
     return status
 
 
@@ -212,7 +212,7 @@ def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray, motion
             last = int(gone[0])
             before, after = motions[robot].at(times[[max(last - 1, 0), last]])[0]
             removed.append((robot, max(last - bool((before == after).all()), 0) * step))
-        failed = np.concatenate([[0], status[1:, robot] == int(STUCK), [0]]).astype(int)
+        failed = np.concatenate([[0], status[1:, robot] == int(FAILED), [0]]).astype(int)
         edges = np.flatnonzero(np.diff(failed))
         schedule += [(robot, *(edge * step for edge in fault)) for fault in edges.reshape(-1, 2).tolist()]
     faults = dataclasses.replace(scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0)

@@ -1,4 +1,4 @@
-"""The columns of a score row: how each is computed, which values it may have, and how tables and pages show it."""
+"""The columns of a score row: the computation of each, its allowed values, and its place in tables and pages."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ class Rule(NamedTuple):
     accepts: Callable[[Any], bool]
 
 
-# A whole number of a file may be beyond the range of every float.
+# A whole number in a file may exceed the range of floats.
 FINITE = Rule("a finite number", lambda value: type(value) in (int, float) and abs(value) <= 1e300)
 AT_LEAST_0 = Rule("a number of at least 0", lambda value: FINITE.accepts(value) and value >= 0)
 SHARE = Rule("a number from 0 to 1", lambda value: FINITE.accepts(value) and 0 <= value <= 1)
@@ -41,16 +41,16 @@ class Column:
     unit: str = ""
     rule: Rule = AT_LEAST_0
     empty: str = ""
-    """Reason for a value of NaN, in files null; "" if it always has a number."""
+    """Reason for a value of NaN (null in files); "" if the value is always a number."""
     title: str = ""
-    """Title without its unit; "" for the name in words."""
+    """Title in tables, without the unit; "" for the name in words."""
     better: int = 0
     """1 if larger values are better, -1 if smaller ones are, 0 if neither."""
     summary: str = INTERQUARTILE_MEAN
-    """Number that stands for several episodes, in every table, picture and ranking: `INTERQUARTILE_MEAN`; `MEAN`, for
-    rare events; or `LARGEST`, for a worst case, which no mean bounds."""
+    """Estimate over several episodes, in every table, picture and ranking: `INTERQUARTILE_MEAN`; `MEAN`, for rare
+    events; or `LARGEST`, for a worst case, which no mean bounds."""
     place: int = 0
-    """Place in tables of policies, from 1; a narrow terminal leaves out the last. 0 leaves it out everywhere."""
+    """Position in tables of policies, from 1; narrow terminals omit the last ones. 0 omits the column everywhere."""
     main: bool = False
     """True for a column of the README's table, of tables for papers and of the report's list of episodes."""
     page: bool = True
@@ -83,7 +83,7 @@ class Column:
 
 
 def _some(reduce: Callable[..., Any], values: np.ndarray, *more: Any) -> Any:
-    """Return a statistic of some values; NaN of none."""
+    """Return a statistic of values, or NaN if there are none."""
     return reduce(values, *more) if len(values) else math.nan
 
 
@@ -315,8 +315,8 @@ MEANINGS = IDENTITY | {name: column.described for name, column in COLUMNS.items(
 def task_score(scenario: Scenario) -> Column:
     """Return the score of a scenario's task, by which policies are ranked and compared.
 
-    It is the share of the targets in sight where targets stay, the detections in a minute where they appear anew, and
-    the mean detection time elsewhere.
+    It is the share of the targets in sight if targets stay when they are detected, the detections in a minute if they
+    appear anew, and the mean detection time otherwise.
     """
     if not scenario.targets.leave:
         return OBSERVED
@@ -324,7 +324,7 @@ def task_score(scenario: Scenario) -> Column:
 
 
 def brought_columns(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the columns that a scenario's extensions add; they stand after `NAMES`."""
+    """Return the names of the columns that a scenario's extensions add after `NAMES`."""
     return tuple(extension.name for extension in scenario.extensions if isinstance(extension, ScoreColumn))
 
 
@@ -334,11 +334,11 @@ def number_names(scenario: Scenario) -> tuple[str, ...]:
 
 
 def score_of(episode: Episode) -> dict[str, Any]:
-    """Return the score row of an episode up to now, without `policy` and `episode`; NaN is a time never reached."""
+    """Return the score row of an episode so far, without `policy` and `episode`; a time not reached is NaN."""
     row: dict[str, Any] = {"scenario": episode.scenario.name, "seed": episode.seed}
     return row | {column.name: plain(column.value(episode)) for column in COLUMNS.values() if column.value}
 
 
 def plain(value: Any) -> int | float:
-    """Return a plain number, without the last digits that steps times 0.1 s leave, as in 4.6000000000000005."""
+    """Return a Python number, rounded to remove errors such as that of 4.6000000000000005, 46 steps of 0.1 s."""
     return value if isinstance(value, int) else round(float(value), 12)

@@ -9,7 +9,7 @@ import pytest
 import lissajous_env
 from lissajous_env import Simulation
 from lissajous_env.world.rogues.acting import rogue_layout
-from lissajous_env.world.state import FOUND, PRESENT
+from lissajous_env.world.state import DETECTED, PRESENT
 
 FEW = {"targets.count": 6, "targets.arrival_rate": 0.5, "targets.entry": "unseen", "task.duration": 8.0}
 SMALL = FEW | {"sensing.radius": 0.3}
@@ -127,7 +127,7 @@ def test_the_row_of_a_rogue_that_is_not_there_is_zero():
     for step in range(40):
         simulation.step(*actions(simulation, step))
         status, found_at = simulation.targets.status.numpy(), simulation.targets.found_at.numpy()
-        is_new = (status == int(FOUND)) & (found_at == step + 1)
+        is_new = (status == int(DETECTED)) & (found_at == step + 1)
         rows = simulation.rogues.observation.numpy()
         assert np.array_equal(rows.any(axis=-1), (status == int(PRESENT)) | is_new)
         assert np.array_equal(rows[..., 0] == 1.0, status == int(PRESENT))
