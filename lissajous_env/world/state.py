@@ -222,7 +222,7 @@ class Contamination:
 
     labels: wp.array4d(dtype=wp.int32)
     """(W, K, R + 4, C + 4 or more) label in each of the latest K ticks of each cell, with a margin around the grid."""
-    there: wp.array4d(dtype=wp.uint32)
+    labelled: wp.array4d(dtype=wp.uint32)
     """(W, R + 4, B + 2, K) a bit for each cell that had a label in this tick and was not sensed since."""
     sensed: wp.array3d(dtype=wp.uint64)
     """(W, D, R) a bit for each cell that a robot senses now."""
