@@ -18,7 +18,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import CENTRE, columns_of, disc_run, points_per_metre
 from lissajous_env.device.stage import ROBOT, part, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
 from lissajous_env.world.observing import empty, far, keep_nearest
@@ -26,8 +26,8 @@ from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
 
-_RING = wp.constant(place_of(Sensing, "shared", "ring"))
-_TEAM = wp.constant(place_of(Sensing, "shared", "team"))
+_RING = wp.constant(code_of(Sensing, "shared", "ring"))
+_TEAM = wp.constant(code_of(Sensing, "shared", "team"))
 
 _OUT_OF_SIGHT = wp.constant(0)
 _IN_SIGHT = wp.constant(1)
