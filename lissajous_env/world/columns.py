@@ -50,7 +50,7 @@ class Column:
     """Number that stands for several episodes, in every table, picture and ranking: `INTERQUARTILE_MEAN`; `MEAN`, for
     rare events; or `LARGEST`, for a worst case, which no mean bounds."""
     order: int = 0
-    """Place in tables of policies, from 1; a narrow terminal leaves out the last. 0 leaves it out everywhere."""
+    """Order in tables of policies, from 1; a narrow terminal leaves out the last. 0 leaves it out everywhere."""
     main: bool = False
     """True for a column of the README's table, of tables for papers and of the report's list of episodes."""
     page: bool = True
