@@ -18,7 +18,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import CENTRE, columns_of, disc_run, points_per_metre
 from lissajous_env.device.stage import ROBOT, part, stage
-from lissajous_env.device.structs import choice_index
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
 from lissajous_env.world.observing import clear_slots, clip_coordinate, insert_nearest
@@ -26,8 +26,8 @@ from lissajous_env.world.state import DETECTED, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
 
-_RING = wp.constant(choice_index(Sensing, "shared", "ring"))
-_TEAM = wp.constant(choice_index(Sensing, "shared", "team"))
+_RING = wp.constant(code_of(Sensing, "shared", "ring"))
+_TEAM = wp.constant(code_of(Sensing, "shared", "team"))
 
 _OUT_OF_SIGHT = wp.constant(0)
 _IN_SIGHT = wp.constant(1)

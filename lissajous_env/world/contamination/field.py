@@ -19,7 +19,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
-from lissajous_env.device.structs import choice_index
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, slot_of
 from lissajous_env.world.state import NEVER, NOWHERE, planar
@@ -27,7 +27,7 @@ from lissajous_env.world.tally import FAULT_MARGIN, any_failed
 
 wp.set_module_options(OPTIONS)
 
-BOUNDARY = wp.constant(choice_index(TargetSettings, "entry", "boundary"))
+BOUNDARY = wp.constant(code_of(TargetSettings, "entry", "boundary"))
 
 
 @wp.func

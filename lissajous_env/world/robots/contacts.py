@@ -12,7 +12,7 @@ from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
-from lissajous_env.device.structs import choice_index
+from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.nearby import PARTED, columns_of, max_displacement, rows_of
@@ -20,8 +20,8 @@ from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, WORKING, 
 
 wp.set_module_options(OPTIONS)
 
-_STOP = wp.constant(choice_index(Task, "on_collision", "stop"))
-_REMOVE = wp.constant(choice_index(Task, "on_collision", "remove"))
+_STOP = wp.constant(code_of(Task, "on_collision", "stop"))
+_REMOVE = wp.constant(code_of(Task, "on_collision", "remove"))
 
 
 @wp.func
@@ -146,7 +146,7 @@ def stop_or_remove(w, i, task, clock, robots, latest):
             latest.terminated[w, i] = True
 
 
-WALL = wp.constant(choice_index(Task, "boundary", "wall"))
+WALL = wp.constant(code_of(Task, "boundary", "wall"))
 
 CONTACT = wp.constant(1e-3)
 """Share of the radius within which a body is in contact with a wall; the rounding of coordinates is less."""

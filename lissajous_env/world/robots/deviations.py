@@ -27,7 +27,7 @@ from lissajous_env.device.curve import (
     series,
 )
 from lissajous_env.device.stage import ROBOT, named_struct, part, stage
-from lissajous_env.device.structs import choice_index
+from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
 from lissajous_env.settings.task import Task
@@ -115,7 +115,7 @@ def points_of(curve: Curve | None, device: str) -> Any:
     return sampled
 
 
-_REMOVE = wp.constant(choice_index(Task, "boundary", "remove"))
+_REMOVE = wp.constant(code_of(Task, "boundary", "remove"))
 
 
 _EDGE = wp.constant(1e-3)

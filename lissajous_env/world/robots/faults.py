@@ -6,14 +6,14 @@ from lissajous_env.device import randomness
 from lissajous_env.device.abreast import Block, where_equal
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, WORLD, part, stage
-from lissajous_env.device.structs import choice_index
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.parts import Faults
 from lissajous_env.world.state import FAILED, NEVER, REMOVED, WORKING
 
 wp.set_module_options(OPTIONS)
 
 
-COAST = wp.constant(choice_index(Faults, "stop", "coast"))
+COAST = wp.constant(code_of(Faults, "stop", "coast"))
 
 
 @part

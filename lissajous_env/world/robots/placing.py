@@ -24,7 +24,7 @@ from lissajous_env.device.curve import (
 )
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.stage import ROBOT, WORLD, part, stage
-from lissajous_env.device.structs import RobotStruct, choice_index, to_struct
+from lissajous_env.device.structs import RobotStruct, code_of, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Formation
@@ -38,8 +38,8 @@ _STARTS = module_apart(f"{__name__}.starts", OPTIONS)
 LARGEST_CORRECTION = wp.constant(0.1)
 """Limit of a correction of a robot's parameter on the curve [rad]: it may slide along its branch, not jump."""
 
-ROTATED = wp.constant(choice_index(Formation, "start", "rotated"))
-RANDOM = wp.constant(choice_index(Formation, "start", "random"))
+ROTATED = wp.constant(code_of(Formation, "start", "rotated"))
+RANDOM = wp.constant(code_of(Formation, "start", "random"))
 
 _DRAWS = wp.constant(100)
 """Largest number of starts that are drawn for a robot; the last one remains."""

@@ -12,7 +12,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.stage import OPTIONAL, TARGET, part, stage
-from lissajous_env.device.structs import choice_index
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.robots.nearby import Bins, bin_of, first_sight, max_displacement, nearest_sensors
 from lissajous_env.world.state import DETECTED, GONE, HIDDEN, PRESENT
@@ -22,7 +22,7 @@ wp.set_module_options(MOTION)
 
 _TRIES = wp.constant(64)
 """Number of positions that are tried for a target that appears outside all discs."""
-_FROM_ALL = wp.constant(choice_index(TargetSettings, "flight", "all"))
+_FROM_ALL = wp.constant(code_of(TargetSettings, "flight", "all"))
 
 
 @wp.func

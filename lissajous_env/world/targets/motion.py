@@ -6,7 +6,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import TARGET, WORLD, part, stage
-from lissajous_env.device.structs import choice_index
+from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.state import DETECTED, HIDDEN, NEVER
@@ -20,8 +20,8 @@ FLEEING = wp.constant(3)
 CUSTOM = wp.constant(4)
 """Moved by an extension of the scenario, or by an adversary: `lissajous_env.world.rogues`."""
 
-_BOUNDARY = wp.constant(choice_index(TargetSettings, "entry", "boundary"))
-_HOTSPOTS = wp.constant(choice_index(TargetSettings, "entry", "hotspots"))
+_BOUNDARY = wp.constant(code_of(TargetSettings, "entry", "boundary"))
+_HOTSPOTS = wp.constant(code_of(TargetSettings, "entry", "hotspots"))
 _MIDDLE = wp.constant(0.85)
 """Share of the width and of the height in which hotspots are."""
 _CLOSEST = wp.constant(0.05)
