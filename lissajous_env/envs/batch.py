@@ -336,7 +336,7 @@ def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
     """
     if isinstance(robots, (str, os.PathLike)):
         factories = import_module("baselines.policies.factories")  # which imports this package
-        return factories.named(os.fspath(robots))(scenario, num_worlds, device)
+        return factories.as_factory(robots)(scenario, num_worlds, device)
     if hasattr(robots, "act"):
         if robots.num_worlds != num_worlds:
             raise ValueError(f"robots must be driven by a policy for {num_worlds} worlds, got {robots.num_worlds}")

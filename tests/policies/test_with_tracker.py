@@ -74,7 +74,9 @@ def test_a_registered_coordinator_has_the_names_of_a_shipped_one():
     for name in wanted:
         shipped, described = registry.describe(name.replace("my-method", "kuramoto")), registry.describe(name)
         assert (described["kind"], described["made_for"]) == (shipped["kind"], shipped["made_for"])
-        assert registry.made_for(name, "rough") == registry.made_for(name.replace("my-method", "kuramoto"), "rough")
+        assert registry.is_default_on(name, "rough") == registry.is_default_on(
+            name.replace("my-method", "kuramoto"), "rough"
+        )
     for name, scenario in (("my-method", "failure"), ("my-method-gvf-safe", "rough")):
         short = lissajous_env.scenario(scenario, **SHORT)
         assert lissajous_env.evaluate(baselines.make(name, short), short, [0])[0]["policy"] == name
