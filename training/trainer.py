@@ -94,7 +94,7 @@ def _train(
             say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
             if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
                 history["best"] = point
-                checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
+                checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
             checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
             log(point)
         if done:

@@ -206,8 +206,8 @@ def truth(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     axes = axes_of(simulation.observation.numpy(), simulation.scenario)
     robots = simulation.robots.position.numpy()[..., :2] / sight
     works = simulation.robots.status.numpy() == WORKING
-    stage = simulation.targets.stage.numpy()
-    there = (stage != int(HIDDEN)) & (stage != int(GONE))
+    status = simulation.targets.status.numpy()
+    there = (status != int(HIDDEN)) & (status != int(GONE))
     first = np.argsort(~there, axis=1, kind="stable")[:, :MOST_TARGETS]
     there, motion, speed, heading = (
         np.take_along_axis(of, first, 1)

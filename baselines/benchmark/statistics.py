@@ -177,7 +177,7 @@ OVER_LOWER_BOUND = Column(
     "ratio of the mean detection time to a lower bound for every policy without long-range sensing",
     better=-1,
     summary=MEAN,
-    place=2,
+    order=2,
     main=True,
 )
 """Derived column; the bound is one of an expectation, so that the mean counts."""
@@ -203,7 +203,7 @@ IMPROVEMENT = Column(
     title="better",
     better=1,
     summary=SHARE_OF_SEEDS,
-    place=6,
+    order=6,
     main=True,
 )
 """Derived column: the probability of improvement."""
@@ -213,7 +213,7 @@ DERIVED = {column.name: column for column in OVERALL if column is not COLLISIONS
 """Columns that `baselines.benchmark.table` adds to score rows, by name."""
 SHOWN = tuple(
     sorted(
-        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.place), key=lambda column: column.place
+        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.order), key=lambda column: column.order
     )
 )
 """Columns of tables of policies, the most important first."""

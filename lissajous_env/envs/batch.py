@@ -256,7 +256,7 @@ class Batch:
     @property
     def over(self) -> np.ndarray:
         """(W,) True on the host for worlds whose episode has ended; if only rogues act, also when none is left."""
-        over = self._stages() != int(RUNNING)
+        over = self._status() != int(RUNNING)
         if self.driver is not None:
             over = over | self.simulation.rogues.terminated.numpy().astype(bool).all(axis=1)
         return over
@@ -264,10 +264,10 @@ class Batch:
     @property
     def just_ended(self) -> np.ndarray:
         """(W,) True on the host for worlds whose episode the latest step ended."""
-        return self._stages() == int(ENDED)
+        return self._status() == int(ENDED)
 
-    def _stages(self) -> np.ndarray:
-        return np.concatenate([simulation.clock.stage.numpy() for simulation in self.simulations])
+    def _status(self) -> np.ndarray:
+        return np.concatenate([simulation.clock.status.numpy() for simulation in self.simulations])
 
     def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
         """Return the score rows so far of the episodes of the masked worlds (W,)."""

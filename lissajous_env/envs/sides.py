@@ -277,7 +277,7 @@ def state_rows(simulation: Simulation, library: Any = np, num_robots: int = 0, n
         read(robots.status) == WORKING,
         *(read(simulation.messages.sending)[..., m] for m in range(scenario.messages.size)),
     )
-    waiting = read(targets.stage) == PRESENT
+    waiting = read(targets.status) == PRESENT
     position = place(read(targets.position))
     of_targets = columns(num_targets, waiting, *(waiting * coordinate for coordinate in position))
     elapsed = columns(1, (read(simulation.clock.step) / scenario.task.steps)[:, None])

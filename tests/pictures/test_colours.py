@@ -29,7 +29,7 @@ XYZ = np.array(
 WHITE = XYZ.sum(axis=1)
 APART = 15
 """Distance in CIELAB (1976) from which two colours are two; 2.3 is a just noticeable difference of large patches."""
-FILM = ("GROUND", "IDLE", "ROBOT", "STUCK", "REMOVED", "TARGET", "FOUND", "CONTACT")
+FILM = ("GROUND", "IDLE", "ROBOT", "FAILED", "REMOVED", "TARGET", "DETECTED", "CONTACT")
 
 
 def from_hex(colour):
@@ -116,5 +116,5 @@ def test_robots_and_marks_of_a_replay_page_are_told_apart_by_every_reader(seen):
     assert len(robots) == 8
     for one, other in combinations([*robots, others["ground"]], 2):
         assert distance(from_hex(one), from_hex(other), seen) > APART, (one, other)
-    for one, other in combinations(("target", "found", "stuck", "touch", "unseen", "ground"), 2):
+    for one, other in combinations(("target", "found", "failed", "touch", "unseen", "ground"), 2):
         assert distance(from_hex(others[one]), from_hex(others[other]), seen) > APART, (one, other)
