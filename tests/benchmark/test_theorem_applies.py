@@ -43,9 +43,8 @@ def test_bodies_that_overlap_are_no_start_of_a_proof():
 
 
 def said(scenario, policy, factory=None):
-    made = as_factory(factory or policy, policy)
     rows = [{"scenario": scenario.name, "policy": policy, "seed": seed} for seed in range(8)]
-    return about_theorem([Cell(scenario, policy, made)], rows).get(scenario.name, [])
+    return about_theorem([Cell(scenario, policy, as_factory(factory or policy, policy))], rows).get(scenario.name, [])
 
 
 def test_the_sentence_names_the_conditions_or_that_there_are_none():

@@ -72,8 +72,9 @@ def test_a_registered_coordinator_has_the_names_of_a_shipped_one():
     assert baselines.register_coordinator("my-method")(Again) is Again
     assert {each for each in baselines.names() if each.startswith("my-method")} == set(wanted)
     for name in wanted:
-        of_both = [registry.describe(each) for each in (name, included := name.replace("my-method", "kuramoto"))]
-        assert all(of_both[0][part] == of_both[1][part] for part in ("kind", "made_for"))
+        included = name.replace("my-method", "kuramoto")
+        shipped, described = registry.describe(included), registry.describe(name)
+        assert (described["kind"], described["made_for"]) == (shipped["kind"], shipped["made_for"])
         assert registry.is_default_on(name, "rough") == registry.is_default_on(included, "rough")
     for name, scenario in (("my-method", "failure"), ("my-method-gvf-safe", "rough")):
         short = lissajous_env.scenario(scenario, **SHORT)
