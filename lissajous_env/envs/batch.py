@@ -338,13 +338,8 @@ def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
         ValueError: the policy is unknown, or is for another number of worlds.
     """
     if isinstance(robots, (str, os.PathLike)):
-<<<<<<< HEAD
         factories = import_module("baselines.policies.factories")  # not at the top, because it imports this package
-        return factories.named(os.fspath(robots))(scenario, num_worlds, device)
-=======
-        factories = import_module("baselines.policies.factories")  # which imports this package
         return factories.as_factory(robots)(scenario, num_worlds, device)
->>>>>>> main
     if hasattr(robots, "act"):
         if robots.num_worlds != num_worlds:
             raise ValueError(f"robots must be driven by a policy for {num_worlds} worlds, got {robots.num_worlds}")
