@@ -16,7 +16,7 @@ from lissajous_env.device.structs import allocate
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, EpisodeTotals, Robots, StepEvents
+from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, Clock, EpisodeTotals, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
 
@@ -53,19 +53,19 @@ def hide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
 def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: EpisodeTotals):
     """Take them for failed again, unless they were removed."""
     if paths.hidden[clock.step[w], i] == 1 and robots.removed_at[w, i] >= clock.step[w]:
-        robots.status[w, i] = STUCK
+        robots.status[w, i] = FAILED
         tally.faulted[w] = 1
         tally.fault_end[w] = -1
 
 
-@stage(ROBOT, writes="latest: terminated; robots: sensor, status, stuck_until")
+@stage(ROBOT, writes="latest: terminated; robots: sensor, status, failed_until")
 def end_paths(w: int, i: int, paths: Paths, cause: int, effect: int, clock: Clock, robots: Robots, latest: StepEvents):
-    """Let a collision or the edge stop or remove robots, `effect` STUCK or REMOVED, as in the simulation of the log."""
+    """Let a collision or the edge stop or remove robots, `effect` FAILED or REMOVED, as the log has it."""
     if paths.ended[clock.step[w], i] == cause:
         robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
         robots.status[w, i] = effect
-        if effect == STUCK:
-            robots.stuck_until[w, i] = NEVER
+        if effect == FAILED:
+            robots.failed_until[w, i] = NEVER
         else:
             latest.terminated[w, i] = True
 
@@ -87,7 +87,7 @@ def follow_paths(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
         if not wp.isnan(paths.phase[moment, i]):
             robots.phase[w, i] = wrap_phase(paths.phase[moment, i])
         if moment == 0 and paths.hidden[0, i] == 1:
-            robots.status[w, i] = STUCK
+            robots.status[w, i] = FAILED
 
 
 class PrescribedSimulation(Simulation):
@@ -104,7 +104,7 @@ class PrescribedSimulation(Simulation):
         self._paths: Any = allocate(Paths, {"path": (m, n, places)}, (m, n), as_device("cpu"))
         for name, values in paths.items():
             getattr(self._paths, name).assign(values)
-        self._collided = int(STUCK if scenario.task.on_collision == "stop" else REMOVED)
+        self._collided = int(FAILED if scenario.task.on_collision == "stop" else REMOVED)
         boundary = "wall" if scenario.task.boundary == "wall" else "open"  # contacts with walls are counted
         task = dataclasses.replace(scenario.task, boundary=boundary, on_collision="count")
         super().__init__(dataclasses.replace(scenario, task=task), num_worlds)

@@ -20,7 +20,7 @@ from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import few_of, shown
-from lissajous_env.world.state import REMOVED, STUCK, WORKING
+from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
 """Longest time between two poses of a robot during which it counts as working, by default [s]."""
@@ -208,7 +208,7 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     status = np.full(hidden.shape, int(WORKING))
     for robot, series in log.statuses.items():
         status[:, robot] = series.before(times, _LATE_STATUS * (times[1] - times[0]))
-    status[hidden & (status == int(WORKING))] = int(STUCK)
+    status[hidden & (status == int(WORKING))] = int(FAILED)
     return status
 
 
@@ -218,7 +218,7 @@ def _ended(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.nda
     A robot does not move in a step at whose beginning a fault removes it, and a collision has another robot in reach.
     """
     ended, reach = np.zeros(status.shape, int), 2 * (1 + _REACHED) * scenario.robot.radius
-    effect = {"stop": int(STUCK), "remove": int(REMOVED)}.get(scenario.task.on_collision)
+    effect = {"stop": int(FAILED), "remove": int(REMOVED)}.get(scenario.task.on_collision)
     for last, robot in np.argwhere(status[1:] != status[:-1]):
         moment, (before, after) = last + 1, places[last : last + 2]
         now = status[moment, robot]
@@ -240,8 +240,8 @@ def _as_logged(
     """Return a scenario with the duration of a log and with the faults of its robots, and no others."""
     step, schedule, removed = scenario.task.step, [], []
     stood = (places[1:] == places[:-1]).all(axis=2)
-    failed = status[1:] == int(STUCK)
-    failed |= stood & (ended[1:] == COLLISION) & (status[:-1] == int(STUCK))  # it was hit, and removed
+    failed = status[1:] == int(FAILED)
+    failed |= stood & (ended[1:] == COLLISION) & (status[:-1] == int(FAILED))  # it was hit, and removed
     for robot in range(status.shape[1]):
         gone = np.flatnonzero(status[:, robot] == int(REMOVED))
         if len(gone):
