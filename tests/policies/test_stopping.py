@@ -45,12 +45,12 @@ def test_a_drive_meets_no_wall_moves_on_and_knows_its_yaw_rate(name, fields):
         place = robots.position.numpy()[..., :2]
         way += np.linalg.norm(place - before, axis=2)
         assert (np.abs(place) < half - 0.005 * scenario.robot.radius).all()
-        known = np.where(robots.status.numpy() == 0, policy._inside.yaw_rate.numpy(), 0)
+        known = np.where(robots.status.numpy() == 0, policy._stay_inside.yaw_rate.numpy(), 0)
         np.testing.assert_allclose(known, robots.yaw_rate.numpy(), atol=1e-3)
     assert (way > 0.02 * scenario.robot.top_speed * scenario.task.duration).all()
     policy.reset(np.arange(16) == 2)
-    assert (policy._inside.yaw_rate.numpy()[2] == 0).all()
-    assert (policy._inside.yaw_rate.numpy()[3] != 0).any()
+    assert (policy._stay_inside.yaw_rate.numpy()[2] == 0).all()
+    assert (policy._stay_inside.yaw_rate.numpy()[3] != 0).any()
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -159,11 +159,7 @@ def returning(value):
 @pytest.mark.parametrize(
     ("door", "value", "message"),
     [
-        (
-            lissajous_env.reward_term(),
-            np.zeros((2, 4)),
-            r"term wrong must return numbers of shape \(2, 5\), got",
-        ),
+        (lissajous_env.reward_term(), np.zeros((2, 4)), r"term wrong must return numbers of shape \(2, 5\), got"),
         (lissajous_env.reward_term(), "text", "reward term wrong must return numbers"),
         (lissajous_env.reward_term(), np.full((2, 5), np.nan), "reward term wrong must return finite numbers"),
         (lissajous_env.score_column(), 1.0, r"score column wrong must return numbers of shape \(2,\), got"),
@@ -267,7 +263,7 @@ AT_GATES = {"targets.entry": "custom", "targets.count": 3, "targets.arrival_rate
 
 def entered(simulation):
     """Targets that have appeared, and the gates (W, 2) of their worlds."""
-    return simulation.targets.stage.numpy() > 0, simulation._extended.kept["gates.gate"].numpy()
+    return simulation.targets.status.numpy() > 0, simulation._extended.kept["gates.gate"].numpy()
 
 
 def test_targets_enter_where_an_extension_says_which_remembers_its_draws():
