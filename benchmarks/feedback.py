@@ -23,7 +23,7 @@ import lissajous_env
 from baselines.policies.index_rule import Index
 from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
 from lissajous_env.world.columns import task_score
-from lissajous_env.world.state import FOUND, PRESENT
+from lissajous_env.world.state import DETECTED, PRESENT
 
 WORLDS, TUNED_ON, PLAYED_ON = 256, 4242, 10_000
 PATROL = "patrol in lanes"
@@ -41,8 +41,8 @@ class SeesAll:
     def watch(self, simulation):
         """Remember where the targets are; a velocity is that of the latest step."""
         targets = simulation.targets
-        stage, place = targets.stage.numpy(), targets.position.numpy().astype(float)
-        self.present = (stage == PRESENT) | ((stage == FOUND) & (not self.scenario.targets.leave))
+        status, place = targets.status.numpy(), targets.position.numpy().astype(float)
+        self.present = (status == PRESENT) | ((status == DETECTED) & (not self.scenario.targets.leave))
         moved = place - getattr(self, "place", place)
         near = np.linalg.norm(moved, axis=-1, keepdims=True) <= 2 * self.top * self.step
         self.velocity, self.place = np.where(near, moved, 0.0) / self.step, place

@@ -20,7 +20,7 @@ from baselines.policies.base import Filtered
 from baselines.policies.partition import PartitionRepair
 from baselines.policies.partition_plan import PartitionParameters
 from baselines.policies.safety.proved import Proved
-from lissajous_env.episodes.guarantee import worst_undetected_times
+from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, WORST_CASE
 
@@ -78,6 +78,14 @@ def plays(case: Case) -> Iterator[tuple[Scenario, Sequence[int]]]:
             schedule = ((robot, begin, begin + STOP),)
             yield lissajous_env.scenario(made, **{"faults.schedule": schedule}), range(first, first + each)
             first += each
+
+
+def worst_undetected_times(policy: ActingPolicy, scenario: Scenario, seeds: Sequence[int]) -> np.ndarray:
+    """Return (episodes, steps + 1) how long a target can have stayed undetected by each step [s], from the reset on."""
+    simulation, ages = lissajous_env.Simulation(scenario, policy.num_worlds), []
+    runner = EpisodeRunner(policy, simulation)
+    runner.play(seeds, lambda _: ages.append(simulation.contamination.age.numpy().copy()))
+    return np.stack(ages, axis=1) * scenario.task.step
 
 
 def row_of(case: Case) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import figures
 import numpy as np
+from limits import worst_undetected_times
 
 import baselines
 from baselines.benchmark.bounds import as_played
@@ -20,7 +21,6 @@ from baselines.policies.patrol import Sweep
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, Simulation
 from lissajous_env import scenario as make_scenario
-from lissajous_env.episodes.guarantee import worst_undetected_times
 
 FIRST_SEED = 50_000
 EARLY = 10.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from baselines.policies.factories import named
+from baselines.policies.factories import as_factory
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
@@ -60,7 +60,7 @@ class RogueTraining(Checked):
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:
             raise ValueError("targets.rogues must be omitted if rogues are trained")
         as_device(self.device)
-        named(self.against)(self.make_scenario(), 1, self.device)  # raises for an unknown or unfit policy
+        as_factory(self.against)(self.make_scenario(), 1, self.device)  # raises for an unknown or unfit policy
 
     @classmethod
     def from_common(cls, common: TrainingSettings, **more: Any) -> "RogueTraining":

@@ -15,7 +15,7 @@ import torch
 from rich.console import Console
 from torch import Tensor, nn
 
-from baselines.policies.factories import named
+from baselines.policies.factories import as_factory
 from lissajous_env import Scenario, Simulation
 from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
@@ -120,7 +120,7 @@ class RogueTrainer:
         settings, visits = self.settings, Visits()
         scenario = settings.make_scenario(_SCRIPTS[k] if k < len(_SCRIPTS) else str(settings.out))
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
-        runner = EpisodeRunner(named(settings.against)(scenario, settings.worlds, settings.device), simulation)
+        runner = EpisodeRunner(as_factory(settings.against)(scenario, settings.worlds, settings.device), simulation)
         seed = _FIRST_SEED * (1 + settings.seed) + k * settings.worlds
         runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
         return visits
@@ -201,7 +201,7 @@ def undetected_times(policy: str, scenario: Scenario, seeds: Sequence[int], devi
         seeds: Seed of each episode.
         device: Warp device.
     """
-    rows = evaluate(named(policy)(scenario, min(16, len(seeds)), device), scenario, seeds)
+    rows = evaluate(as_factory(policy)(scenario, min(16, len(seeds)), device), scenario, seeds)
     columns = {"mean": DETECTION_TIME.name, "quantile": "detection_time_p95", "longest": "detection_time_max"}
     return {name: float(np.nanmean([row[column] for row in rows])) for name, column in columns.items()}
 

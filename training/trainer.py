@@ -95,7 +95,7 @@ def _train(
             say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point, against)}")
             if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
                 history["best"] = point
-                checkpoint.save(folder, network, card, notes={"training": history}, place=checkpoint.BEST)
+                checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
             checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
             log(point)
         if done:
@@ -177,7 +177,7 @@ class Training:
             self._truth = worlds.truth()
             moments.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
             steps.append((self._reward(step, *self._truth[2:]), step))
-            self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
+            self._begins = np.repeat(step.over, worlds.side.slots).astype(np.float32)
             worlds.begin(step.over)
             if step.over.any():
                 self._truth = worlds.truth()
@@ -203,7 +203,7 @@ class Training:
         numbers["collided"] += (rate - numbers["collided"]) / 200
         self._returns = self._returns * settings.gamma + reward
         numbers["variance"] += (self._returns.var() - numbers["variance"]) / (1 + min(numbers["counted"], 300))
-        self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
+        self._returns *= 1 - np.repeat(step.over, self.worlds.side.slots)
         numbers["counted"] += 1
         return reward
 
@@ -224,7 +224,7 @@ class Training:
         advantages, later = np.zeros_like(values[:-1]), np.zeros_like(values[0])
         for t in reversed(range(len(steps))):
             reward, step = steps[t]
-            over = np.repeat(step.over, self.worlds.side.places)
+            over = np.repeat(step.over, self.worlds.side.slots)
             following = np.where(over, values[t], values[t + 1]) * (1 - step.ended)
             error = reward / unit + settings.gamma * following - values[t]
             later = error + settings.gamma * settings.gae_lambda * later * ~over * (1 - step.ended)

@@ -75,10 +75,8 @@ def interquartile_mean(values: Values) -> float:
     return float(ordered[cut : len(ordered) - cut].mean()) if len(ordered) else np.nan
 
 
-def bootstrap_interval(
-    values: Values, cut: float = CUT, confidence: float = 0.95, seed: int = 0
-) -> tuple[float, float]:
-    """Return the percentile bootstrap interval of the interquartile mean of some values, which may be infinite.
+def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
+    """Return the 95 % percentile bootstrap interval of the interquartile mean of some values, which may be infinite.
 
     NaN below two values. `cut` is the share that is left out at either end: with 0 the interval is that of the mean.
     """
@@ -89,21 +87,20 @@ def bootstrap_interval(
     # A resample of sorted values is how often each one was drawn, so no resample is ever sorted: the middle half of
     # it is from draw `outside` to draw n - outside, and a value counts as often as its draws lie in there.
     order, outside = np.argsort(samples, kind="stable"), int(cut * n)
-    samples, drawn = samples[order], draws(n, RESAMPLES, seed)[:, order]
+    samples, drawn = samples[order], draws(n, RESAMPLES)[:, order]
     last = np.cumsum(drawn, axis=1, dtype=drawn.dtype)
     counted = np.maximum(np.minimum(last, n - outside) - np.maximum(last - drawn, outside), 0)
     finite = np.isfinite(samples)
     means = counted[:, finite] @ samples[finite] / (n - 2 * outside)
     means[counted[:, ~finite].any(axis=1)] = np.inf
-    return middle_of(means, confidence)
+    return middle_95_percent(means)
 
 
-def middle_of(values: np.ndarray, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the ends of the middle share of some values."""
-    tail = (1 - confidence) / 2
+def middle_95_percent(values: np.ndarray) -> tuple[float, float]:
+    """Return the ends of the middle 95 % of some values."""
     # Between two infinite values there is no point, so an end is then one of the values.
     method = "linear" if np.isfinite(values).all() else "inverted_cdf"
-    low, high = np.quantile(values, [tail, 1 - tail], method=method)
+    low, high = np.quantile(values, [0.025, 0.975], method=method)
     return float(low), float(high)
 
 
@@ -138,13 +135,13 @@ def summarize_largest(
     is_open, last = (np.broadcast_to(flags, worst.shape)[known] for flags in (without_bound, growing))
     worst = worst[known]
     is_open = is_open | np.isinf(worst)
-    of = Estimate(LARGEST, len(known), len(worst))
+    estimate = Estimate(LARGEST, len(known), len(worst))
     if not len(worst):
-        return of
+        return estimate
     finite = worst[np.isfinite(worst)]
     largest = float(finite.max()) if len(finite) else np.inf
     return replace(
-        of,
+        estimate,
         value=largest,
         min=float(worst.min()),
         median=float(np.median(np.where(is_open, np.inf, worst))),
@@ -155,7 +152,7 @@ def summarize_largest(
 
 
 def wins(own: Values, other: Values) -> np.ndarray:
-    """Return for each seed whether a policy has less than another: 1 if it has, 0 if not, 1/2 in a tie.
+    """Return for each seed 1 if a policy has a smaller number than another, 0 if it has not, 1/2 in a tie.
 
     Both play the same seeds, so the difficulty of a seed cancels. The result is NaN where one of the two has no number.
 
@@ -169,9 +166,9 @@ def wins(own: Values, other: Values) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def draws(size: int, resamples: int, seed: int) -> np.ndarray:
+def draws(size: int, resamples: int) -> np.ndarray:
     """Return (resamples, size) how often each of `size` values is drawn, with replacement."""
-    generator = np.random.default_rng([seed, size])
+    generator = np.random.default_rng([0, size])
     return generator.multinomial(size, np.full(size, 1 / size), size=resamples).astype(np.int32)
 
 
@@ -180,7 +177,7 @@ OVER_LOWER_BOUND = Column(
     "ratio of the mean detection time to a lower bound for every policy without long-range sensing",
     better=-1,
     summary=MEAN,
-    place=2,
+    order=2,
     main=True,
 )
 """Derived column; the bound is one of an expectation, so that the mean counts."""
@@ -206,7 +203,7 @@ IMPROVEMENT = Column(
     title="better",
     better=1,
     summary=SHARE_OF_SEEDS,
-    place=6,
+    order=6,
     main=True,
 )
 """Derived column: the probability of improvement."""
@@ -216,7 +213,7 @@ DERIVED = {column.name: column for column in OVERALL if column is not COLLISIONS
 """Columns that `baselines.benchmark.table` adds to score rows, by name."""
 SHOWN = tuple(
     sorted(
-        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.place), key=lambda column: column.place
+        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.order), key=lambda column: column.order
     )
 )
 """Columns of tables of policies, the most important first."""
@@ -229,12 +226,12 @@ def column_of(name: str) -> Column:
     return COLUMNS.get(name) or DERIVED.get(name) or Column(name, about, rule=FINITE, empty="none")
 
 
-def numbers_of(row: Mapping[str, Any]) -> tuple[str, ...]:
+def score_names(row: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the names of the numbers of a score row, those that its scenario adds among them."""
     return tuple(name for name in row if name not in IDENTITY)
 
 
-def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
+def added_columns(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
     """Return the columns that scenarios add, from score rows or from estimates by column.
 
     A scenario that was read from a folder no longer has its extensions, but their columns are in its rows.
@@ -248,7 +245,7 @@ def main_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimat
 
     `policies` has estimates by policy and column.
     """
-    columns = dict.fromkeys((task_score(scenario), *MAIN, *brought_in(policies.values())))
+    columns = dict.fromkeys((task_score(scenario), *MAIN, *added_columns(policies.values())))
     return with_numbers(policies, columns)
 
 
@@ -260,6 +257,5 @@ def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estima
 
 def with_numbers(policies: Mapping[Any, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
     """Return the columns of which some policy has a number."""
-    return [
-        column for column in columns if any(column.name in of and of[column.name].known for of in policies.values())
-    ]
+    known = {name for estimates in policies.values() for name, estimate in estimates.items() if estimate.known}
+    return [column for column in columns if column.name in known]

@@ -19,7 +19,7 @@ from lissajous_env.world.observation import layout
 from lissajous_env.world.observing import observe
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.robots.signals import measure
-from lissajous_env.world.state import NOWHERE, REMOVED, STUCK, WORKING, Robots, Targets
+from lissajous_env.world.state import FAILED, NOWHERE, REMOVED, WORKING, Robots, Targets
 from lissajous_env.world.values import constants_of, state_of
 
 _TICKS = 1024
@@ -108,7 +108,7 @@ class Row:
         """
         robots, curve, alpha = self._robots, self._scenario.driven, self._scenario.alpha
         robots["position"][0, :2], robots["heading"][0], robots["speed"][0] = (pose.x, pose.y), pose.heading, pose.speed
-        robots["status"][0] = WORKING if works else STUCK
+        robots["status"][0] = WORKING if works else FAILED
         if phase is not None:
             robots["phase"][0] = math.atan2(phase[1], phase[0]) % (2 * math.pi)
         elif self._pose is None:

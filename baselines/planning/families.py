@@ -69,9 +69,9 @@ def default_policies(scenario: Scenario) -> list[str]:
 
     Of those with a collision filter, the paper's method alone. Policies that are played on request alone are left out.
     """
-    names = [name for name in registry.names(scenario) if registry.is_classical(name) and registry.ships(name)]
-    names = [name for name in names if registry.made_for(name, scenario.name)]
-    return [name for name in names if not registry.unwrapped(name)[1] or registry.unwrapped(name)[0] == _FILTERED]
+    names = [name for name in registry.names(scenario) if registry.is_classical(name) and registry.is_included(name)]
+    names = [name for name in names if registry.is_default_on(name, scenario.name)]
+    return [name for name in names if not registry.split_suffix(name)[1] or registry.split_suffix(name)[0] == _FILTERED]
 
 
 def best_known(scenario: Scenario) -> Family:

@@ -215,7 +215,7 @@ def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tupl
         return (() if failing else (_outer_plan(scenario, parameters, lines),)), failing
     largest, plans, failing = _speed_of(scenario, parameters), [], ""
     for share in (1.0,) if parameters.speed else _SHARES:
-        plan = _inner_plan(scenario, parameters, lines, share * largest)
+        plan = _inner_plan(scenario, lines, share * largest)
         failing = what_fails(scenario, lines, plan.speed, plan.aside)
         plans += [] if failing else [plan]
     return tuple(plans), failing
@@ -235,7 +235,7 @@ def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> L
     return Lines(speed, step, path, speed * step * turn.short / turn.angle, 0.0, lanes, line_of)
 
 
-def _inner_plan(scenario: Scenario, parameters: LineParameters, lines: int, fastest: float) -> Lines:
+def _inner_plan(scenario: Scenario, lines: int, fastest: float) -> Lines:
     """Return the plan of lines that turn inside at about a speed [m/s]: whole steps of a sweep and of a half circle.
 
     A sweep of k steps and a half circle of n steps span the driven rectangle if v dt (k / 2 + n / pi) is half of it.

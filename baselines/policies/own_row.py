@@ -72,7 +72,7 @@ def own_key(w: int, i: int, observation: Observation) -> int:
 
 
 @wp.func
-def has_heard(w: int, i: int, observation: Observation) -> bool:
+def has_ever_heard(w: int, i: int, observation: Observation) -> bool:
     """Return whether the row contains a message of a ring neighbour, of any age; that of a removed robot has none."""
     return observation[w, i, OWN_SIZE + HEARD] > 0.5 or observation[w, i, OWN_SIZE + LINK_SIZE + HEARD] > 0.5
 

@@ -231,14 +231,14 @@ class PartitionRepair(TimedPaths):
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._repair = _repair_of(scenario, self.takeover, self.tables, drift, self.device)
         self._repair.patience = self.repair.patience
-        self._rest, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
+        self._wait, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
             self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
             self._tolerance, self._repair.back = scenario.robot.radius, drift
             middle = middle_of(self.takeover.loop)
             shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing
-            self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
+            self._wait = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths, a variant for each loop of `Takeover`."""
@@ -254,7 +254,8 @@ class PartitionRepair(TimedPaths):
         inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)
-        self.launch(rest_after_failure, self.shape, [self._rest, observation], [self._resting, self.action])
+        rest = wp.vec2(*self.scenario.model.rest_action(self.scenario.robot))
+        self.launch(rest_after_failure, self.shape, [self._wait, rest, observation], [self._resting, self.action])
 
 
 def _warn_of_open_cells(scenario: Scenario) -> None:

@@ -217,11 +217,6 @@ class PartitionLoops:
     """Speed on the longest loop [m/s]."""
 
 
-def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = None) -> PartitionLoops:
-    """Return the best partition of a scenario's rectangle, the first of `partition_plans`."""
-    return partition_plans(scenario, parameters)[0]
-
-
 def partition_plans(scenario: Scenario, parameters: PartitionParameters | None = None) -> list[PartitionLoops]:
     """Return partitions of a scenario's rectangle with loops of different shapes, the best first.
 

@@ -290,13 +290,17 @@ def take_over(
 
 @wp.kernel
 def rest_after_failure(
-    rest: float, observation: wp.array3d(dtype=float), resting: wp.array2d(dtype=float), action: wp.array3d(dtype=float)
+    steps: float,
+    rest: wp.vec2,
+    observation: wp.array3d(dtype=float),
+    resting: wp.array2d(dtype=float),
+    action: wp.array3d(dtype=float),
 ):
-    """Let a robot that resumes wait for `rest` more control steps, in which the others return to their own shares."""
+    """Let a robot that resumes rest for some more control steps, in which the others return to their own shares."""
     w, i = wp.tid()
     if not own_works(w, i, observation):
-        resting[w, i] = rest
+        resting[w, i] = steps
     elif resting[w, i] > 0.0:
         resting[w, i] -= 1.0
-        action[w, i, 0] = 0.0
-        action[w, i, 1] = -1.0
+        action[w, i, 0] = rest[0]
+        action[w, i, 1] = rest[1]

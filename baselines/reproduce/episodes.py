@@ -12,7 +12,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.columns import Column
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import STUCK
+from lissajous_env.world.state import FAILED
 from lissajous_env.world.tally import RECOVERED
 
 SEEDS = 16
@@ -146,7 +146,7 @@ class Player:
         scores = simulation.score()
         waited, detections = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
         played = PlayedEpisodes(
-            task, scores, phase, position, heading, status == int(STUCK), deviation, waited, detections
+            task, scores, phase, position, heading, status == int(FAILED), deviation, waited, detections
         )
         self._played[key] = played
         return played

@@ -15,6 +15,8 @@ _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 COMPILING = threading.RLock()
 """Owned while kernels are compiled or loaded, of which Warp does not bear two at once, or standard error is silent."""
+_forks = 0
+"""Number of forks by which this process has come from the first one that imported this module."""
 
 
 class Turn:
@@ -28,12 +30,12 @@ class Turn:
         owner: Name of the object, for messages.
 
     Attributes:
-        lock: Lock that the thread with the turn owns, of the process `process`.
+        lock: Lock that the thread with the turn owns, of the process after `forks` forks.
         taken: True if the work of a turn has begun and not ended.
     """
 
     def __init__(self, owner: str):
-        self.owner, self.lock, self.process, self.taken = owner, threading.RLock(), os.getpid(), False
+        self.owner, self.lock, self.forks, self.taken = owner, threading.RLock(), _forks, False
 
 
 def in_turn(method: _Method) -> _Method:
@@ -46,8 +48,8 @@ def in_turn(method: _Method) -> _Method:
     @functools.wraps(method)
     def waiting(self: Any, *args: Any, **named: Any) -> Any:
         turn = self.turn
-        if turn.process != os.getpid():  # a thread of the parent may own the lock; its turn remains taken
-            turn.lock, turn.process = threading.RLock(), os.getpid()
+        if turn.forks != _forks:  # a thread of the parent may own the lock; its turn remains taken
+            turn.lock, turn.forks = threading.RLock(), _forks
         with turn.lock:
             if turn.taken:
                 words = "a signal handler or an extension must not call it, nor a process that was forked meanwhile"
@@ -61,4 +63,10 @@ def in_turn(method: _Method) -> _Method:
     return waiting  # type: ignore[return-value]
 
 
+def _count_fork() -> None:
+    global _forks
+    _forks += 1
+
+
+os.register_at_fork(after_in_child=_count_fork)
 os.register_at_fork(before=COMPILING.acquire, after_in_parent=COMPILING.release, after_in_child=COMPILING.release)

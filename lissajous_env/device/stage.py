@@ -13,7 +13,7 @@ to do; the kernel has the parameters of a layout instead, which a `Program` fill
 Worlds that are not active are left out, by the parameter `clock`, which is added where it is missing. A program matches
 all other parameters by name, so a name has the same type in every stage, and in the functions that stages call
 (`@part`): `named` declares it once, and only other parameters are annotated. Those of `writes` are all that a stage
-changes: a field of a struct as `targets.stage`, or an array by its own name.
+changes: a field of a struct as `targets.status`, or an array by its own name.
 
 A struct with the default OPTIONAL may be missing from the values of a program. Such a program runs the kernel
 `reduced`, in which the struct is empty, so that the compiler leaves out everything for which it would be read.

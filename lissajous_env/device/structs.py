@@ -27,15 +27,15 @@ def struct_of(dataclass: type) -> Any:
 
 
 def to_struct(struct: Any, value: Any) -> Any:
-    """Copy the numbers of a dataclass instance into a new instance of a struct, and the places of its choices."""
+    """Copy the numbers of a dataclass instance into a new instance of a struct, and the codes of its choices."""
     filled = struct()
     for name, _ in _kernel_fields(type(value)):
         given = getattr(value, name)
-        setattr(filled, name, place_of(type(value), name, given) if isinstance(given, str) else given)
+        setattr(filled, name, code_of(type(value), name, given) if isinstance(given, str) else given)
     return filled
 
 
-def place_of(dataclass: type, name: str, option: str) -> int:
+def code_of(dataclass: type, name: str, option: str) -> int:
     """Return the number that represents an option of a choice in kernels: its index."""
     field = next(field for field in dataclasses.fields(dataclass) if field.name == name)
     return field.metadata["options"].index(option)

@@ -1,17 +1,13 @@
-"""Worst-case undetected time of evading targets: of a policy over time, and of a formation in its equilibrium.
+"""Worst-case undetected time of evading targets that a formation in its equilibrium does not detect.
 
 The paper's bounds apply to targets at rest, or to discs that always overlap. For moving targets, the worst case is
 computed by the contamination field (`lissajous_env.world.contamination.field`) with points that stay exactly in (2).
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
-from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults, Noise, Robot
@@ -53,30 +49,6 @@ def formation_guarantee(
     radius = scenario.sensing_radius if radius is None else radius
     critical, longest = critical_speed(scenario, radius, cells), guaranteed_time(scenario, radius, speed, cells)
     return FormationGuarantee(radius, critical, longest)
-
-
-def worst_undetected_times(policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int]) -> np.ndarray:
-    """Return the longest time for which a target can have stayed undetected, at the reset and after each control step.
-
-    Args:
-        policy: The policy, with as many worlds as there are seeds.
-        scenario: The scenario, with `task.contamination`.
-        seeds: Seeds of the episodes.
-
-    Returns:
-        (episodes, steps + 1) [s].
-
-    Raises:
-        ValueError: `task.contamination` of the scenario is None.
-    """
-    scenario = named.build(scenario)
-    check_follows(scenario)
-    simulation = Simulation(scenario, policy.num_worlds)
-    ages: list[np.ndarray] = []
-    EpisodeRunner(policy, simulation).play(
-        seeds, lambda taken: ages.append(simulation.contamination.age.numpy().copy())
-    )
-    return np.stack(ages, axis=1) * scenario.task.step
 
 
 def check_follows(scenario: str | Scenario) -> None:

@@ -59,7 +59,7 @@ class Recording:
     phase: np.ndarray
     """(F, N) float64 theta of (1) in [0, 2 pi) [rad]."""
     status: np.ndarray
-    """(F, N) int8 WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
+    """(F, N) int8 WORKING, FAILED or REMOVED of `lissajous_env.world.state`."""
     target_position: np.ndarray
     """(F, T, 2) float32 x, y of the targets [m]; before a target appears, where it will, unless it appears unseen.
     A target that appears anew after its detection counts as another target."""

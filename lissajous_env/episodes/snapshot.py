@@ -28,7 +28,7 @@ class Snapshot:
     heading: np.ndarray
     """(N,) headings of the robots [rad]."""
     status: np.ndarray
-    """(N,) WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
+    """(N,) WORKING, FAILED or REMOVED of `lissajous_env.world.state`."""
     target_position: np.ndarray
     """(T, 2) x, y of the targets [m]; for targets that left, where they were detected."""
     motion: np.ndarray

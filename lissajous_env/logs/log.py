@@ -69,7 +69,7 @@ class Log:
     phases: dict[int, Series] = field(default_factory=dict)
     """Phases (K,) of the robots that have any [rad]."""
     statuses: dict[int, Series] = field(default_factory=dict)
-    """Statuses (K,) of the robots that have any: WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
+    """Statuses (K,) of the robots that have any: WORKING, FAILED or REMOVED of `lissajous_env.world.state`."""
     episode: dict[str, Any] | None = None
     """Scenario, seed and policy of a log that a simulation wrote."""
     begin: float | None = None

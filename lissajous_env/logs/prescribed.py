@@ -15,7 +15,7 @@ from lissajous_env.device.structs import allocate
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import REMOVED, STUCK, Clock, EpisodeTotals, Robots
+from lissajous_env.world.state import FAILED, REMOVED, Clock, EpisodeTotals, Robots
 
 wp.set_module_options(OPTIONS)
 
@@ -47,7 +47,7 @@ def hide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
 def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: EpisodeTotals):
     """Take them for failed again, unless they were removed."""
     if paths.hidden[clock.step[w], i] == 1 and robots.removed_at[w, i] >= clock.step[w]:
-        robots.status[w, i] = STUCK
+        robots.status[w, i] = FAILED
         tally.faulted[w] = 1
         tally.fault_end[w] = -1
 
@@ -69,7 +69,7 @@ def follow_paths(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
         if not wp.isnan(paths.phase[moment, i]):
             robots.phase[w, i] = wrap_phase(paths.phase[moment, i])
         if moment == 0 and paths.hidden[0, i] == 1:
-            robots.status[w, i] = STUCK
+            robots.status[w, i] = FAILED
 
 
 class PrescribedSimulation(Simulation):

@@ -14,7 +14,7 @@ import numpy as np
 
 from lissajous_env.logs.inputs import INPUTS
 from lissajous_env.logs.messages import Bags, seconds
-from lissajous_env.world.state import REMOVED, STUCK, WORKING
+from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 TRANSFORMS, ARRAY = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseArray"
 _UNIT = 0.01
@@ -170,7 +170,7 @@ def _twist(twist: Any, header: Any = None) -> list[Sample]:
 
 
 def _status(message: Any) -> list[Sample]:
-    if message.data not in (int(WORKING), int(STUCK), int(REMOVED)):
+    if message.data not in (int(WORKING), int(FAILED), int(REMOVED)):
         raise ValueError(f"they have the unknown status {message.data}")
     return [("", None, (), [message.data])]
 

@@ -19,7 +19,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import few_of, shown
-from lissajous_env.world.state import REMOVED, STUCK, WORKING
+from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
 """Longest time between two poses of a robot during which it counts as working, by default [s]."""
@@ -198,23 +198,25 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     status = np.full(hidden.shape, int(WORKING))
     for robot, series in log.statuses.items():
         status[:, robot] = series.before(times, _LATE_STATUS * (times[1] - times[0]))
-    status[hidden & (status == int(WORKING))] = int(STUCK)
+    status[hidden & (status == int(WORKING))] = int(FAILED)
     return status
 
 
 def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray, motions: Sequence[Motion]) -> Scenario:
     """Return a scenario with the duration of a log and with the faults of its robots, and no others."""
     step, schedule, removed = scenario.task.step, [], []
-    for robot in range(status.shape[1]):
+    for robot, motion in enumerate(motions):
+        moved = (np.diff(motion.at(times)[0], axis=0) != 0).any(axis=1)  # in the step after each moment
         gone = np.flatnonzero(status[:, robot] == int(REMOVED))
         if len(gone):
             # A robot moves in the step in which the edge or a collision removes it, and not where a fault does.
             last = int(gone[0])
-            before, after = motions[robot].at(times[[max(last - 1, 0), last]])[0]
-            removed.append((robot, max(last - bool((before == after).all()), 0) * step))
-        failed = np.concatenate([[0], status[1:, robot] == int(STUCK), [0]]).astype(int)
-        edges = np.flatnonzero(np.diff(failed))
-        schedule += [(robot, *(edge * step for edge in fault)) for fault in edges.reshape(-1, 2).tolist()]
+            removed.append((robot, (last - 1 + bool(moved[last - 1]) if last else 0) * step))
+        failed = np.concatenate([[0], status[1:, robot] == int(FAILED), [0]]).astype(int)
+        for begin, end in np.flatnonzero(np.diff(failed)).reshape(-1, 2).tolist():
+            # Likewise, a robot that a collision stops moves until the end of that step.
+            is_stopped = end - begin > 1 and moved[begin] and not moved[begin + 1]
+            schedule.append((robot, (begin + is_stopped) * step, end * step))
     faults = dataclasses.replace(scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0)
     # Whatever the edge or a collision did to the robots, the log shows it; contacts with walls are counted.
     boundary = "wall" if scenario.task.boundary == "wall" else "open"

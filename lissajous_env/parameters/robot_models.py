@@ -35,9 +35,12 @@ class AsCar:
     heading [rad], the desired speed [m/s] and the desired yaw rate [rad/s], float; `action_out` (W, N, action size).
     """
     turning_radius: Callable[[Robot], float]
-    """Radius of the tightest turn at any speed [m]; above 0, also for robots that turn on the spot."""
+    """Radius of the tightest turn at the top speed [m]; above 0, also for robots that turn on the spot."""
     acceleration: Callable[[Robot], float]
     """Acceleration from rest, and deceleration from the top speed [m/s^2]; infinity for robots without inertia."""
+    has_yaw_limit: bool = False
+    """True if the radius is proportional to the speed, as for robots with a largest yaw rate: policies then plan for
+    cars with the smaller radius `Scenario.turning_radius`, and with grip. Otherwise it applies to any speed."""
 
 
 @dataclass(frozen=True)

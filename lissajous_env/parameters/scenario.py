@@ -195,16 +195,29 @@ class Scenario(BringsRogues):
         model = model_of(self.robot.kind)
         if model.keeps_to_curve:
             return 0.0
-        fastest = self.formation.phase_rate * geometry.largest_speed(self.curve)
-        step = self.task.step * min(model.speed_unit(self.curve, self.formation, self.robot), fastest)
-        return min(step**2 / (2 * self._turning_radius()), step)
+        step = self.task.step * min(model.speed_unit(self.curve, self.formation, self.robot), self._fastest)
+        return min(step**2 / (2 * self.turning_radius), step)
 
-    def _turning_radius(self) -> float:
-        """Return the radius of a robot's tightest turn [m]."""
+    @cached_property
+    def _fastest(self) -> float:
+        """Largest speed of the formation [m/s]."""
+        return self.formation.phase_rate * geometry.largest_speed(self.curve)
+
+    @cached_property
+    def turning_radius(self) -> float:
+        """Radius of the tightest turn of the robots, or of the cars that they move like [m].
+
+        Of robots with `AsCar.has_yaw_limit` it is the one at twice the largest speed of the formation, within half of
+        their top speed and this.
+        """
         model = model_of(self.robot.kind)
-        if model.as_car is not None:
-            return model.as_car.turning_radius(self.robot)
-        return geometry.turning_radius(self.robot.wheelbase, self.robot.steering_max)
+        if model.as_car is None:
+            return geometry.turning_radius(self.robot.wheelbase, self.robot.steering_max)
+        radius = model.as_car.turning_radius(self.robot)
+        if not model.as_car.has_yaw_limit:
+            return radius
+        share = 2 * self._fastest / model.speed_unit(self.curve, self.formation, self.robot)
+        return radius * min(max(share, 0.5), 1.0)
 
     @cached_property
     def start_turning(self) -> float:
@@ -214,7 +227,7 @@ class Scenario(BringsRogues):
         """
         if self.task.boundary != "wall" or self.robot.kind not in ("car", "differential"):
             return 0.0
-        return 1.1 * (1 + 3 * self.noise.wheelbase_spread) * self._turning_radius()
+        return 1.1 * (1 + 3 * self.noise.wheelbase_spread) * self.turning_radius
 
     @cached_property
     def _fitted(self) -> Curve:

@@ -35,7 +35,7 @@ class Targets:
         places = self.view.fine(snapshot.target_position)
         detected = snapshot.found
         if not self.scenario.targets.leave:
-            stamp(surface, places[detected], FINE * self.radius, palette.FOUND)
+            stamp(surface, places[detected], FINE * self.radius, palette.DETECTED)
         age = (snapshot.step - snapshot.found_at) / self._flash
         recent = np.flatnonzero(detected & (age < 1))
         shade = np.floor(SHADES * age[recent] + 1e-6) / SHADES
@@ -60,8 +60,8 @@ def draw_flash(surface: pygame.Surface, points: np.ndarray, radius: float, age: 
     fading = 1.0 - age
     if radius > SMALL:
         outer = radius * (1.3 + 2.1 * age)
-        stamp(surface, points, outer, palette.FOUND, hole=outer - 0.45 * radius, alpha=fading)
-    stamp(surface, points, 0.9 * radius, palette.FOUND, alpha=fading**1.5)
+        stamp(surface, points, outer, palette.DETECTED, hole=outer - 0.45 * radius, alpha=fading)
+    stamp(surface, points, 0.9 * radius, palette.DETECTED, alpha=fading**1.5)
 
 
 def flash_time(scenario: Scenario) -> float:

@@ -10,11 +10,11 @@ from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, draw_line, transparent, within
 from lissajous_env.render.text import write_outlined
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.state import REMOVED, STUCK, WORKING
+from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 MOST_CONTACTS = 2000
 """Limit on the contacts that are ringed; a crowd in one heap has hundreds of thousands."""
-_COLOURS = {int(WORKING): palette.ROBOT, int(STUCK): palette.STUCK, int(REMOVED): palette.REMOVED}
+_COLOURS = {int(WORKING): palette.ROBOT, int(FAILED): palette.FAILED, int(REMOVED): palette.REMOVED}
 
 
 class Team:
@@ -81,7 +81,7 @@ class Team:
         pygame.draw.circle(surface, palette.mixed(palette.GROUND, colour, 0.45), at, self.radius + FINE, FINE)
         for shape, fill in self._parts:
             pygame.draw.polygon(surface, colour if fill is None else fill, (at + _turned(shape, heading)).tolist())
-        if colour == palette.STUCK:
+        if colour == palette.FAILED:
             pygame.draw.circle(surface, colour, at, 1.15 * self.radius + 4 * FINE, 2 * FINE)
 
     def _point_out(self, surface: pygame.Surface, at: np.ndarray, colour: palette.Colour) -> None:

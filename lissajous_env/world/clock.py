@@ -1,6 +1,6 @@
 """The clock of each world: its seed, its steps, and the beginning and end of its episodes.
 
-At a reset every array of a world is set to zero, or to its value in INITIAL.
+A reset sets every array of a world to zero, or to its value in INITIAL.
 """
 
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ from lissajous_env.world.state import ENDED, IDLE, INITIAL, RUNNING
 wp.set_module_options(OPTIONS)
 
 
-@stage(WORLD, writes="clock: active, invalid, invalid_at, seed, stage, step", idle=True)
+@stage(WORLD, writes="clock: active, invalid, invalid_at, seed, status, step", idle=True)
 def reset_clock(w, seeds, clock):
-    """Begin an episode with the given seed or, if it is negative, with one drawn from the seed before."""
+    """Begin an episode with the given seed or, if it is negative, with one that follows from the previous seed."""
     clock.active[w] = clock.fresh[w]
     if clock.active[w] == 0:
         return
@@ -30,23 +30,23 @@ def reset_clock(w, seeds, clock):
         seed = int(randomness.stream(key, 0, randomness.EPISODE) >> wp.uint32(1))
     clock.seed[w] = seed
     clock.step[w] = 0
-    clock.stage[w] = RUNNING
+    clock.status[w] = RUNNING
     clock.invalid[w] = 0
     clock.invalid_at[w] = 0
 
 
-@stage(WORLD, writes="clock: active, stage, step", idle=True)
+@stage(WORLD, writes="clock: active, status, step", idle=True)
 def advance_clock(w, clock):
-    """Count the step in worlds whose episode is running; the others stay as they are."""
-    if clock.stage[w] == RUNNING:
+    """Count a step in the worlds whose episode is running; the others become inactive."""
+    if clock.status[w] == RUNNING:
         clock.active[w] = 1
         clock.step[w] += 1
     else:
         clock.active[w] = 0
-        clock.stage[w] = IDLE
+        clock.status[w] = IDLE
 
 
-@stage(WORLD, writes="clock: stage; latest: truncated")
+@stage(WORLD, writes="clock: status; latest: truncated")
 def end_episodes(w, steps, clock, latest):
     """End an episode when its time is over, or when every robot is terminated."""
     over = clock.step[w] >= steps
@@ -56,12 +56,12 @@ def end_episodes(w, steps, clock, latest):
         if not latest.terminated[w, i]:
             running += 1
     if over or running == 0:
-        clock.stage[w] = ENDED
+        clock.status[w] = ENDED
 
 
 @named_struct("initial")
 class Initial:
-    """The arrays of the state (A,), and the values with which an episode begins."""
+    """The A arrays of the state (A,), and their values at the beginning of an episode."""
 
     address: wp.array(dtype=wp.uint64)
     """Address of the first world."""
@@ -72,7 +72,7 @@ class Initial:
 
 
 def initial_of(structs: Mapping[str, Any], device: Any) -> Initial:
-    """Return the arrays of the structs of the state, by name, but of the clock, which goes on."""
+    """Return the arrays of the state, except those of the clock, with their initial values; `structs` is by name."""
     arrays = {
         f"{name}.{field}": array
         for name, struct in structs.items()
@@ -94,12 +94,12 @@ def initial_of(structs: Mapping[str, Any], device: Any) -> Initial:
     if (size % 4 == 0)
         for (wp::int64 k = lane; k < size / 4; k += lanes)
             ((wp::uint32*)begin)[k] = value;
-    else  // truth values, which are bytes
+    else  // booleans, which are bytes
         for (wp::int64 k = lane; k < size; k += lanes)
             begin[k] = 0;
 """)
 def fill(address: wp.uint64, w: int, size: wp.int64, value: wp.uint32, lane: int, lanes: int):
-    """Set every `lanes`-th number of an array in a world, from number `lane` on."""
+    """Set every `lanes`-th number of world w in an array to the bits `value`, from number `lane` on."""
 
 
 @stage(ARRAY, writes="")

@@ -1,4 +1,4 @@
-"""The columns of a score row: how each is computed, which values it may have, and how tables and pages show it."""
+"""The columns of a score row: the computation of each, its allowed values, and its place in tables and pages."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ class Rule(NamedTuple):
     accepts: Callable[[Any], bool]
 
 
-# A whole number of a file may be beyond the range of every float.
+# A whole number in a file may exceed the range of floats.
 FINITE = Rule("a finite number", lambda value: type(value) in (int, float) and abs(value) <= 1e300)
 AT_LEAST_0 = Rule("a number of at least 0", lambda value: FINITE.accepts(value) and value >= 0)
 SHARE = Rule("a number from 0 to 1", lambda value: FINITE.accepts(value) and 0 <= value <= 1)
@@ -41,16 +41,16 @@ class Column:
     unit: str = ""
     rule: Rule = AT_LEAST_0
     empty: str = ""
-    """Reason for a value of NaN, in files null; "" if it always has a number."""
+    """Reason for a value of NaN (null in files); "" if the value is always a number."""
     title: str = ""
-    """Title without its unit; "" for the name in words."""
+    """Title in tables, without the unit; "" for the name in words."""
     better: int = 0
     """1 if larger values are better, -1 if smaller ones are, 0 if neither."""
     summary: str = INTERQUARTILE_MEAN
-    """Number that stands for several episodes, in every table, picture and ranking: `INTERQUARTILE_MEAN`; `MEAN`, for
-    rare events; or `LARGEST`, for a worst case, which no mean bounds."""
-    place: int = 0
-    """Place in tables of policies, from 1; a narrow terminal leaves out the last. 0 leaves it out everywhere."""
+    """Estimate over several episodes, in every table, picture and ranking: `INTERQUARTILE_MEAN`; `MEAN`, for rare
+    events; or `LARGEST`, for a worst case, which no mean bounds."""
+    order: int = 0
+    """Position in tables of policies, from 1; narrow terminals omit the last ones. 0 omits the column everywhere."""
     main: bool = False
     """True for a column of the README's table, of tables for papers and of the report's list of episodes."""
     page: bool = True
@@ -83,7 +83,7 @@ class Column:
 
 
 def _some(reduce: Callable[..., Any], values: np.ndarray, *more: Any) -> Any:
-    """Return a statistic of some values; NaN of none."""
+    """Return a statistic of values, or NaN if there are none."""
     return reduce(values, *more) if len(values) else math.nan
 
 
@@ -131,12 +131,12 @@ DETECTION_TIME = Column(
     "time from a target's appearance until it is first within a working robot's sensing disc, also between control "
     "steps, mean over targets; a target that is never detected counts with the time for which it was present",
     lambda e: (e.times.sum() + e.earlier_time) / e.num_targets if e.earlier else _some(np.mean, e.times), "s",
-    empty=_NO_TARGET, title="detection", better=-1, place=1, main=True,
+    empty=_NO_TARGET, title="detection", better=-1, order=1, main=True,
 )
 _P95 = Column(
     "detection_time_p95", "95th percentile of the same time over targets",
     lambda e: math.nan if e.scenario.targets.respawn else _some(np.percentile, e.times, 95), "s",
-    empty=f"{_NO_TARGET}, or targets appear anew", title="detection p95", better=-1, place=12, page=False,
+    empty=f"{_NO_TARGET}, or targets appear anew", title="detection p95", better=-1, order=12, page=False,
 )
 LATEST_DETECTION = Column(
     "detection_time_max", "longest of these times",
@@ -145,13 +145,13 @@ LATEST_DETECTION = Column(
 )
 DETECTION_RATE = Column(
     "detection_rate", "detections in a minute, if detected targets appear anew (`targets.respawn`)", _rate, "1/min",
-    empty="targets do not appear anew", better=1, place=15,
+    empty="targets do not appear anew", better=1, order=15,
 )
 OBSERVED = Column(
     "observed_fraction",
     "share of the targets that are within `sensing.sight` of a working robot, mean over time, if targets stay when "
     "they are detected (`targets.leave = false`)",
-    _observed, rule=SHARE, empty="targets leave", title="observed", better=1, place=14,
+    _observed, rule=SHARE, empty="targets leave", title="observed", better=1, order=14,
 )
 WITHIN_BOUND = Column(
     "detected_within_bound",
@@ -160,14 +160,14 @@ WITHIN_BOUND = Column(
     "excluded",
     _within_bound, rule=SHARE, empty="no target was present for T_max or detected, or targets appear anew",
     title="within T_max", better=1,
-    place=8,
+    order=8,
 )
 COLLISIONS = Column(
     "collisions",
     "pairs of robots that came closer than the sum of their radii, by the closest approach between sub-steps; a pair "
     "counts once until it parts by 5 % more; points that share a place of the formation (kappa > 1) overlap by design "
     "and are not counted",
-    lambda e: int(e.totals["collisions"]), rule=WHOLE, better=-1, summary=MEAN, place=4, main=True,
+    lambda e: int(e.totals["collisions"]), rule=WHOLE, better=-1, summary=MEAN, order=4, main=True,
 )
 _CONTACT = Column(
     "contact_time", "time in contact, summed over the same pairs", lambda e: e.totals["contact_steps"] * e.step, "s"
@@ -175,11 +175,11 @@ _CONTACT = Column(
 SEPARATION = Column(
     "min_separation", "smallest distance between the centres of two robots of such a pair",
     lambda e: e.totals["min_separation"] if e.totals["min_separation"] < 1e29 else math.nan, "m",
-    empty="only one robot", title="least distance", better=1, place=9,
+    empty="only one robot", title="least distance", better=1, order=9,
 )
 COVERAGE = Column(
     "coverage_time", "time until every cell was covered by some robot", lambda e: e.reached(e.totals["covered_at"]),
-    "s", empty="never", title="coverage", better=-1, place=11,
+    "s", empty="never", title="coverage", better=-1, order=11,
 )
 COVERAGE_EACH = Column(
     "coverage_time_each", "time until every cell was covered by every robot",
@@ -187,7 +187,7 @@ COVERAGE_EACH = Column(
 )
 IDLENESS = Column(
     "idleness_mean", "time since a cell was last covered, mean over cells and time", _idleness, "s", empty=_NO_GRID,
-    title="idleness", better=-1, place=7,
+    title="idleness", better=-1, order=7,
 )
 LONGEST_IDLENESS = Column(
     "idleness_max", "longest time for which a cell was not covered",
@@ -212,7 +212,7 @@ LARGEST_TRACKING_ERROR = Column(
 SPACING = Column(
     "spacing_factor", "largest distance of ring neighbours over 2 r_s of Eq. (8): eta_1 of the paper",
     lambda e: e.totals["spacing_max"] / e.scenario.neighbour_distance, empty="no Lissajous curve", better=-1,
-    place=13, page=False,
+    order=13, page=False,
 )
 PHASE_ERROR = Column(
     "phase_error", "largest deviation from the equilibrium of Eq. (2), without the common rotation",
@@ -224,7 +224,7 @@ RECOVERY = Column(
     "its largest value before the first fault (at least 0.05 rad); empty if it never does, or if no fault disturbed "
     "the formation",
     lambda e: e.recovery(e.totals["off_at"]), "s", empty="never, or never disturbed", title="recovery", better=-1,
-    place=10,
+    order=10,
 )
 _OUTSIDE = Column(
     "outside_time", "time that bodies were wholly outside the rectangle, summed over robots",
@@ -248,7 +248,7 @@ _BLOCKED = Column(
 )
 DISTANCE = Column(
     "distance_mean", "distance travelled, mean over robots",
-    lambda e: e.totals["distance_sum"] / e.scenario.num_robots, "m", title="distance", place=6, main=True, page=False,
+    lambda e: e.totals["distance_sum"] / e.scenario.num_robots, "m", title="distance", order=6, main=True, page=False,
 )
 TOP_SPEED = Column("speed_max", "largest speed of any robot", lambda e: e.totals["speed_max"], "m/s")
 _SMOOTHNESS = Column(
@@ -258,14 +258,14 @@ _SMOOTHNESS = Column(
 SENSED = Column(
     "sensed_fraction", "share of the cells that some robot has covered",
     lambda e: e.totals["covered"] / e.gaps.size if e.has_grid else math.nan, rule=SHARE, empty=_NO_GRID,
-    title="sensed", better=1, place=5, main=True,
+    title="sensed", better=1, order=5, main=True,
 )
 WORST_CASE = Column(
     "guaranteed_detection_time",
     "worst-case undetected time: the longest time for which any target of the scenario's top speed can have stayed "
     "undetected, however it moved",
     _contaminated(lambda e: int(e.contamination["age_max"]) * e.step), "s", empty=_NO_CONTAMINATION,
-    title="guaranteed", better=-1, summary=LARGEST, place=3, main=True,
+    title="guaranteed", better=-1, summary=LARGEST, order=3, main=True,
 )
 AT_END = Column(
     "unseen_at_end",
@@ -315,30 +315,30 @@ MEANINGS = IDENTITY | {name: column.described for name, column in COLUMNS.items(
 def task_score(scenario: Scenario) -> Column:
     """Return the score of a scenario's task, by which policies are ranked and compared.
 
-    It is the share of the targets in sight where targets stay, the detections in a minute where they appear anew, and
-    the mean detection time elsewhere.
+    It is the share of the targets in sight if targets stay when they are detected, the detections in a minute if they
+    appear anew, and the mean detection time otherwise.
     """
     if not scenario.targets.leave:
         return OBSERVED
     return DETECTION_RATE if scenario.targets.respawn else DETECTION_TIME
 
 
-def brought_columns(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the columns that a scenario's extensions add; they stand after `NAMES`."""
+def extension_columns(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the columns that a scenario's extensions add after `NAMES`."""
     return tuple(extension.name for extension in scenario.extensions if isinstance(extension, ScoreColumn))
 
 
 def number_names(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the numbers of a scenario's score rows, in their order: `seed`, then the columns."""
-    return ("seed", *(column.name for column in COLUMNS.values() if column.value), *brought_columns(scenario))
+    return ("seed", *(column.name for column in COLUMNS.values() if column.value), *extension_columns(scenario))
 
 
 def score_of(episode: Episode) -> dict[str, Any]:
-    """Return the score row of an episode up to now, without `policy` and `episode`; NaN is a time never reached."""
+    """Return the score row of an episode so far, without `policy` and `episode`; a time not reached is NaN."""
     row: dict[str, Any] = {"scenario": episode.scenario.name, "seed": episode.seed}
     return row | {column.name: plain(column.value(episode)) for column in COLUMNS.values() if column.value}
 
 
 def plain(value: Any) -> int | float:
-    """Return a plain number, without the last digits that steps times 0.1 s leave, as in 4.6000000000000005."""
+    """Return a Python number, rounded to remove errors such as that of 4.6000000000000005, 46 steps of 0.1 s."""
     return value if isinstance(value, int) else round(float(value), 12)

@@ -1,7 +1,7 @@
 """Coverage and idleness of the cells of a grid: a cell is sensed if its centre is in a working robot's disc.
 
-The kernel processes a single cell only when it enters or leaves the discs. The cells that stay in them, which are most
-sensed cells, are counted by whole words of bits, for adjacent rows of a world at once.
+Cells that stay in the discs, which are most of the sensed ones, are counted by whole words of bits; only cells that
+enter or leave the discs are processed one by one.
 """
 
 from typing import Any
@@ -68,9 +68,10 @@ Counts = wp.types.vector(2, wp.int64)
 
 @wp.func_native(_COUNT_VISITS)
 def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Counts:
-    """Count the visits of the cells in the rows of a lane, from what is sensed now and what was.
+    """Count the visits that begin or continue in the cells of a lane's rows, and replace `in_discs` by `coming`.
 
-    It then clears `cells.coming`. Returns the idleness that they end, and how many cells nobody had sensed before.
+    Returns the idleness that the visits end, summed over cells [step], and the number of cells sensed for the first
+    time. It clears `coming`.
     """
     ...
 
@@ -107,7 +108,7 @@ def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any, columns:
         sensed_at: (..., R, C) as `Cells` has it.
         in_discs: (..., B, R) as `Cells` has it.
         step: (...) now.
-        columns: (C,) which columns of the grid these are; all by default.
+        columns: (C,) indices of these columns in the grid; by default all columns.
     """
     columns = np.arange(sensed_at.shape[-1]) if columns is None else columns
     inside = (in_discs.swapaxes(-1, -2)[..., columns // 64] >> (columns % 64).astype(np.uint64)) & 1

@@ -1,4 +1,4 @@
-"""The totals of an episode on the host, from which `lissajous_env.world.columns` computes its score row."""
+"""The state and totals of an episode on the host, from which `lissajous_env.world.columns` computes its score row."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -19,7 +19,7 @@ _READ = {
     "targets": ("appears_at", "found_at", "found_early", "earlier", "earlier_time", "earlier_longest"),
     "cells": ("sensed_at", "in_discs", "idle_squares", "idle_max"),
 }
-"""Arrays of the state of which an episode's score is computed, besides its totals."""
+"""Arrays of the state from which a score is computed, besides the totals and the contamination."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Episode:
 
     scenario: Scenario
     state: Mapping[str, np.ndarray]
-    """The values of this world that `_READ` names, such as `clock.step`."""
+    """Arrays of this world that `_READ` names, by keys such as `clock.step`."""
     totals: Mapping[str, Any]
     """`EpisodeTotals` of this world, by name."""
     contamination: Mapping[str, Any]
-    """One number of each per-world array of `Contamination`, by name."""
+    """Numbers of this world in `Contamination`, by name."""
 
     @property
     def seed(self) -> int:
@@ -56,7 +56,7 @@ class Episode:
 
     @cached_property
     def detections(self) -> tuple[np.ndarray, np.ndarray]:
-        """Time from each target's appearance until it was detected, or until now [s], and whether it was."""
+        """Times (K,) from each target's appearance until its detection or now [s], and True (K,) if it was detected."""
         times = (self.state[f"targets.{name}"] for name in ("appears_at", "found_at", "found_early"))
         times, detected = detection_times(*times, now=self.steps)
         return times * self.step, detected
@@ -68,12 +68,12 @@ class Episode:
 
     @property
     def earlier(self) -> int:
-        """Number of targets that were detected and appeared anew."""
+        """Number of detections after which targets appeared anew."""
         return int(self.state["targets.earlier"].sum())
 
     @property
     def earlier_time(self) -> float:
-        """Sum of their times [s]."""
+        """Sum of the detection times of the targets that appeared anew [s]."""
         return float(self.state["targets.earlier_time"].sum()) * self.step
 
     @property
@@ -99,7 +99,7 @@ class Episode:
 
     @property
     def is_open(self) -> bool:
-        """Return `is_open` of this episode."""
+        """Return whether the episode shows no bound of the worst-case undetected time: `is_open` of this module."""
         at_end = int(self.contamination["age"])
         deserted = bool((self.state["robots.status"] == int(REMOVED)).all())
         deserted = deserted and (at_end > 0 or self.scenario.targets.arrival_rate > 0)
@@ -110,17 +110,17 @@ class Episode:
         return math.nan if step == int(NEVER) else step * self.step
 
     def per_step(self, total: Any) -> Any:
-        """Return the mean over the steps of what was summed over them."""
+        """Return the mean over the steps of a sum over them."""
         return total / max(self.steps, 1)
 
     def recovery(self, last_off: Any) -> float:
-        """Return the time from the end of the last fault until a quantity was back within its bounds [s].
+        """Return the time from the end of the last fault until a quantity returned to its bounds [s].
 
-        It is NaN without a fault, if the quantity was never outside, or if it has been inside for less than
-        `Scenario.time_unit`.
+        It is NaN without a fault, if the quantity never left its bounds, or if it returned less than
+        `Scenario.time_unit` ago.
 
         Args:
-            last_off: latest step in which the quantity was outside; -1 for none.
+            last_off: Latest step in which the quantity was outside its bounds; -1 for none.
         """
         fault_end, last_off = int(self.totals["fault_end"]), int(last_off)
         stays = math.ceil(self.scenario.time_unit / self.step - 1e-9)
@@ -132,23 +132,22 @@ class Episode:
 def is_open(longest: float, at_end: float, elapsed: float, deserted: bool = False) -> bool:
     """Return whether an episode shows no bound of how long a target can stay undetected.
 
-    Some target that can be undetected at the end has then been so for longer than any before it, and for at least half
-    of the episode. To show a bound, an episode must be longer than twice that bound: if no target can ever stay
-    undetected for longer than B, no episode longer than 2 B is open. If one is never detected, and from t1 on none has
-    been present for longer, every episode of 2 t1 or longer is open; while it stays undetected, an open episode stays
-    open.
+    Then a target may be undetected at the end for longer than any target before it, and for at least half of the
+    episode. If no target can stay undetected for longer than B, no episode longer than 2 B is open, so an episode must
+    be longer than twice a bound to show it. If a target that appears at t1 is never detected, and no older one is
+    undetected after t1, every episode of at least 2 t1 is open.
 
     Args:
-        longest: worst-case undetected time, in any unit of time.
-        at_end: the same at the end of the episode.
-        elapsed: duration of the episode up to its end.
-        deserted: whether no robot is left to detect anything.
+        longest: Worst-case undetected time of the episode, in any unit of time.
+        at_end: That at the end of the episode.
+        elapsed: Duration of the episode up to its end.
+        deserted: True if no robot is left to detect a target.
     """
     return deserted or (0 < longest == at_end and 2 * at_end >= elapsed)
 
 
 def episodes_of(scenario: Scenario, structs: Mapping[str, Any], worlds: np.ndarray) -> Iterator[Episode]:
-    """Yield the latest episode of each of some worlds; `structs` are those of the state, by name."""
+    """Yield the latest episode of each of the worlds with these indices; `structs` are those of the state, by name."""
     state = {f"{struct}.{name}": getattr(structs[struct], name) for struct in _READ for name in _READ[struct]}
     totals = {name: array for name, array in fields_of(structs["tally"]).items() if name != "contact"}
     unseen = {name: array for name, array in fields_of(structs["contamination"]).items() if array.ndim == 1}
@@ -160,9 +159,9 @@ def episodes_of(scenario: Scenario, structs: Mapping[str, Any], worlds: np.ndarr
 def detection_times(
     appears_at: np.ndarray, found_at: np.ndarray, found_early: np.ndarray, now: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the time from each target's appearance until it was detected, or until now [step], and whether it was.
+    """Return times (K,) from each target's appearance until its detection [step], and True (K,) where it was detected.
 
-    Targets that have not appeared are left out. The time of one that was not detected is censored: it is at least so.
+    Targets that have not appeared are omitted. The time of an undetected target ends now: it is right-censored.
     """
     there = appears_at <= now
     detected = found_at[there] - found_early[there].astype(float)

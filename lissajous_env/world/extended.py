@@ -1,4 +1,4 @@
-"""Extensions of a scenario: their view of a world, their stages, and the places of these among those of the package."""
+"""Extensions of a scenario: their view of the worlds, and their stages among those of the package."""
 
 import math
 import zlib
@@ -40,25 +40,25 @@ def read_only(array: np.ndarray) -> np.ndarray:
 
 
 class _Fixed:
-    """An object whose attributes are set once, when it is made."""
+    """An object with read-only attributes."""
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise ValueError(f"{name} is read-only, and so are all arrays of a world")
 
 
 class WorldView(_Fixed):
-    """Argument of an extension's function: read-only arrays over worlds, robots and targets.
+    """Argument of an extension's function: the state of all worlds as read-only arrays.
 
     Attributes:
         scenario: The scenario, with every field filled in.
         clock, robots, links, messages, targets, tracks, cells, contamination, latest, tally: The arrays of
-            `lissajous_env.world.state`, by their names: `world.robots.position` is (W, N, 3). So is `rogues` where
-            `targets.rogues` is set.
+            `lissajous_env.world.state`, by their names: `world.robots.position` is (W, N, 3). With `targets.rogues`,
+            there is also `rogues`.
         observation: (W, N, D).
         state: The extension's own arrays (W, ...), by the names that it declared; only these can be written.
 
-    On the CPU they are the simulation's own memory, in which everything is of this very step. On a GPU they are copied
-    when they are read. To change one, copy it: `world.targets.position.copy()`.
+    On the CPU the arrays are the simulation's own memory; on a GPU they are copied when they are read. To change one,
+    copy it: `world.targets.position.copy()`.
     """
 
     scenario: Scenario
@@ -79,15 +79,15 @@ class WorldView(_Fixed):
         return read_only(self._observation.numpy())
 
     def again(self) -> Self:
-        """Begin a call of the extension, which draws the first random numbers of its step."""
+        """Reset the random numbers to the first ones of a step, and return the view, for a call of the extension."""
         self.__dict__["_drawn"] = 0
         return self
 
     def random(self, *shape: int) -> np.ndarray:
         """Draw uniform numbers (W, *shape) in [0, 1).
 
-        They depend on the seed of a world, on the step, the name of the extension, and on how many it drew before in
-        this step, and not on the other worlds.
+        They depend on the seed of the world, the step, the name of the extension, and the number of earlier draws in
+        this step, but not on the other worlds.
         """
         count = math.prod(shape)
         key = self.clock.seed.astype(np.uint64) << np.uint64(32) | self.clock.step.astype(np.uint64)
@@ -101,14 +101,14 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 
 def _mixed(word: np.ndarray) -> np.ndarray:
-    """Return the words of 64 bits, mixed (the finalizer of SplitMix64: Steele, Lea and Flood, 2014)."""
+    """Return hashed words of 64 bits (the finalizer of SplitMix64: Steele, Lea and Flood, 2014)."""
     word = (word ^ word >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
     word = (word ^ word >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
     return word ^ word >> np.uint64(31)
 
 
 class _Arrays(_Fixed):
-    """Arrays of a struct: on a CPU its memory, on a GPU copies, made when they are read."""
+    """Read-only arrays of a struct: on a CPU its memory, on a GPU copies that are made when they are read."""
 
     def __init__(self, struct: Any):
         self.__dict__["_struct"] = struct
@@ -129,26 +129,26 @@ _MAX, _MIN, _LAST = (wp.constant(REDUCTIONS.index(name)) for name in ("max", "mi
 
 @wp.func
 def or_zero(value: float) -> float:
-    """Return the value, or 0 if it is not finite or too large: on a GPU, an error would have to be waited for."""
+    """Return the value, or 0 if it is not finite or too large; an error would make a GPU wait for the host."""
     return wp.where(wp.abs(value) <= _LARGEST, value, 0.0)
 
 
 @stage(ROBOT, writes="latest: terms")
-def take_term(w, i, term: int, weight: float, value: wp.array2d(dtype=float), clock, latest):
-    """Copy an extension's term among those of the reward."""
+def copy_term(w, i, term: int, weight: float, value: wp.array2d(dtype=float), clock, latest):
+    """Copy an extension's term of the reward, times its weight, to index `term` of the terms."""
     latest.terms[w, i, term] = or_zero(weight * value[w, i])
 
 
 @stage(ROBOT, writes="observation_out")
 def copy_observation(w, i, start: int, low: float, high: float, value: wp.array3d(dtype=float), clock, observation_out):
-    """Copy an extension's entries to the end of the rows."""
+    """Copy an extension's entries into the rows, from index `start` on."""
     for k in range(value.shape[2]):
         observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
 
 
 @stage(WORLD, writes="kept_out")
-def keep_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, kept_out: wp.array(dtype=wp.float64)):
-    """Reduce an extension's score column over the steps: to the sum, largest, least or last; NaN before the first."""
+def reduce_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, kept_out: wp.array(dtype=wp.float64)):
+    """Update the sum, maximum, minimum or last value of an extension's score column; NaN before the first step."""
     latest = wp.where(wp.abs(value[w]) <= wp.float64(_LARGEST), value[w], wp.float64(0.0))
     if clock.step[w] == 0:
         latest = wp.float64(wp.nan)
@@ -163,10 +163,10 @@ def keep_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, kep
 
 
 @stage(TARGET, writes="targets: heading, position")
-def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
-    """Move the targets of an extension to their new positions."""
-    stage = targets.stage[w, t]
-    if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
+def copy_positions(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
+    """Move the targets with motion CUSTOM to an extension's positions [m]."""
+    status = targets.status[w, t]
+    if targets.motion[w, t] == CUSTOM and status != HIDDEN and status != GONE:
         place = inside(value[w, t], curve)
         moved = place - targets.position[w, t]
         if wp.length_sq(moved) > 0.0:
@@ -175,16 +175,16 @@ def take_places(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
 
 
 @stage(TARGET, writes="targets: before, position")
-def place_entering(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
-    """Put the targets that appear now at the places of an extension."""
-    if targets.stage[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
+def place_arrivals(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
+    """Place the targets that appear now at an extension's positions [m]."""
+    if targets.status[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
         place = inside(value[w, t], curve)
         targets.position[w, t] = place
         targets.before[w, t] = place
 
 
 _LARGEST_ROUNDED = LARGEST * (1 + 1e-6)
-"""Largest magnitude that the host accepts of numbers that were rounded to 32 bits."""
+"""Largest magnitude that the host accepts, with a margin for numbers that were rounded to float32."""
 
 
 class ExtensionStages:
@@ -196,8 +196,8 @@ class ExtensionStages:
         observation: (W, N, D) the rows.
 
     Attributes:
-        kept: For each `ScoreColumn`, by name, its value (W,) so far, for a mean the sum; and the state of the
-            extensions.
+        kept: By name, the value (W,) so far of each `ScoreColumn`, for a mean the sum, and the arrays of the
+            extensions' states.
     """
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: wp.array):
@@ -207,7 +207,7 @@ class ExtensionStages:
         self.kept: dict[str, wp.array] = {}
         self._world = structs, observation
         self._after: dict[str, list[Stage]] = {}
-        """Stages of a step, by the stage that they follow."""
+        """Stages of extensions in a step, by the name of the stage of the package that they follow."""
         self._after_reset: dict[str, list[Stage]] = {}
         model = model_of(scenario.robot.kind)
         if self.device.is_cpu and not is_shipped(model.name):
@@ -218,32 +218,31 @@ class ExtensionStages:
         for extension in scenario.extensions:
             own: dict[str, Any] = {}
             if isinstance(extension, RewardTerm):
-                place, takes, value = "end", take_term, self._room(shape[:2])
+                follows, copies, value = "end", copy_term, self._zeros(shape[:2])
                 own, term = {"term": term, "weight": extension.weight}, term + 1
             elif isinstance(extension, ObservationEntry):
-                place, takes, value = "observation", copy_observation, self._room((*shape[:2], extension.size))
+                follows, copies, value = "observation", copy_observation, self._zeros((*shape[:2], extension.size))
                 own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
             elif isinstance(extension, ScoreColumn):
-                place, takes, value = "reward", keep_column, self._room(shape[:1], wp.float64)
-                self.kept[extension.name] = own["kept_out"] = self._room(shape[:1], wp.float64)
+                follows, copies, value = "reward", reduce_column, self._zeros(shape[:1], wp.float64)
+                self.kept[extension.name] = own["kept_out"] = self._zeros(shape[:1], wp.float64)
                 own["reduction"] = REDUCTIONS.index(extension.reduce)
             elif isinstance(extension, (TargetMotion, TargetEntry)):
-                moves = isinstance(extension, TargetMotion)
-                place, takes = ("collisions", take_places) if moves else ("respawn", place_entering)
-                value = self._room((shape[0], scenario.target_capacity), wp.vec2)
+                is_motion = isinstance(extension, TargetMotion)
+                follows, copies = ("collisions", copy_positions) if is_motion else ("respawn", place_arrivals)
+                value = self._zeros((shape[0], scenario.target_capacity), wp.vec2)
             else:
                 continue
-            state = self._remembered(extension, shape[0])
-            run, take = (
-                self._run(extension, value, state),
-                Stage(f"{extension.name} taken", takes, own=own | {"value": value}),
-            )
-            moves = isinstance(extension, TargetMotion) and run[0].is_kernel  # the kernel writes the places itself
-            self._after.setdefault(place, []).extend(run if moves else [*run, take])
+            state = self._state_of(extension, shape[0])
+            run = self._run(extension, value, state)
+            copy = Stage(f"{extension.name} taken", copies, own=own | {"value": value})
+            # The kernel of a target motion writes the positions itself.
+            is_complete = isinstance(extension, TargetMotion) and run[0].is_kernel
+            self._after.setdefault(follows, []).extend(run if is_complete else [*run, copy])
             if isinstance(extension, (ObservationEntry, TargetEntry)):
-                self._after_reset.setdefault(place, []).extend([*run, take])
+                self._after_reset.setdefault(follows, []).extend([*run, copy])
             elif isinstance(extension, ScoreColumn):
-                self._after_reset.setdefault("score", []).append(take)
+                self._after_reset.setdefault("score", []).append(copy)
 
     def among(self, stages: Sequence[Stage], begins: bool) -> list[Stage]:
         """Return the stages of a step, or of the reset that `begins` an episode, with those of extensions."""
@@ -256,11 +255,11 @@ class ExtensionStages:
         divisors = {column.name: np.maximum(steps, 1) if column.reduce == "mean" else 1 for column in columns}
         return {name: self.kept[name].numpy() / divisor for name, divisor in divisors.items()}
 
-    def _room(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> wp.array:
+    def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self.device)
 
-    def _remembered(self, extension: Extension, worlds: int) -> dict[str, wp.array]:
-        """Return the arrays of an extension's state, which a reset fills anew; those of a function are on the CPU."""
+    def _state_of(self, extension: Extension, worlds: int) -> dict[str, wp.array]:
+        """Make the arrays of an extension's state and the stage that fills them; those of a function are on the CPU."""
         device = self.device if isinstance(extension.run, wp.Kernel) else "cpu"
         shapes = {name: (worlds, *shape) for name, shape in extension.state.items()}
         state = {name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in shapes.items()}
@@ -283,13 +282,13 @@ class ExtensionStages:
         """Return the stages of an extension's own kernel or function, which writes into `value`."""
         if isinstance(extension.run, wp.Kernel):
             runs = [Stage(extension.name, extension.run, own=state | {"value_out": value})]
-            # A motion writes places itself; a GPU would have to be waited for.
+            # The positions of a motion are not in `value`, and a check would make a GPU wait for the host.
             if self.device.is_cpu and not isinstance(extension, TargetMotion):
                 runs.append(Stage(f"{extension.name} checked", lambda: _check_numbers(extension, value.numpy())))
             return runs
         shape = tuple(value.numpy().shape)
         short = shape[:-1] if isinstance(extension, ObservationEntry) and extension.size == 1 else shape
-        memory = {name: array.numpy() for name, array in state.items()}  # of the same memory
+        memory = {name: array.numpy() for name, array in state.items()}  # the same memory
         view, fresh = WorldView(self.scenario, *self._world, extension.name, memory), self._world[0]["clock"].fresh
 
         def call() -> None:
@@ -302,11 +301,11 @@ class ExtensionStages:
             if result.dtype.kind not in "fiub" or result.shape not in (shape, short):
                 got = f"{result.dtype} of shape {result.shape}" if result.ndim else shown(result)
                 raise ValueError(f"{extension.kind} {extension.name} must return numbers of shape {short}, got {got}")
-            with np.errstate(over="ignore"):  # what is beyond 32 bits is refused as infinite
-                taken = result.reshape(shape).astype(value.numpy().dtype)
-            _check_numbers(extension, taken)
-            value.assign(taken)
-            for name, array in memory.items() if resets else ():  # a reset of some worlds changes nothing in the others
+            with np.errstate(over="ignore"):  # numbers beyond float32 become infinite, which is refused
+                numbers = result.reshape(shape).astype(value.numpy().dtype)
+            _check_numbers(extension, numbers)
+            value.assign(numbers)
+            for name, array in memory.items() if resets else ():  # a reset of some worlds leaves the others unchanged
                 array[fresh.numpy() == 0] = before[name][fresh.numpy() == 0]
 
         call.__doc__ = extension.about
@@ -314,10 +313,10 @@ class ExtensionStages:
 
 
 def _check_numbers(extension: Extension, numbers: np.ndarray) -> None:
-    """Refuse numbers of an extension that are not finite, or so large that sums of them are not."""
+    """Raise ValueError if numbers of an extension are not finite, or so large that their sums may not be."""
     weight = abs(extension.weight) if isinstance(extension, RewardTerm) else 1.0
     if numbers.size == 0 or max(float(numbers.max()), -float(numbers.min())) * weight <= _LARGEST_ROUNDED:
-        return  # a NaN is the largest and compares as False
+        return  # NaN, which is the largest, compares as False
     place = np.argwhere(~(np.abs(numbers).astype(float) * weight <= _LARGEST_ROUNDED))[0]
     thing = "target" if isinstance(extension, (TargetMotion, TargetEntry)) else "robot"
     where = f"{thing}_{place[1]} in world {place[0]}" if len(place) > 1 else f"world {place[0]}"
@@ -327,7 +326,7 @@ def _check_numbers(extension: Extension, numbers: np.ndarray) -> None:
 
 
 def _check_motion(model: RobotModel, robots: Any) -> None:
-    """Refuse robots whose position, heading or speed is not finite."""
+    """Raise ValueError if a position, heading or speed of a robot is not finite."""
     for name in ("position", "heading", "speed"):
         numbers = getattr(robots, name).numpy()
         if not np.isfinite(numbers).all():
@@ -337,7 +336,7 @@ def _check_motion(model: RobotModel, robots: Any) -> None:
 
 
 def _check_names(scenario: Scenario) -> None:
-    """Refuse a name that the package uses."""
+    """Raise ValueError if an extension has a name that the package uses."""
     others = tuple(extension for extension in scenario.extensions if not isinstance(extension, ObservationEntry))
     entries = layout(replace(scenario, extensions=others)).names
     taken = {RewardTerm: TERMS, ScoreColumn: NAMES, ObservationEntry: entries}

@@ -1,12 +1,12 @@
-"""Layout of the observation: the robot itself, messages of its ring neighbours, and what its sensor detects.
+"""Layout of the observation: the robot itself, its ring neighbours, and the objects in sight or known by messages.
 
 One row of float32 per robot: `OWN_ENTRIES`, then `NEIGHBOUR_ENTRIES` for each of its two neighbours on the ring,
 `ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots within `sensing.sight`, `TARGET_ENTRIES` for each
 of the `sensing.targets_seen` nearest targets there, `message_entries` for the messages that the policies of its two
 neighbours send, `TRACK_ENTRIES` for each of the `sensing.tracks_seen` nearest tracks, `TEAMMATE_ENTRIES` for each of
 the `sensing.teammates_seen` nearest teammates that it knows, `CELL_ENTRIES` for each of the `sensing.cells_seen` cells
-of the rectangle, and what the extensions of the scenario bring, in the order of these.
-`layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
+of the rectangle, and the entries of the scenario's extensions, in their order. `layout` returns name, range and meaning
+of each entry; `print(layout(scenario))` shows them with their indices.
 
 A target that leaves when it is detected is listed in the step of its detection. A robot that has failed senses nothing
 but still receives messages; entries 0 to 6 of a removed robot are frozen, and all others are zeros. Directions are in
@@ -116,7 +116,7 @@ class Layout(NamedTuple):
 
 
 def layout(scenario: str | Scenario) -> Layout:
-    """Lay out the observation of one robot of a scenario."""
+    """Return the layout of the observation of one robot of a scenario."""
     scenario = named.build(scenario)
     parts = [("", OWN_ENTRIES), *((f"neighbour_{k}_", NEIGHBOUR_ENTRIES) for k in range(2))]
     parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.sensing.robots_seen)]
@@ -142,7 +142,7 @@ def layout_of(entries: Iterable[tuple[str, float, float, str]]) -> Layout:
 
 
 def message_start(scenario: Scenario) -> int:
-    """Return the index of `neighbour_0_message_0`; the entries of the other neighbour follow those of this one."""
+    """Return the index of `neighbour_0_message_0`; the entries of neighbour 1 follow those of neighbour 0."""
     sensing = scenario.sensing
     return OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * sensing.robots_seen + TARGET_SIZE * sensing.targets_seen
 

@@ -1,6 +1,6 @@
-"""The kernels that fill the observation: `lissajous_env.world.observation` documents its entries.
+"""The stage that fills the observation: `lissajous_env.world.observation` documents its entries.
 
-With many robots or targets, bins are used to compute those in sight of a robot, with the same result to the last bit.
+With many robots, a robot searches the bins near it for robots and targets, with the same result to the last bit.
 """
 
 import warp as wp
@@ -18,43 +18,43 @@ _FAR = wp.constant(4.0)
 
 
 @part
-def clear(w, i, start: int, stop: int, observation_out):
-    """Zero a range of a row."""
+def clear_entries(w, i, start: int, stop: int, observation_out):
+    """Zero the entries from `start` to before `stop` of a row."""
     for k in range(start, stop):
         observation_out[w, i, k] = 0.0
 
 
 @part
-def empty(w, i, start: int, width: int, count: int, observation_out):
+def clear_slots(w, i, start: int, width: int, count: int, observation_out):
     """Zero the last `count` slots of a list, up to the first empty one; all after it are empty already."""
     for entry in range(start, start + count * width, width):
         if observation_out[w, i, entry] == 0.0:
             break
-        clear(w, i, entry, entry + width, observation_out)
+        clear_entries(w, i, entry, entry + width, observation_out)
 
 
 @part
-def velocity(w, i, robots) -> wp.vec2:
+def velocity_of(w, i, robots) -> wp.vec2:
     """Return the velocity of a robot [m/s]."""
     return robots.speed[w, i] * cos_sin(robots.heading[w, i])
 
 
 @wp.func
-def far(value: float) -> float:
+def clip_coordinate(value: float) -> float:
     """Clip a scaled coordinate to the range of the observation."""
     return wp.clamp(value, -_FAR, _FAR)
 
 
 @part
 def observe_self(w, i, curve, speed_unit, robots, observation_out):
-    """Fill entries 0 to 7."""
+    """Fill `OWN_ENTRIES`."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
-    observation_out[w, i, 0] = far(own[0] / curve.half_width)
-    observation_out[w, i, 1] = far(own[1] / curve.half_height)
+    observation_out[w, i, 0] = clip_coordinate(own[0] / curve.half_width)
+    observation_out[w, i, 1] = clip_coordinate(own[1] / curve.half_height)
     observation_out[w, i, 2] = turn[2]
     observation_out[w, i, 3] = turn[3]
-    observation_out[w, i, 4] = far(own[3] / speed_unit)
+    observation_out[w, i, 4] = clip_coordinate(own[3] / speed_unit)
     observation_out[w, i, 5] = turn[0]
     observation_out[w, i, 6] = turn[1]
     observation_out[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
@@ -62,7 +62,7 @@ def observe_self(w, i, curve, speed_unit, robots, observation_out):
 
 @part
 def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, messages, observation_out):
-    """Fill entries 8 to 19, and those of the policies' messages."""
+    """Fill `NEIGHBOUR_ENTRIES` of both ring neighbours, and the entries of their policies' messages."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
     removed = robots.status[w, i] == REMOVED
@@ -70,15 +70,15 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
         start = OWN_SIZE + LINK_SIZE * side
         heard_at = links.heard_at[w, i, side]
         if heard_at < 0 or removed:
-            clear(w, i, start, start + LINK_SIZE, observation_out)
+            clear_entries(w, i, start, start + LINK_SIZE, observation_out)
         else:
             message = links.heard[w, i, side]
             observation_out[w, i, start] = 1.0
             observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * age_per_step, 1.0)
             observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
             observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
-            observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
-            observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
+            observation_out[w, i, start + 4] = clip_coordinate(0.5 * (message[2] - own[0]) / curve.half_width)
+            observation_out[w, i, start + 5] = clip_coordinate(0.5 * (message[3] - own[1]) / curve.half_height)
     size = messages.heard.shape[3]
     if size > 0:
         for side in range(2):
@@ -94,49 +94,49 @@ def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
 
 
 @part
-def keep_nearest(w, i, filled: int, room: int, offset: wp.vec2, index: int, nearest) -> int:
-    """Insert an object at `offset` into the sorted list of a robot's nearest ones; return the length of the list.
+def insert_nearest(w, i, filled: int, room: int, offset: wp.vec2, index: int, nearest) -> int:
+    """Insert an object into the sorted list `nearest` of a robot; return the length of the list, at most `room`.
 
-    `nearest` (W, N, entries) has the squared distance [radius^2] and the index of each.
+    `filled` is its length before, and `offset` the object's position relative to the robot, in the unit of the list.
     """
     new = wp.vec2(wp.dot(offset, offset), float(index))
-    place = int(filled)
-    while place > 0:
-        if not comes_before(new, nearest[w, i, place - 1]):
+    rank = int(filled)
+    while rank > 0:
+        if not comes_before(new, nearest[w, i, rank - 1]):
             break
-        place -= 1
+        rank -= 1
     is_known = bool(False)  # a robot may be in a list twice
-    if place > 0:
-        is_known = nearest[w, i, place - 1] == new
-    if place == room or is_known:
+    if rank > 0:
+        is_known = nearest[w, i, rank - 1] == new
+    if rank == room or is_known:
         return filled
-    for k in range(wp.min(filled, room - 1), place, -1):
+    for k in range(wp.min(filled, room - 1), rank, -1):
         nearest[w, i, k] = nearest[w, i, k - 1]
-    nearest[w, i, place] = new
+    nearest[w, i, rank] = new
     return wp.min(filled + 1, room)
 
 
 @part
-def keep_robot(w, i, j, filled: int, room: int, radius: float, robots, nearest) -> int:
-    """Enter robot j as `keep_nearest` does, if it is in sight."""
+def insert_if_in_sight(w, i, j, filled: int, room: int, radius: float, robots, nearest) -> int:
+    """Insert robot j as `insert_nearest` does, if it is within `radius` [m]."""
     away = planar(robots.position[w, j]) - planar(robots.position[w, i])
     if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
-        return keep_nearest(w, i, filled, room, away / radius, j, nearest)
+        return insert_nearest(w, i, filled, room, away / radius, j, nearest)
     return filled
 
 
 @part
 def nearest_robots(w, i, room: int, radius: float, robots, bins, nearest) -> int:
-    """Find the nearest robots in sight; returns how many, at most `room`."""
+    """List the nearest robots within `radius` [m] in `nearest`; return their number, at most `room`."""
     filled = int(0)
     if bins.columns > 0:
         entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
         while entry[0] >= 0:
-            filled = keep_robot(w, i, entry[0], filled, room, radius, robots, nearest)
+            filled = insert_if_in_sight(w, i, entry[0], filled, room, radius, robots, nearest)
             entry = bins.entry[w, entry[1]]
     else:
         for j in range(robots.status.shape[1]):
-            filled = keep_robot(w, i, j, filled, room, radius, robots, nearest)
+            filled = insert_if_in_sight(w, i, j, filled, room, radius, robots, nearest)
     return filled
 
 
@@ -163,7 +163,7 @@ def in_disc(
     position: wp.array2d(dtype=wp.vec2),
     in_sight: wp.array2d(dtype=int),
 ) -> wp.uint32:
-    """Return the bits of those of 32 targets, from the first on, that are in sight within a radius of a place [m].
+    """Return a bit for each of 32 targets, from `first` on, that is in sight and within `radius` of `place` [m].
 
     It is in C++ because SIMD halves the time of the observation.
     """
@@ -172,7 +172,7 @@ def in_disc(
 
 @part
 def nearest_targets(w, i, room: int, radius: float, robots, targets, bins, nearest) -> int:
-    """Find the nearest targets in sight; returns how many, at most `room`."""
+    """List the nearest targets within `radius` [m] in `nearest`; return their number, at most `room`."""
     here = robots.sensor[w, i]
     filled = int(0)
     if bins.columns > 0:
@@ -180,43 +180,43 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins, neare
         right = column_of(here[0] + bins.widened, bins)
         for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
             for column in range(left, right + 1):
-                place = bins.first_seen[w, row * bins.columns + column]
-                while place >= 0:
-                    seen = bins.seen[w, place]
+                item = bins.first_seen[w, row * bins.columns + column]
+                while item >= 0:
+                    seen = bins.seen[w, item]
                     away = wp.vec2(seen[0], seen[1]) - here
                     if wp.dot(away, away) < radius * radius:
-                        filled = keep_nearest(w, i, filled, room, away / radius, int(seen[2]), nearest)
-                    place = int(seen[3])
+                        filled = insert_nearest(w, i, filled, room, away / radius, int(seen[2]), nearest)
+                    item = int(seen[3])
     else:
         for first in range(0, targets.in_sight.shape[1], 32):
             near = in_disc(w, first, here, radius, targets.position, targets.in_sight)
             while near != wp.uint32(0):
                 t = first + int(wp.bit_count(~near & (near - wp.uint32(1))))
                 near &= near - wp.uint32(1)
-                filled = keep_nearest(w, i, filled, room, (targets.position[w, t] - here) / radius, t, nearest)
+                filled = insert_nearest(w, i, filled, room, (targets.position[w, t] - here) / radius, t, nearest)
     return filled
 
 
 @part
 def observe_robots(w, i, filled: int, sensing, speed_unit, robots, nearest, observation_out):
-    """List the nearest robots in the disc."""
+    """Fill the entries of the robots in `nearest`, and clear those of the other slots."""
     entry = OWN_SIZE + 2 * LINK_SIZE
     for k in range(filled):
         j = int(nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
-        relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
+        relative = (velocity_of(w, j, robots) - velocity_of(w, i, robots)) / (2.0 * speed_unit)
         observation_out[w, i, entry] = 1.0
         observation_out[w, i, entry + 1] = offset[0]
         observation_out[w, i, entry + 2] = offset[1]
         observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
         observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
         entry += ROBOT_SIZE
-    empty(w, i, entry, ROBOT_SIZE, sensing.robots_seen - filled, observation_out)
+    clear_slots(w, i, entry, ROBOT_SIZE, sensing.robots_seen - filled, observation_out)
 
 
 @part
 def observe_targets(w, i, filled: int, sensing, robots, targets, nearest, observation_out):
-    """List the nearest targets in the disc."""
+    """Fill the entries of the targets in `nearest`, and clear those of the other slots."""
     entry = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * sensing.robots_seen
     for k in range(filled):
         offset = (targets.position[w, int(nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
@@ -224,7 +224,7 @@ def observe_targets(w, i, filled: int, sensing, robots, targets, nearest, observ
         observation_out[w, i, entry + 1] = offset[0]
         observation_out[w, i, entry + 2] = offset[1]
         entry += TARGET_SIZE
-    empty(w, i, entry, TARGET_SIZE, sensing.targets_seen - filled, observation_out)
+    clear_slots(w, i, entry, TARGET_SIZE, sensing.targets_seen - filled, observation_out)
 
 
 @stage(ROBOT, writes="nearest; observation_out")
@@ -260,7 +260,7 @@ def observe(
 
 
 @stage(ROBOT, writes="final_observation_out")
-def keep_final(w, i, clock, observation, final_observation_out):
-    """Keep the rows with which the episode before ended."""
+def store_final_rows(w, i, clock, observation, final_observation_out):
+    """Store the rows with which the previous episode ended."""
     for k in range(observation.shape[2]):
         final_observation_out[w, i, k] = observation[w, i, k]

@@ -1,4 +1,4 @@
-"""Worlds of a batch that are selected by a mask or by indices, and their seeds."""
+"""Selection of worlds of a batch by a mask or by indices, and seeds of worlds."""
 
 import os
 from typing import Any
@@ -10,7 +10,7 @@ from lissajous_env.wording import shown
 
 
 def world_mask(worlds: Any, num_worlds: int) -> np.ndarray:
-    """Return the (W,) bool mask of the worlds that `chosen_worlds` chooses.
+    """Return the (W,) bool mask of the worlds that a mask or indices select, as `chosen_worlds` does.
 
     Raises:
         ValueError: as `chosen_worlds`.
@@ -21,7 +21,7 @@ def world_mask(worlds: Any, num_worlds: int) -> np.ndarray:
 
 
 def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
-    """Return the indices of the worlds of a (W,) mask, or of indices; None selects all.
+    """Return the indices of the worlds that a (W,) mask or indices select; None selects all.
 
     Raises:
         ValueError: a mask of another shape, or indices that are not whole numbers from 0 to W - 1, each once.
@@ -52,7 +52,7 @@ def _as_array(given: Any, rule: str) -> np.ndarray:
 
 
 def drawn_seeds(count: int) -> np.ndarray:
-    """Return (count,) int64 seeds of worlds, from 0 to 2^31 - 1, different in every call and in every process."""
+    """Return (count,) int64 seeds of worlds, from 0 to 2^31 - 1, drawn by the operating system."""
     return (np.frombuffer(os.urandom(4 * count), dtype=np.uint32) >> 1).astype(np.int64)
 
 
@@ -66,7 +66,7 @@ def fold_seed(seed: int) -> int:
 
 
 def checked_seeds(seeds: Any, count: int) -> np.ndarray:
-    """Return `count` seeds as int32.
+    """Return seeds of `count` worlds as int32 (count,).
 
     Raises:
         ValueError: they are not that many whole numbers from 0 to 2^31 - 1.

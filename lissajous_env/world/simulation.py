@@ -29,7 +29,7 @@ from lissajous_env.world.tally import TERMS
 from lissajous_env.world.values import constants_of, state_of
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
-"""Rough time that a robot and a target add to a step [ns], by which the number of threads is chosen."""
+"""Rough time that a robot and a target add to a step [ns], from which the number of threads is computed."""
 
 
 class Simulation(Copyable):
@@ -39,12 +39,12 @@ class Simulation(Copyable):
         observation: (W, N, D) float32, one row per robot; `lissajous_env.world.observation` documents the entries.
         final_observation: (W, N, D) rows at the end of each world's previous episode.
         reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
-        score_names: names of the numbers in a row of `score_numbers`.
+        score_names: Names of the numbers in a row of `score_numbers`.
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
-        rogues: rows of rogues, and `action`, which `step` or a script writes; None without `targets.rogues`.
+        rogues: State of the rogues, among it `observation` and `action`; None without `targets.rogues`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended does not move, with reward 0, until it is reset.
@@ -85,15 +85,15 @@ class Simulation(Copyable):
         if threads is not None and not (is_whole(threads) and threads >= 1):
             raise ValueError(f"threads must be a whole number of at least 1 or None, got {shown(threads)}")
         seed = whole_number("seed", seed, 0, LAST_SEED)
-        plain = isinstance(scenario, Scenario) and not overrides  # internal variants pass here without a warning
-        self.scenario = (cast(Scenario, scenario) if plain else named.scenario(scenario, **overrides)).resolve()
+        is_made = isinstance(scenario, Scenario) and not overrides  # it has given its warnings already
+        self.scenario = (cast(Scenario, scenario) if is_made else named.scenario(scenario, **overrides)).resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
         self.threads = threads or cores()
         self.turn = Turn("the simulation")
         self.layout: Layout = layout(self.scenario)
-        brought = [extension.name for extension in self.scenario.extensions if isinstance(extension, RewardTerm)]
-        self.reward_term_names = (*TERMS, *brought)
+        added = [extension.name for extension in self.scenario.extensions if isinstance(extension, RewardTerm)]
+        self.reward_term_names = (*TERMS, *added)
         self.score_names = number_names(self.scenario)
         self._allocate()
         with compile_quietly():
@@ -112,7 +112,7 @@ class Simulation(Copyable):
 
     @property
     def action_shape(self) -> tuple[int, int, int]:
-        """(W, N, A) numbers in [-1, 1], named by `scenario.action_names`: for the motion, then those of the message."""
+        """(W, N, A): numbers in [-1, 1], named by `scenario.action_names`, for the motion and then for the message."""
         return self.num_worlds, self.num_robots, self.scenario.action_size
 
     @in_turn
@@ -160,7 +160,7 @@ class Simulation(Copyable):
 
     @in_turn
     def take(self, action: Any, rogue_action: Any = None) -> None:
-        """Store the actions of the next step, in the form that `step` accepts; `advance` then simulates the step.
+        """Store the actions of the next step, as `step` accepts them; `advance` then simulates the step.
 
         Raises:
             ValueError: as of `step`.
@@ -171,26 +171,26 @@ class Simulation(Copyable):
     def advance(self) -> None:
         """Advance by one control step with the actions that the caller has written into `action`.
 
-        Those of rogues that are agents are in `rogues.action`.
+        The actions of rogues that are agents must be in `rogues.action`.
         """
         self._step()
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
         """Return the score row of the latest episode of some worlds so far.
 
-        Its entries are those of `lissajous_env.world.columns.NAMES` but `policy` and `episode`, then those of
+        Its entries are those of `lissajous_env.world.columns.NAMES` except `policy` and `episode`, then those of
         extensions.
         """
-        chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
+        chosen, added = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
         return [
-            score_of(episode) | {name: plain(values[w]) for name, values in brought.items()}
+            score_of(episode) | {name: plain(values[w]) for name, values in added.items()}
             for w, episode in zip(chosen, episodes_of(self.scenario, self._structs, chosen), strict=True)
         ]
 
     def score_numbers(self, worlds: Any) -> np.ndarray:
-        """Return (W, numbers) the scores of some worlds, with the numbers that `score_names` names.
+        """Return the scores (W, numbers) of some worlds, named by `score_names`.
 
-        The rows of other worlds are infinite, not NaN, so that equal infos are equal for checkers of environments.
+        The rows of other worlds are infinite instead of NaN, so that environment checkers consider equal infos equal.
         """
         numbers, chosen = np.full((self.num_worlds, len(self.score_names)), np.inf), self._chosen(worlds)
         if len(chosen):
@@ -198,13 +198,13 @@ class Simulation(Copyable):
         return numbers
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Return the time until each target (K,) that appeared was detected, or until now [s], and whether it was."""
+        """Return times (K,) from each target's appearance until its detection or now [s], and True (K,) if detected."""
         return next(episodes_of(self.scenario, self._structs, self._chosen([world]))).detections
 
     @property
     def over(self) -> np.ndarray:
         """(W,) bool on the host: worlds whose episode has ended."""
-        return self.clock.stage.numpy() != int(RUNNING)
+        return self.clock.status.numpy() != int(RUNNING)
 
     def _allocate(self) -> None:
         w, n, k = self.num_worlds, self.num_robots, self.scenario.messages.size
@@ -213,12 +213,12 @@ class Simulation(Copyable):
         self.rogues: Any = self._structs.get("rogues")
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
-        self._taken = wp.zeros_like(self.action)
-        # On a CPU the same memory; elsewhere of no shape that an action has.
+        self._limited_action = wp.zeros_like(self.action)  # limited to [-1, 1], and `command` is that with noise
+        # On a CPU, the same memory as `action`; elsewhere empty, so that no action has its shape.
         self._action_host = self.action.numpy() if self.device.is_cpu else np.empty(0, dtype=np.float32)
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
         self.final_observation = wp.zeros_like(self.observation)
-        self._seeds = wp.zeros(w, dtype=wp.int32, device=self.device)
+        self._seeds = wp.zeros(w, dtype=wp.int32, device=self.device)  # of a reset; -1 where it draws the seed
         self.reward, self.reward_terms = self.latest.reward, self.latest.terms
         self.terminated, self.truncated = self.latest.terminated, self.latest.truncated
         self.invalid, self.invalid_at = self.clock.invalid, self.clock.invalid_at
@@ -227,22 +227,23 @@ class Simulation(Copyable):
         """Bind the stages of a reset and of a step to the arrays."""
         constants = constants_of(self.scenario, self.device)
         self.speed_unit = constants["speed_unit"]
-        values = constants | self._structs | {"seeds": self._seeds, "taken": self._taken}
+        values = constants | self._structs | {"seeds": self._seeds, "limited_action": self._limited_action}
         values |= {name: getattr(self, name) for name in ("action", "command", "observation", "final_observation")}
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         values["initial"] = initial_of(self._structs, self.device)
-        seen = self.num_worlds, self.num_robots, self.scenario.sensing.most_seen
-        values["nearest"] = wp.zeros(seen, dtype=wp.vec2, device=self.device)
-        sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
+        shape = self.num_worlds, self.num_robots, self.scenario.sensing.most_seen
+        # Squared distance and index of the objects that a robot observes, the nearest first.
+        values["nearest"] = wp.zeros(shape, dtype=wp.vec2, device=self.device)
+        sizes = {ROBOT: self.num_robots, TARGET: self.targets.status.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         blocks = blocks_of(work, self.num_worlds, self.device, self.threads)
         if (bins := bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)) is not None:
             values["bins"], sizes[BIN] = bins, bins.columns * bins.rows
-        place = self.num_worlds, self.device, blocks, self.threads
+        launch = self.num_worlds, self.device, blocks, self.threads
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
         self._reset, self._step = (
-            Program(self._extended.among(self._own_stages(begins), begins), values, sizes, *place)
+            Program(self._extended.among(self._own_stages(begins), begins), values, sizes, *launch)
             for begins in (True, False)
         )
 

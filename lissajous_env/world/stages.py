@@ -1,9 +1,8 @@
 """The stages of a step and of a reset, in their order.
 
-A stage is a kernel that goes over the worlds of a batch, or the robots, targets or rows of the grid of each world. Its
-arguments are matched by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
-(`lissajous_env.world.values`). It skips worlds in which `clock.active` is 0, unless it is made with
-`idle=True`.
+A stage is a kernel over the worlds of a batch, or over the robots, targets or rows of the grid of each world. The names
+of its parameters select its arguments among the state (`lissajous_env.world.state`) and the constants
+(`lissajous_env.world.values`). It skips worlds in which `clock.active` is 0, unless it is made with `idle=True`.
 """
 
 from typing import Any
@@ -18,27 +17,27 @@ from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_arrays, reset_clock
 from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
-from lissajous_env.world.contamination.field import clear_cells, keep_guarantee, reset_labels, spread
+from lissajous_env.world.contamination.field import clear_cells, reset_labels, spread, update_undetected_time
 from lissajous_env.world.coverage import cover
-from lissajous_env.world.observing import keep_final, observe
+from lissajous_env.world.observing import observe, store_final_rows
 from lissajous_env.world.robots.car import drive
-from lissajous_env.world.robots.contacts import find_collisions, take_consequences, watch_walls
-from lissajous_env.world.robots.deviations import find_deviations, watch_boundary
+from lissajous_env.world.robots.contacts import count_wall_contacts, find_collisions, stop_or_remove
+from lissajous_env.world.robots.deviations import find_deviations, mark_outside
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
-from lissajous_env.world.robots.placing import draw_apart, follow_curve, reset_robots, turn_inside
-from lissajous_env.world.robots.signals import hear, hear_messages, measure, send, send_messages, take_commands
+from lissajous_env.world.robots.placing import follow_curve, redraw_colliding_starts, reset_robots, turn_from_walls
+from lissajous_env.world.robots.signals import hear, hear_messages, limit_actions, measure, send, send_messages
 from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
-from lissajous_env.world.tally import clear_events, give_reward, keep_score
+from lissajous_env.world.tally import clear_events, compute_reward, update_totals
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
-from lissajous_env.world.tracks import cover_known, observe_tracks, sight, update_tracks
+from lissajous_env.world.tracks import observe_tracks, record_sightings, update_known_cells, update_tracks
 
 
 def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> list[Stage]:
-    """Return the stages of a control step, or of the reset that begins an episode: a step in which nothing moves.
+    """Return the stages of a control step, or of the reset that `begins` an episode, which is a step without motion.
 
-    `rogues` is their state, if targets are rogues.
+    `rogues` is the struct `Rogues` of the state; None for targets that are no rogues.
     """
     many, tracks, model = has_bins(scenario), scenario.sensing.has_tracks, model_of(scenario.robot.kind)
     task, targets, speak, are_rogues = scenario.task, scenario.targets, scenario.messages.size > 0, rogues is not None
@@ -62,20 +61,20 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("labels", reset_labels, when=begins and task.contamination is not None),
         Stage("bounds", reset_bounds, when=begins and task.conservative),
         *(_contamination(scenario, begins) if task.contamination is not None else []),
-        Stage("consequences", take_consequences, when=moves and task.on_collision != "count"),
-        Stage("boundary", watch_boundary),
-        Stage("walls", watch_walls, when=moves and task.boundary == "wall" and not model.keeps_to_curve),
+        Stage("consequences", stop_or_remove, when=moves and task.on_collision != "count"),
+        Stage("boundary", mark_outside),
+        Stage("walls", count_wall_contacts, when=moves and task.boundary == "wall" and not model.keeps_to_curve),
         Stage("deviations", find_deviations),
-        Stage("score", keep_score),
+        Stage("score", update_totals),
         Stage("end", end_episodes, when=moves),
-        Stage("reward", give_reward, when=moves),
+        Stage("reward", compute_reward, when=moves),
         Stage("hearing", hear),
         Stage("message hearing", hear_messages, when=speak),
-        Stage("final", keep_final, when=begins),
-        Stage("sighting", sight, when=tracks),
+        Stage("final", store_final_rows, when=begins),
+        Stage("sighting", record_sightings, when=tracks),
         Stage("tracking", update_tracks, when=tracks),
         Stage("tracks", observe_tracks, when=tracks),
-        Stage("cells", cover_known, when=scenario.sensing.cells_seen is not None),
+        Stage("cells", update_known_cells, when=scenario.sensing.cells_seen is not None),
         Stage("observation", observe),
         Stage("rogue reward", reward_rogues, when=are_rogues),
         Stage("rogue observation", fill_rows, when=are_rogues),
@@ -89,8 +88,8 @@ def _beginning(scenario: Scenario) -> list[Stage]:
         Stage("arrays", reset_arrays),
         Stage("losses", reset_losses),
         Stage("robots", reset_robots),
-        Stage("headway", draw_apart, when=scenario.formation.start_headway > 0),
-        Stage("facing", turn_inside, when=scenario.start_turning > 0),
+        Stage("headway", redraw_colliding_starts, when=scenario.formation.start_headway > 0),
+        Stage("facing", turn_from_walls, when=scenario.start_turning > 0),
     ]
 
 
@@ -101,7 +100,7 @@ def _motion(scenario: Scenario) -> list[Stage]:
         Stage("clock", advance_clock),
         Stage("events", clear_events),
         Stage("faults", update_status, when=scenario.faults != Faults()),
-        Stage("commands", take_commands),
+        Stage("commands", limit_actions),
         Stage("driver", drive, when=scenario.task.action == "velocity"),
         Stage("motion", model.move),
         Stage("phase", follow_curve, when=not model.keeps_to_curve),
@@ -109,8 +108,8 @@ def _motion(scenario: Scenario) -> list[Stage]:
 
 
 def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:
-    """Return the stages of contamination, at a reset those of the last tick, then of the worst-case undetected time."""
-    guarantee, ticks = Stage("guarantee", keep_guarantee), scenario.spreading.ticks
+    """Return the stages of each tick of contamination, at a reset of the last one, and of the undetected time."""
+    guarantee, ticks = Stage("guarantee", update_undetected_time), scenario.spreading.ticks
     if scenario.task.conservative:
         return [Stage("contamination", bound_labels), guarantee]
     stages = []
@@ -122,7 +121,7 @@ def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:
 
 
 def _decision(rogue: Rogue | None, rogues: Any) -> list[Stage]:
-    """Return the stage in which a scripted or learned rogue decides; none for agents."""
+    """Return the stage that computes the actions of scripted or learned rogues; none for rogues that are agents."""
     if rogue is None:
         return []
     name = f"rogue {rogue.name}"

@@ -1,7 +1,7 @@
 """The state of a batch of worlds: flat device arrays, world first, grouped by what they describe.
 
-W worlds, N robots, T target slots, S sub-steps, R rows and C columns of a grid; the bits of
-a row are in B words, whose size each struct states.
+W worlds, N robots, T target slots, S sub-steps, R rows and C columns of a grid; the bits of a row are in B words, whose
+size each struct states. A name that ends in `_at` is that of a step, counted from 0 at the reset.
 """
 
 import warp as wp
@@ -9,12 +9,12 @@ import warp as wp
 from lissajous_env.device.stage import named, named_struct
 
 WORKING = wp.constant(0)
-STUCK = wp.constant(1)
+FAILED = wp.constant(1)
 REMOVED = wp.constant(2)
 
 HIDDEN = wp.constant(0)
 PRESENT = wp.constant(1)
-FOUND = wp.constant(2)
+DETECTED = wp.constant(2)
 GONE = wp.constant(3)
 
 RUNNING = wp.constant(0)
@@ -34,7 +34,7 @@ class Clock:
     """Seed of the world's random draws."""
     step: wp.array(dtype=wp.int32)
     """Number of control steps in this episode so far."""
-    stage: wp.array(dtype=wp.int32)
+    status: wp.array(dtype=wp.int32)
     """RUNNING, ENDED by the latest step, or IDLE: ended earlier and waiting for a reset."""
     active: wp.array(dtype=wp.int32)
     """1 where the world is part of the current step or reset."""
@@ -61,8 +61,8 @@ class Robots:
     path: wp.array3d(dtype=wp.vec3)
     """(W, N, S + 1) positions through the latest step [m]."""
     status: wp.array2d(dtype=wp.int32)
-    """WORKING, STUCK or REMOVED."""
-    stuck_until: wp.array2d(dtype=wp.int32)
+    """WORKING, FAILED or REMOVED."""
+    failed_until: wp.array2d(dtype=wp.int32)
     """Step at whose end a random fault is over; NEVER for a robot that a collision stopped."""
     resumed_at: wp.array2d(dtype=wp.int32)
     """Step at whose end the latest fault was over; -1 for none."""
@@ -81,21 +81,21 @@ class Robots:
     measured_turn: wp.array2d(dtype=wp.vec4)
     """Cosine and sine of the measured phase, and of the measured heading."""
     curvature: wp.array2d(dtype=wp.float32)
-    """Curvature of the way of a car in the latest step in which it worked [1/m], for `faults.stop` = `coast`."""
+    """Curvature of the path of a car in the latest step in which it worked [1/m], for `faults.stop` = `coast`."""
 
 
 @named_struct("links")
 class Links:
-    """Messages on the ring: what each robot sent, and what it last heard from its two neighbours."""
+    """Messages on the ring: those that each robot sent, and the last ones from its two neighbours."""
 
     sent: wp.array3d(dtype=wp.vec4)
     """(W, N, delay + 1) cosine and sine of the phase, x, y [m] as sent in the latest steps."""
     sending: wp.array3d(dtype=wp.int32)
-    """(W, N, delay + 1) 1 where something was sent."""
+    """(W, N, delay + 1) 1 where a robot sent a message in that step, 0 where it was removed."""
     heard: wp.array3d(dtype=wp.vec4)
-    """(W, N, 2) the same, of the last message received."""
+    """(W, N, 2) the last message received from each neighbour, in the same form."""
     heard_at: wp.array3d(dtype=wp.int32)
-    """(W, N, 2) step in which the last message received was sent; -1 for none yet."""
+    """(W, N, 2) step in which that message was sent; -1 for none yet."""
 
 
 @named_struct("messages")
@@ -105,7 +105,7 @@ class Messages:
     sending: wp.array3d(dtype=wp.float32)
     """(W, N, k) message that each robot sends in the latest step; zeros before its first action."""
     sent: wp.array4d(dtype=wp.float32)
-    """(W, N, delay + 1, k) the same of the latest steps."""
+    """(W, N, delay + 1, k) messages that each robot sent in the latest steps."""
     heard: wp.array4d(dtype=wp.float32)
     """(W, N, 2, k) last message received from each ring neighbour; zeros for none yet."""
 
@@ -122,8 +122,8 @@ class Targets:
     """Heading [rad]."""
     motion: wp.array2d(dtype=wp.int32)
     """STILL, DRIFTING, WANDERING, FLEEING or CUSTOM."""
-    stage: wp.array2d(dtype=wp.int32)
-    """HIDDEN until it appears, PRESENT, FOUND by a robot, GONE."""
+    status: wp.array2d(dtype=wp.int32)
+    """HIDDEN until it appears, PRESENT, DETECTED by a robot, GONE."""
     appears_at: wp.array2d(dtype=wp.int32)
     """Step in which it appears."""
     found_at: wp.array2d(dtype=wp.int32)
@@ -135,39 +135,39 @@ class Targets:
     speed: wp.array2d(dtype=wp.float32)
     """Speed while it drifts or wanders [m/s]."""
     earlier: wp.array2d(dtype=wp.int32)
-    """Number of times that it was detected before it appeared anew."""
+    """Number of earlier detections, after each of which it appeared anew."""
     earlier_time: wp.array2d(dtype=wp.float64)
-    """Sum of its detection times until then [step]."""
+    """Sum of the times of these detections [step]."""
     earlier_longest: wp.array2d(dtype=wp.float32)
     """Longest of these times [step]."""
 
 
 @named_struct("tracks")
 class Tracks:
-    """Tracks of targets, and places of teammates, that each robot knows: `lissajous_env.world.tracks`."""
+    """Targets, teammates and covered cells, as far as each robot knows: `lissajous_env.world.tracks`."""
 
     sighted: wp.array4d(dtype=wp.int32)
     """(W, N, delay + 1, T) 1 where a robot had a target in sight in the latest steps; 2 if it left after that step."""
-    target_at: wp.array3d(dtype=wp.vec2)
+    target_position: wp.array3d(dtype=wp.vec2)
     """(W, delay + 1, T) positions of the targets in these steps [m]."""
-    place: wp.array3d(dtype=wp.vec2)
+    position: wp.array3d(dtype=wp.vec2)
     """(W, N, T) position of a target when it was last in sight, as far as a robot knows [m]."""
     velocity: wp.array3d(dtype=wp.vec2)
     """(W, N, T) its velocity then [m/s]; 0 unless it was also in sight a step before."""
-    seen_at: wp.array3d(dtype=wp.int32)
-    """(W, N, T) step in which that was; -1 for none."""
+    sighted_at: wp.array3d(dtype=wp.int32)
+    """(W, N, T) step of that position and velocity; -1 for a target without a track."""
     leaves: wp.array3d(dtype=wp.int32)
-    """(W, N, T) 1 if the robot learned in this step that it was detected then, and leaves."""
-    own_at: wp.array3d(dtype=wp.int32)
+    """(W, N, T) 1 if the robot learned in this step that the target was detected at `sighted_at`, and leaves."""
+    own_sighted_at: wp.array3d(dtype=wp.int32)
     """(W, N, T) step in which the robot itself had it in sight last; -1 for never."""
-    other_at: wp.array3d(dtype=wp.int32)
+    other_sighted_at: wp.array3d(dtype=wp.int32)
     """(W, N, T) step in which another robot had it in sight last, as far as the robot knows; -1 for never."""
-    mate_at: wp.array3d(dtype=wp.vec2)
+    mate_position: wp.array3d(dtype=wp.vec2)
     """(W, N, N) position of a teammate as measured by itself [m]."""
-    heard_at: wp.array3d(dtype=wp.int32)
-    """(W, N, N) step in which it sent that; -1 for none yet."""
-    sensor_at: wp.array3d(dtype=wp.vec2)
-    """(W, N, delay + 1) place of a robot's sensor in the latest steps [m]; NOWHERE where it sensed nothing."""
+    mate_sent_at: wp.array3d(dtype=wp.int32)
+    """(W, N, N) step in which the teammate sent that position; -1 for none yet."""
+    sensor_position: wp.array3d(dtype=wp.vec2)
+    """(W, N, delay + 1) position of a robot's sensor in the latest steps [m]; NOWHERE where it sensed nothing."""
     covered_at: wp.array4d(dtype=wp.int32)
     """(W, N, rows, columns) step in which a cell was last covered, as far as a robot knows; -1 for never."""
 
@@ -197,16 +197,16 @@ class Cells:
     """The coverage grid: R rows, C columns, and B words of bits for 64 columns each."""
 
     sensed_at: wp.array3d(dtype=wp.int32)
-    """(W, R, C) step in which a cell was last sensed, 0 for never; of those that are sensed now, when they had been
-    before: `lissajous_env.world.coverage.last_sensed` has both."""
+    """(W, R, C) last step before the present visit in which a cell was sensed, 0 for never; see
+    `lissajous_env.world.coverage.last_sensed`."""
     sensed: wp.array3d(dtype=wp.uint64)
     """(W, B, R) a bit for each cell that some robot has sensed."""
     sensed_by: wp.array4d(dtype=wp.uint64)
-    """(W, N, B, R) the same for each robot."""
+    """(W, N, B, R) a bit for each cell that this robot has sensed."""
     in_discs: wp.array3d(dtype=wp.uint64)
     """(W, B, R) a bit for each cell that is sensed now."""
     coming: wp.array3d(dtype=wp.uint64)
-    """(W, B, R) the same, while it is being computed; none between steps."""
+    """(W, B, R) the next `in_discs`, while a step computes it; zeros between steps."""
     idle_squares: wp.array2d(dtype=wp.int64)
     """(W, R) sum over cells and visits of the squared time since the visit before [step^2]."""
     idle_max: wp.array2d(dtype=wp.int32)
@@ -222,12 +222,12 @@ class Contamination:
 
     labels: wp.array4d(dtype=wp.int32)
     """(W, K, R + 4, C + 4 or more) label in each of the latest K ticks of each cell, with a margin around the grid."""
-    there: wp.array4d(dtype=wp.uint32)
+    labelled: wp.array4d(dtype=wp.uint32)
     """(W, R + 4, B + 2, K) a bit for each cell that had a label in this tick and was not sensed since."""
     sensed: wp.array3d(dtype=wp.uint64)
     """(W, D, R) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint64)
-    """(W, D, R) a bit for each cell that a robot has sensed on a long way since the tick before."""
+    """(W, D, R) a bit for each cell that the disc of a robot that moved far has passed over since the tick before."""
     settled: wp.array3d(dtype=wp.int32)
     """(W, R, B) latest ticks after each of which all cells of a word had the label of the oldest target."""
     row_oldest: wp.array2d(dtype=wp.int32)
@@ -241,17 +241,17 @@ class Contamination:
     age: wp.array(dtype=wp.int32)
     """(W,) worst-case undetected time now [step]."""
     age_max: wp.array(dtype=wp.int32)
-    """(W,) the longest of the episode [step]."""
+    """(W,) largest `age` of the episode [step]."""
     mean_age: wp.array(dtype=wp.float32)
     """(W,) time since the introduction, mean over the cells, 0 where one is cleared [step]."""
     mean_age_sum: wp.array(dtype=wp.float64)
-    """(W,) the same, summed over steps [step]."""
+    """(W,) `mean_age`, summed over steps [step]."""
     age_reduction: wp.array(dtype=wp.float32)
     """(W,) decrease of the mean age in the latest step [step]."""
     age_before: wp.array(dtype=wp.int32)
-    """(W,) the longest before the first fault [step]."""
+    """(W,) largest `age` before the first fault [step]."""
     high_at: wp.array(dtype=wp.int32)
-    """(W,) latest step in which the age was 1.1 times that or more, after the first fault; -1 for none."""
+    """(W,) latest step after the first fault in which `age` was at least 1.1 times `age_before`; -1 for none."""
 
 
 @named_struct("latest")
@@ -265,7 +265,7 @@ class StepEvents:
     effort: wp.array2d(dtype=wp.float32)
     """(W, N) mean square of the action without its message."""
     change: wp.array2d(dtype=wp.float32)
-    """(W, N) mean square of its change; 0 in an episode's first step."""
+    """(W, N) mean square of the change of the action without its message; 0 in an episode's first step."""
     lateral: wp.array2d(dtype=wp.float32)
     """(W, N) distance from the curve [m]."""
     tracking: wp.array2d(dtype=wp.float32)
@@ -285,11 +285,11 @@ class StepEvents:
     terms: wp.array3d(dtype=wp.float32)
     """(W, N, terms) terms of the reward: `lissajous_env.world.tally.TERMS`, then those of extensions."""
     reward: wp.array2d(dtype=wp.float32)
-    """(W, N) their sum."""
+    """(W, N) sum of the terms."""
     terminated: wp.array2d(dtype=wp.bool)
     """(W, N) True if a collision or the edge of the rectangle removed the robot."""
     truncated: wp.array2d(dtype=wp.bool)
-    """(W, N) True when the time is over."""
+    """(W, N) True when the episode has reached its time limit."""
 
 
 @named_struct("tally")
@@ -355,38 +355,38 @@ class EpisodeTotals:
     driven_steps: wp.array2d(dtype=wp.int32)
     """(W, N) steps in which its policy drove a robot since it last moved by its radius, from `driven_from`."""
     driven_from: wp.array2d(dtype=wp.vec2)
-    """(W, N) place from which that motion is measured [m]."""
+    """(W, N) position from which that motion is measured [m]."""
     returns: wp.array2d(dtype=wp.float64)
     """(W, N) sum of the rewards."""
 
 
 named(
-    **dict.fromkeys(("w", "i", "j", "t", "row", "column", "now", "slot", "key", "steps", "cells_total"), int),
-    **dict.fromkeys(("message_start", "track_start", "cell_start"), int),
-    **dict.fromkeys(("age_per_step", "bounds_per_step", "speed_unit", "turning"), float),
-    **dict.fromkeys(("action", "command", "command_out", "taken"), wp.array3d(dtype=float)),
-    **dict.fromkeys(("observation", "observation_out", "final_observation_out"), wp.array3d(dtype=float)),
-    **dict.fromkeys(("displaced", "drive_factors", "top_speeds"), wp.array(dtype=float)),
-    **dict.fromkeys(("places", "removals", "seeds"), wp.array(dtype=int)),
+    # Indices of a world, robot, other robot, target, row and column of a grid, and slot of a ring buffer.
+    **dict.fromkeys(("w", "i", "j", "t", "row", "column", "slot"), int),
+    # The present step, and the key of its random draws.
+    **dict.fromkeys(("now", "key"), int),
+    # Constants of a scenario, which `lissajous_env.world.values` documents.
+    **dict.fromkeys(("steps", "cells_total", "message_start", "track_start", "cell_start"), int),
+    **dict.fromkeys(("age_per_step", "bounds_per_step", "speed_unit", "turning_radius"), float),
+    **dict.fromkeys(("displacements", "drive_factors", "top_speeds"), wp.array(dtype=float)),
+    **dict.fromkeys(("places", "removals"), wp.array(dtype=int)),
     **dict.fromkeys(("neighbours", "schedule"), wp.array2d(dtype=int)),
-    driving=wp.array2d(dtype=float),
-    nearest=wp.array3d(dtype=wp.vec2),
+    action_speeds=wp.array2d(dtype=float),
     equilibrium=wp.array(dtype=wp.float64),
+    # Arrays of a simulation, which `lissajous_env.world.simulation` documents.
+    **dict.fromkeys(("action", "limited_action", "command", "command_out"), wp.array3d(dtype=float)),
+    **dict.fromkeys(("observation", "observation_out", "final_observation_out"), wp.array3d(dtype=float)),
+    nearest=wp.array3d(dtype=wp.vec2),
+    seeds=wp.array(dtype=int),
 )
 
 INITIAL = {
-    "robots.resumed_at": -1,
-    "links.heard_at": -1,
-    "targets.found_at": int(NEVER),
-    **dict.fromkeys(("tracks.seen_at", "tracks.own_at", "tracks.other_at", "tracks.heard_at", "tracks.covered_at"), -1),
-    "contamination.row_oldest": int(NEVER),
-    "contamination.cleared_at": int(NEVER),
-    "contamination.high_at": -1,
+    **dict.fromkeys(("robots.resumed_at", "links.heard_at", "tracks.mate_sent_at", "tracks.covered_at"), -1),
+    **dict.fromkeys(("tracks.sighted_at", "tracks.own_sighted_at", "tracks.other_sighted_at"), -1),
+    **dict.fromkeys(("contamination.high_at", "tally.off_at", "tally.fault_end"), -1),
+    **dict.fromkeys(("targets.found_at", "contamination.row_oldest", "contamination.cleared_at"), int(NEVER)),
+    **dict.fromkeys(("tally.covered_at", "tally.covered_each_at"), int(NEVER)),
     "tally.min_separation": 1.0e30,
-    "tally.covered_at": int(NEVER),
-    "tally.covered_each_at": int(NEVER),
-    "tally.off_at": -1,
-    "tally.fault_end": -1,
     "tally.driven_from": float(NOWHERE),
 }
 """Values that are not zero at the beginning of an episode, by struct and field."""

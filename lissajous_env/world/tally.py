@@ -1,4 +1,4 @@
-"""The events of a step, the totals of an episode, from which its score is computed, and the reward by terms."""
+"""Events of a step, totals of an episode, from which its score is computed, and the reward with its terms."""
 
 import warp as wp
 
@@ -6,7 +6,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, WORLD, part, stage
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, REMOVED, STUCK
+from lissajous_env.world.state import FAILED, NEVER, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -21,7 +21,7 @@ FORMULAS = {
     "contamination": "reward_contamination * age_reduction * step",
     "observation": "reward_observation * in_sight * step",
 }
-"""Formula of each term: weights and step of `Task`, the rest of the structs of `lissajous_env.world.state`."""
+"""Formula of each term; weights and `step` are fields of `Task`, and the rest of `lissajous_env.world.state`."""
 
 TERMS = tuple(FORMULAS)
 _TERMS = wp.constant(len(TERMS))
@@ -29,7 +29,7 @@ _TERMS = wp.constant(len(TERMS))
 
 @stage(ROBOT, writes="latest: collisions, detections, idle_ended, in_sight, waiting")
 def clear_events(w, i, clock, latest):
-    """Clear the events of the step before."""
+    """Clear the events of the previous step."""
     latest.detections[w, i] = 0
     latest.collisions[w, i] = 0
     if i == 0:
@@ -39,8 +39,8 @@ def clear_events(w, i, clock, latest):
 
 
 @stage(ROBOT, writes="latest: reward, terms; tally: returns", idle=True)
-def give_reward(w, lane, lanes, task, cells_total, clock, contamination, latest, tally):
-    """Reward each robot for the step: the sum of the terms in `TERMS` and of those of extensions."""
+def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, latest, tally):
+    """Compute the terms of each robot's reward and their sum, which includes the terms of extensions."""
     count = latest.terms.shape[2]
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step
     idleness = task.reward_idleness * float(latest.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
@@ -79,7 +79,7 @@ def give_reward(w, lane, lanes, task, cells_total, clock, contamination, latest,
 
 
 RECOVERED = wp.constant(0.05)
-"""Deviation from the equilibrium up to which a formation counts as recovered, however small it was before [rad]."""
+"""Deviation from the equilibrium up to which a formation always counts as recovered [rad]."""
 
 FAULT_MARGIN = wp.constant(1.1)
 """Factor by which a quantity must exceed its largest value before the first fault to count as disturbed by it."""
@@ -87,9 +87,9 @@ FAULT_MARGIN = wp.constant(1.1)
 
 @part
 def tally_motion(w, now, robots, latest, tally):
-    """Add distances from the curve and from the robots' own points of it, ways, and changes of the actions.
+    """Add up distances from the curve and from the points at the phases, distances travelled and changes of actions.
 
-    Record the largest of these distances, and the largest speed.
+    Record the largest distances from the curve and from these points, and the largest speed.
     """
     there = int(0)
     lateral = wp.float64(0.0)
@@ -128,17 +128,17 @@ def tally_spacing(w, neighbours, robots, tally):
 
 @part
 def any_failed(w, robots) -> bool:
-    """Return whether a robot has failed and not resumed; a robot that was removed has not."""
+    """Return whether some robot has failed and not resumed; removed robots do not count."""
     failed = int(0)
     for i in range(robots.status.shape[1]):
-        if robots.status[w, i] == STUCK:
+        if robots.status[w, i] == FAILED:
             failed += 1
     return failed > 0
 
 
 @part
 def tally_faults(w, robots, tally):
-    """Record whether a robot ever failed, and when the latest failed robot resumed; -1 while a robot has failed."""
+    """Record whether a robot ever failed, and the step in which the last one resumed; -1 while a robot has failed."""
     fault_end = int(-1)
     for i in range(robots.status.shape[1]):
         fault_end = wp.max(fault_end, robots.resumed_at[w, i])
@@ -150,7 +150,10 @@ def tally_faults(w, robots, tally):
 
 @part
 def formation_error(w, robots, latest) -> float:
-    """Return max_i |wrap(phase_i - equilibrium_i - theta_0)| over present robots [rad], theta_0 by circular mean."""
+    """Return max_i |wrap(phase_i - equilibrium_i - theta_0)| [rad] of the robots that are not removed.
+
+    theta_0 is the circular mean of phase_i - equilibrium_i.
+    """
     unit = wp.vec2(0.0, 0.0)
     n = robots.status.shape[1]
     for i in range(n):
@@ -166,10 +169,10 @@ def formation_error(w, robots, latest) -> float:
 
 @part
 def tally_formation(w, now, robots, latest, tally):
-    """Record the deviation from the equilibrium, its largest values, and when a fault last disturbed it.
+    """Record the deviation from the equilibrium, its largest values, and the last step in which a fault disturbed it.
 
-    A car on a curve that it can hardly follow always oscillates around the equilibrium; a formation counts as disturbed
-    above max(RECOVERED, FAULT_MARGIN nominal_phase_error).
+    The formation counts as disturbed above max(RECOVERED, FAULT_MARGIN nominal_phase_error), because cars on a curve
+    that they can hardly follow always oscillate around the equilibrium.
     """
     deviation = formation_error(w, robots, latest)
     tally.phase_error[w] = deviation
@@ -182,7 +185,7 @@ def tally_formation(w, now, robots, latest, tally):
 
 @part
 def tally_coverage(w, now, count: int, cells_total, tally):
-    """Record when every cell had been covered by some robot, and when by every robot."""
+    """Record the steps in which every cell has been covered by some robot, and by each of the `count` robots."""
     if tally.covered_at[w] == NEVER and tally.covered[w] == wp.int64(cells_total):
         tally.covered_at[w] = now
     if tally.covered_each_at[w] == NEVER and tally.covered_each[w] == wp.int64(count) * wp.int64(cells_total):
@@ -197,7 +200,7 @@ def tally_coverage(w, now, count: int, cells_total, tally):
         "phase_error_max, spacing_max, speed_max, tracking_max, tracking_sum"
     ),
 )
-def keep_score(w, cells_total, neighbours, clock, robots, latest, tally):
+def update_totals(w, cells_total, neighbours, clock, robots, latest, tally):
     """Add the state after this step to the totals of the episode."""
     now = clock.step[w]
     n = robots.status.shape[1]

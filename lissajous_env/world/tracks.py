@@ -1,15 +1,15 @@
-"""Tracks of targets, places of teammates and covered cells that each robot knows, with what robots tell each other.
+"""Knowledge of each robot from its sensor and from messages: tracks of targets, teammates and covered cells.
 
 A robot has a track of a target from the moment in which it learns that the target was in sight until `sensing.memory`
 has passed since, or until the step after the one in which it learns that the target was detected and leaves. It learns
-of its own sightings at once and, as `sensing.shared` says, of those of its two ring neighbours or of the whole team.
+of its own sightings at once. By `sensing.shared`, messages tell it those of its two ring neighbours or of the team.
 Messages between ring neighbours are the phase messages, with their delay and loss; those of other teammates are delayed
-alike, and lost with the same probability. So a robot knows no less with `ring` than with `none`, and no less with
-`team` than with `ring`.
+alike, and lost with the same probability. So each of `none`, `ring` and `team` informs a robot at least as well as the
+one before it.
 
 In the same way, a robot knows when the cells of `sensing.cells_seen` were covered: at the end of a step, a working
 robot covers those whose centres are within `sensing.radius`. The cells are those of the rectangle, the same for all
-robots, so that what they know can be compared and joined; relative places follow from the robot's own x and y.
+robots, so that their knowledge can be compared and joined; relative positions follow from the robot's own x and y.
 """
 
 import warp as wp
@@ -18,16 +18,16 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import CENTRE, columns_of, disc_run, points_per_metre
 from lissajous_env.device.stage import ROBOT, part, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
-from lissajous_env.world.observing import empty, far, keep_nearest
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, REMOVED
+from lissajous_env.world.observing import clear_slots, clip_coordinate, insert_nearest
+from lissajous_env.world.state import DETECTED, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
 
-_RING = wp.constant(place_of(Sensing, "shared", "ring"))
-_TEAM = wp.constant(place_of(Sensing, "shared", "team"))
+_RING = wp.constant(code_of(Sensing, "shared", "ring"))
+_TEAM = wp.constant(code_of(Sensing, "shared", "team"))
 
 _OUT_OF_SIGHT = wp.constant(0)
 _IN_SIGHT = wp.constant(1)
@@ -35,43 +35,46 @@ _LEAVES = wp.constant(2)
 """In sight for the last time: it was detected in this step and leaves."""
 
 
-@stage(ROBOT, writes="tracks: sighted, target_at")
-def sight(w, i, sensing, target, clock, robots, targets, tracks):
-    """Note which targets the robot has in sight now, and where they are."""
+@stage(ROBOT, writes="tracks: sighted, target_position")
+def record_sightings(w, i, sensing, target, clock, robots, targets, tracks):
+    """Record which targets the robot has in sight now, and where they are."""
     now = clock.step[w]
     slot = now % tracks.sighted.shape[2]
-    for t in range(tracks.seen_at.shape[2]):
+    for t in range(tracks.sighted_at.shape[2]):
         if i == 0:
-            tracks.target_at[w, slot, t] = targets.position[w, t]
+            tracks.target_position[w, slot, t] = targets.position[w, t]
         sighted = int(_OUT_OF_SIGHT)
-        kind = targets.stage[w, t]
-        if kind != HIDDEN and kind != GONE:
+        status = targets.status[w, t]
+        if status != HIDDEN and status != GONE:
             away = robots.sensor[w, i] - targets.position[w, t]
             if wp.dot(away, away) < sensing.sight * sensing.sight:
-                leaves = kind == FOUND and target.leave == 1
+                leaves = status == DETECTED and target.leave == 1
                 sighted = wp.where(leaves, _LEAVES, _IN_SIGHT)
         tracks.sighted[w, i, slot, t] = sighted
 
 
 @part
-def learn(w, i, t, sighted: int, slot, seen_at: int, step: float, tracks):
-    """Update the track of a target by a sighting that is newer than it, or as new."""
-    known = tracks.seen_at[w, i, t]
-    if sighted == _LEAVES and seen_at >= known:
+def update_track(w, i, t, sighted: int, slot, sighted_at: int, step: float, tracks):
+    """Update the track of a target by a sighting, unless the track is newer.
+
+    `sighted` is _IN_SIGHT or _LEAVES in the step `sighted_at`, whose slot is `slot`; `step` is the control step [s].
+    """
+    known = tracks.sighted_at[w, i, t]
+    if sighted == _LEAVES and sighted_at >= known:
         tracks.leaves[w, i, t] = 1
-    if seen_at > known:
-        place = tracks.target_at[w, slot, t]
-        speed = wp.vec2(0.0, 0.0)
-        if known >= 0 and known == seen_at - 1:
-            speed = (place - tracks.place[w, i, t]) / step
-        tracks.place[w, i, t] = place
-        tracks.velocity[w, i, t] = speed
-        tracks.seen_at[w, i, t] = seen_at
+    if sighted_at > known:
+        position = tracks.target_position[w, slot, t]
+        velocity = wp.vec2(0.0, 0.0)
+        if known >= 0 and known == sighted_at - 1:
+            velocity = (position - tracks.position[w, i, t]) / step
+        tracks.position[w, i, t] = position
+        tracks.velocity[w, i, t] = velocity
+        tracks.sighted_at[w, i, t] = sighted_at
 
 
 @part
 def arrives(w, i, j, key, sent_at: int, sensing, noise, neighbours, links) -> bool:
-    """Return whether the message that teammate j sent in a step arrives at robot i now."""
+    """Return whether the message that teammate j sent in the step `sent_at` arrives at robot i now."""
     if sensing.shared < _RING or j == i or sent_at < 0:
         return False
     for side in range(2):
@@ -84,42 +87,47 @@ def arrives(w, i, j, key, sent_at: int, sensing, noise, neighbours, links) -> bo
     return randomness.uniform(key, 2 * n + n * i + j, randomness.MESSAGE) >= noise.message_loss
 
 
-@stage(ROBOT, writes="tracks: heard_at, leaves, mate_at, other_at, own_at, place, seen_at, velocity")
+@stage(
+    ROBOT,
+    writes=(
+        "tracks: leaves, mate_position, mate_sent_at, other_sighted_at, own_sighted_at, position, sighted_at, velocity"
+    ),
+)
 def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
-    """Update the tracks of each robot by what it hears, oldest first, and by what it has in sight itself."""
+    """Update the tracks of each robot by the messages that arrive, then by its own sightings, which are newer."""
     now = clock.step[w]
     slots = tracks.sighted.shape[2]
     sent_at = now - (slots - 1)
     key = randomness.step_key(clock.seed[w], now)
-    for t in range(tracks.seen_at.shape[2]):
+    for t in range(tracks.sighted_at.shape[2]):
         if tracks.leaves[w, i, t] == 1:
             tracks.leaves[w, i, t] = 0
-            tracks.seen_at[w, i, t] = -1
-    for j in range(tracks.heard_at.shape[2]):
+            tracks.sighted_at[w, i, t] = -1
+    for j in range(tracks.mate_sent_at.shape[2]):
         if arrives(w, i, j, key, sent_at, sensing, noise, neighbours, links):
             slot = sent_at % slots
             message = links.sent[w, j, slot]
-            tracks.heard_at[w, i, j] = sent_at
-            tracks.mate_at[w, i, j] = wp.vec2(message[2], message[3])
-            for t in range(tracks.seen_at.shape[2]):
+            tracks.mate_sent_at[w, i, j] = sent_at
+            tracks.mate_position[w, i, j] = wp.vec2(message[2], message[3])
+            for t in range(tracks.sighted_at.shape[2]):
                 sighted = tracks.sighted[w, j, slot, t]
                 if sighted != _OUT_OF_SIGHT:
-                    tracks.other_at[w, i, t] = sent_at
-                    learn(w, i, t, sighted, slot, sent_at, task.step, tracks)
+                    tracks.other_sighted_at[w, i, t] = sent_at
+                    update_track(w, i, t, sighted, slot, sent_at, task.step, tracks)
     slot = now % slots
-    for t in range(tracks.seen_at.shape[2]):
+    for t in range(tracks.sighted_at.shape[2]):
         sighted = tracks.sighted[w, i, slot, t]
         if sighted != _OUT_OF_SIGHT:
-            tracks.own_at[w, i, t] = now
-            learn(w, i, t, sighted, slot, now, task.step, tracks)
+            tracks.own_sighted_at[w, i, t] = now
+            update_track(w, i, t, sighted, slot, now, task.step, tracks)
 
 
 @part
-def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_out):
-    """Fill the first entries of a track or a teammate at a relative place [m]."""
+def write_position(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_out):
+    """Fill the first four entries of a track or teammate, at an offset from the robot [m] and of an age [memory]."""
     observation_out[w, i, entry] = 1.0
-    observation_out[w, i, entry + 1] = far(0.5 * offset[0] / curve.half_width)
-    observation_out[w, i, entry + 2] = far(0.5 * offset[1] / curve.half_height)
+    observation_out[w, i, entry + 1] = clip_coordinate(0.5 * offset[0] / curve.half_width)
+    observation_out[w, i, entry + 2] = clip_coordinate(0.5 * offset[1] / curve.half_height)
     observation_out[w, i, entry + 3] = wp.min(age, 1.0)
 
 
@@ -127,50 +135,50 @@ def put_place(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_
 def observe_tracks(
     w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, nearest, observation_out
 ):
-    """List the tracks of each robot, then its teammates, nearest first; a removed robot has none."""
+    """Fill the entries of each robot's tracks, then of its teammates, nearest first; a removed robot has none."""
     now = clock.step[w]
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
     sent_at = now - (tracks.sighted.shape[2] - 1)
     here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
     count = int(0)
     if robots.status[w, i] != REMOVED:
-        for t in range(tracks.seen_at.shape[2]):
-            age = float(now - tracks.seen_at[w, i, t]) * task.step
-            if tracks.seen_at[w, i, t] >= 0 and age <= sensing.memory:
-                offset = (tracks.place[w, i, t] - here) / unit
-                count = keep_nearest(w, i, count, sensing.tracks_seen, offset, t, nearest)
+        for t in range(tracks.sighted_at.shape[2]):
+            age = float(now - tracks.sighted_at[w, i, t]) * task.step
+            if tracks.sighted_at[w, i, t] >= 0 and age <= sensing.memory:
+                offset = (tracks.position[w, i, t] - here) / unit
+                count = insert_nearest(w, i, count, sensing.tracks_seen, offset, t, nearest)
     entry = int(track_start)
     for k in range(count):
         t = int(nearest[w, i, k][1])
-        age = float(now - tracks.seen_at[w, i, t]) * task.step / sensing.memory
-        put_place(w, i, entry, tracks.place[w, i, t] - here, age, curve, observation_out)
+        age = float(now - tracks.sighted_at[w, i, t]) * task.step / sensing.memory
+        write_position(w, i, entry, tracks.position[w, i, t] - here, age, curve, observation_out)
         velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
         observation_out[w, i, entry + 4] = wp.clamp(velocity[0], -1.0, 1.0)
         observation_out[w, i, entry + 5] = wp.clamp(velocity[1], -1.0, 1.0)
-        observation_out[w, i, entry + 6] = wp.where(tracks.own_at[w, i, t] == now, 1.0, 0.0)
-        observation_out[w, i, entry + 7] = wp.where(tracks.other_at[w, i, t] == sent_at, 1.0, 0.0)
+        observation_out[w, i, entry + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
+        observation_out[w, i, entry + 7] = wp.where(tracks.other_sighted_at[w, i, t] == sent_at, 1.0, 0.0)
         observation_out[w, i, entry + 8] = float(tracks.leaves[w, i, t])
         entry += TRACK_SIZE
-    empty(w, i, entry, TRACK_SIZE, sensing.tracks_seen - count, observation_out)
+    clear_slots(w, i, entry, TRACK_SIZE, sensing.tracks_seen - count, observation_out)
     entry = track_start + TRACK_SIZE * sensing.tracks_seen
     mates = int(0)
     if robots.status[w, i] != REMOVED:
-        for j in range(tracks.heard_at.shape[2]):
-            age = float(now - tracks.heard_at[w, i, j]) * task.step
-            if tracks.heard_at[w, i, j] >= 0 and age <= sensing.memory:
-                offset = (tracks.mate_at[w, i, j] - here) / unit
-                mates = keep_nearest(w, i, mates, sensing.teammates_seen, offset, j, nearest)
+        for j in range(tracks.mate_sent_at.shape[2]):
+            age = float(now - tracks.mate_sent_at[w, i, j]) * task.step
+            if tracks.mate_sent_at[w, i, j] >= 0 and age <= sensing.memory:
+                offset = (tracks.mate_position[w, i, j] - here) / unit
+                mates = insert_nearest(w, i, mates, sensing.teammates_seen, offset, j, nearest)
     for k in range(mates):
         j = int(nearest[w, i, k][1])
-        age = float(now - tracks.heard_at[w, i, j]) * task.step / sensing.memory
-        put_place(w, i, entry, tracks.mate_at[w, i, j] - here, age, curve, observation_out)
+        age = float(now - tracks.mate_sent_at[w, i, j]) * task.step / sensing.memory
+        write_position(w, i, entry, tracks.mate_position[w, i, j] - here, age, curve, observation_out)
         entry += TEAMMATE_SIZE
-    empty(w, i, entry, TEAMMATE_SIZE, sensing.teammates_seen - mates, observation_out)
+    clear_slots(w, i, entry, TEAMMATE_SIZE, sensing.teammates_seen - mates, observation_out)
 
 
 @part
-def cover_around(w, i, place: wp.vec2, covered_at: int, curve, sensing, tracks):
-    """Note that the cells around a sensor [m] were covered in a step; NOWHERE is around none."""
+def mark_covered(w, i, place: wp.vec2, covered_at: int, curve, sensing, tracks):
+    """Record that the cells around a sensor at `place` [m] were covered in a step; around NOWHERE there are none."""
     rows = tracks.covered_at.shape[2]
     columns = tracks.covered_at.shape[3]
     scale = points_per_metre(columns, CENTRE, curve.half_width)
@@ -181,23 +189,23 @@ def cover_around(w, i, place: wp.vec2, covered_at: int, curve, sensing, tracks):
             tracks.covered_at[w, i, row, column] = wp.max(covered_at, tracks.covered_at[w, i, row, column])
 
 
-@stage(ROBOT, writes="tracks: covered_at, sensor_at; observation_out")
-def cover_known(
+@stage(ROBOT, writes="tracks: covered_at, sensor_position; observation_out")
+def update_known_cells(
     w, i, cell_start, curve, sensing, noise, task, neighbours, clock, robots, links, tracks, observation_out
 ):
-    """Update the cells that each robot knows covered by what it hears and covers itself, and list their ages."""
+    """Update the cells that each robot knows to be covered, by its messages and its own sensor, and fill their ages."""
     now = clock.step[w]
-    slots = tracks.sensor_at.shape[2]
+    slots = tracks.sensor_position.shape[2]
     sent_at = now - (slots - 1)
     key = randomness.step_key(clock.seed[w], now)
     for j in range(robots.sensor.shape[1]):
         if arrives(w, i, j, key, sent_at, sensing, noise, neighbours, links):
-            place = robots.sensor[w, j]  # without a delay, robot j may not have noted it yet
+            place = robots.sensor[w, j]  # without a delay, robot j may not have stored it yet
             if slots > 1:
-                place = tracks.sensor_at[w, j, sent_at % slots]
-            cover_around(w, i, place, sent_at, curve, sensing, tracks)
-    tracks.sensor_at[w, i, now % slots] = robots.sensor[w, i]
-    cover_around(w, i, robots.sensor[w, i], now, curve, sensing, tracks)
+                place = tracks.sensor_position[w, j, sent_at % slots]
+            mark_covered(w, i, place, sent_at, curve, sensing, tracks)
+    tracks.sensor_position[w, i, now % slots] = robots.sensor[w, i]
+    mark_covered(w, i, robots.sensor[w, i], now, curve, sensing, tracks)
     columns = tracks.covered_at.shape[3]
     for k in range(tracks.covered_at.shape[2] * columns):
         covered_at = tracks.covered_at[w, i, k / columns, k % columns]

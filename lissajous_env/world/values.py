@@ -1,4 +1,4 @@
-"""Values of a scenario for its kernels: constants (parts as structs, numbers, small arrays), and the state."""
+"""Arguments of the kernels of a scenario: its constants (structs, numbers and small arrays), and the state."""
 
 import math
 from dataclasses import replace
@@ -16,7 +16,7 @@ from lissajous_env.device.warp_abi import variables_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.contamination.conservative import as_reach
-from lissajous_env.world.contamination.labels import MARGIN, across, as_hops
+from lissajous_env.world.contamination.labels import MARGIN, as_hops, label_row_length
 from lissajous_env.world.observation import cell_start, message_start, track_start
 from lissajous_env.world.robots.deviations import points_of
 from lissajous_env.world.robots.faults import removal_steps, schedule_steps
@@ -38,38 +38,44 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "faults": to_struct(structs.FaultsStruct, scenario.faults),
         "noise": to_struct(structs.NoiseStruct, scenario.noise),
         "task": to_struct(structs.TaskStruct, task),
-        "steps": task.steps,
+        "steps": task.steps,  # of an episode
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
-        "age_per_step": scenario.task.step / scenario.time_unit,
-        "bounds_per_step": scenario.task.step / scenario.detection_time_bound,
-        "turning": scenario.start_turning,
-        "message_start": message_start(scenario),
+        "age_per_step": task.step / scenario.time_unit,  # of a message in the observation [0.3 rad / omega]
+        "bounds_per_step": task.step / scenario.detection_time_bound,  # a step in units of T_max
+        "turning_radius": scenario.start_turning,  # [m], for which robots have room between walls at the start, or 0
+        "message_start": message_start(scenario),  # indices of first entries in an observation row
         "track_start": track_start(scenario),
         "cell_start": cell_start(scenario),
-        "speed_unit": scenario.speed_unit,
-        "driving": wp.array(_driving(scenario), dtype=wp.float32, device=device, ndim=2),
+        "speed_unit": scenario.speed_unit,  # [m/s]
+        "action_speeds": wp.array(_action_speeds(scenario), dtype=wp.float32, device=device, ndim=2),
         "curve_points": points_of(None if model.keeps_to_curve else scenario.driven, str(device)),
+        # (N,) phases in the equilibrium [rad].
         "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),
+        # (N, 2) robots before and after each one on the ring; -1 for none.
         "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
         "hops": as_hops(scenario.spreading, device),
         "reach": as_reach(scenario.spreading.reaches, device),
+        # (N,) places in the equilibrium, factors on the motor's drive, top speeds [m/s], and displacements at the start
+        # along the phase [rad].
         "places": wp.array(scenario.places, dtype=wp.int32, device=device),
         "drive_factors": wp.array(scenario.drive_factors, dtype=wp.float32, device=device),
         "top_speeds": wp.array(scenario.top_speeds, dtype=wp.float32, device=device),
-        "displaced": wp.array(scenario.displacements, dtype=wp.float32, device=device),
+        "displacements": wp.array(scenario.displacements, dtype=wp.float32, device=device),
+        # (N,) step after which the schedule removes each robot, and (F, 3) robot, start and end [step] of each fault.
         "removals": wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device),
         "schedule": wp.array(schedule, dtype=wp.int32, device=device, ndim=2),
     }
 
 
-def _driving(scenario: Scenario) -> np.ndarray:
-    """Return (A, 2) the value at rest of the components of an action, and the speed that each requests [m/s].
+def _action_speeds(scenario: Scenario) -> np.ndarray:
+    """Return (A, 2) the value at rest of each component of an action, and the speed that it requests per unit [m/s].
 
-    A component requests the unit of speed where it is farthest from its value at rest, and 0 if it drives no robot.
+    A component requests `speed_unit` where it is farthest from its value at rest, and nothing if it drives no robot.
     """
     model = scenario.model
     rest = np.array(model.rest_action(scenario.robot))
-    drives = np.isin(np.arange(model.action_size), range(model.action_size) if model.driving is None else model.driving)
+    driving = range(model.action_size) if model.driving is None else model.driving
+    drives = np.isin(np.arange(model.action_size), driving)
     return np.stack([rest, drives * scenario.speed_unit / (1 + abs(rest))], axis=-1)
 
 
@@ -92,12 +98,12 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     words = (columns + 63) // 64
     delay = round(scenario.noise.message_delay / scenario.task.step)
     hops = scenario.spreading
-    labels = hops.history_length, hops.rows + 2 * int(MARGIN), across(hops.columns)
+    labels = hops.history_length, hops.rows + 2 * int(MARGIN), label_row_length(hops.columns)
     k = scenario.messages.size
     known = t if scenario.sensing.has_tracks else 0
     world, robot = (w,), (w, n)
     field_row = w, hops.rows
-    there = w, hops.rows + 2 * int(MARGIN), (hops.columns + 31) // 32 + 2, hops.history_length
+    labelled = w, hops.rows + 2 * int(MARGIN), (hops.columns + 31) // 32 + 2, hops.history_length
     mates = w, n, n if scenario.sensing.has_tracks else 0
     across_cells, down_cells = scenario.sensing.cells_seen or (0, 0)
     discs, swept = (w, words, rows), (w, (hops.columns + 63) // 64, hops.rows)
@@ -108,14 +114,14 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
         "links": ((w, n, delay + 1), {"heard": (w, n, 2), "heard_at": (w, n, 2)}),
         "messages": (world, {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}),
         "targets": ((w, t), {}),
-        "tracks": ((w, n, known), {"sighted": (w, n, delay + 1, known), "target_at": (w, delay + 1, known),
-                                   "mate_at": mates, "heard_at": mates,
-                                   "sensor_at": (w, n, delay + 1 if across_cells else 0),
+        "tracks": ((w, n, known), {"sighted": (w, n, delay + 1, known), "target_position": (w, delay + 1, known),
+                                   "mate_position": mates, "mate_sent_at": mates,
+                                   "sensor_position": (w, n, delay + 1 if across_cells else 0),
                                    "covered_at": (w, n, down_cells, across_cells)}),
         "cells": ((w, rows), {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows),
                               "sensed": discs, "in_discs": discs, "coming": discs}),
-        "contamination": (world, {"labels": (w, *labels), "sensed": swept, "swept": swept, "there": there,
-                                  "settled": (w, hops.rows, there[2] - 2),
+        "contamination": (world, {"labels": (w, *labels), "sensed": swept, "swept": swept, "labelled": labelled,
+                                  "settled": (w, hops.rows, labelled[2] - 2),
                                   "row_oldest": field_row, "row_ages": field_row}),
         "latest": (robot, {"in_sight": world, "waiting": world, "idle_ended": world, "terms": (w, n, terms)}),
         "tally": (world, {"contact": (w, n, n), **of_robots}),

@@ -40,7 +40,7 @@ def test_each_number_is_what_its_name_says(name):
             told |= {"cos_phase": np.cos(phase), "sin_phase": np.sin(phase), "works": float(works)}
             expected |= {f"robot_{i}_{key}": value for key, value in told.items()}
         for t in range(scenario.target_capacity):
-            waiting = targets.stage.numpy()[w, t] == 1
+            waiting = targets.status.numpy()[w, t] == 1
             x, y = targets.position.numpy()[w, t] / half if waiting else (0, 0)
             expected |= {f"target_{t}_waiting": float(waiting), f"target_{t}_x": x, f"target_{t}_y": y}
         assert said == pytest.approx(expected, abs=1e-5)

@@ -10,7 +10,7 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.console import cli
-from lissajous_env.episodes.guarantee import critical_speed, guaranteed_time, in_formation, worst_undetected_times
+from lissajous_env.episodes.guarantee import critical_speed, guaranteed_time, in_formation
 
 # Longest time unseen [s] by exact discs on cells of a tenth of a step's motion; inf where a rogue is never found.
 FIVE = [
@@ -67,19 +67,6 @@ def test_the_guarantee_comes_back_after_a_fault():
     assert math.isnan(row["guarantee_recovery_time"])
     (row,) = lissajous_env.evaluate(baselines.make("still", scenario, 1), scenario, seeds=[0])
     assert math.isnan(row["guarantee_recovery_time"]), "what was never regained"
-
-
-def test_over_time_it_is_the_score():
-    scenario = lissajous_env.scenario("evaders", **{"task.duration": 10.0})
-    curve = worst_undetected_times(baselines.make("kuramoto-mpcc", scenario, 3), scenario, range(3))
-    rows = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario, 3), scenario, seeds=range(3))
-    assert curve.shape == (3, 101)
-    assert curve.max(axis=1) == pytest.approx([row["guaranteed_detection_time"] for row in rows])
-    assert curve[:, -1] == pytest.approx([row["unseen_at_end"] for row in rows])
-    intruders = lissajous_env.scenario("intruders")
-    still = baselines.make("still", intruders)
-    with pytest.raises(ValueError, match=r"task\.contamination of intruders must be"):
-        worst_undetected_times(still, intruders, [0])
 
 
 def test_a_rogue_must_be_faster_where_sensors_are_larger():

@@ -11,7 +11,7 @@ from pettingzoo.test import render_test
 
 import lissajous_env
 from lissajous_env.render import Renderer, Snapshot, palette
-from lissajous_env.world.state import NEVER, REMOVED, STUCK
+from lissajous_env.world.state import FAILED, NEVER, REMOVED
 
 FREE = (0.9, 0.0)
 """Place without a curve, robots or targets in the first steps."""
@@ -63,7 +63,7 @@ def test_scenarios_are_drawn(name):
         assert Renderer(named, 0.3).draw(simulation).std() > 5
 
 
-@pytest.mark.parametrize(("status", "colour"), [(STUCK, palette.STUCK), (REMOVED, palette.REMOVED)])
+@pytest.mark.parametrize(("status", "colour"), [(FAILED, palette.FAILED), (REMOVED, palette.REMOVED)])
 @pytest.mark.parametrize("name", ["experiment", "failure"])
 def test_a_robot_is_drawn_where_it_is_and_a_fault_shows_there(name, status, colour):
     simulation, seen = world(name)
@@ -86,8 +86,8 @@ def test_a_target_is_red_flashes_when_detected_and_vanishes():
     assert with_one_target(seen, int(NEVER)).mean_detection_time(step=0.1) == pytest.approx(1.2)
     assert count_near(at_large, palette.TARGET) > 20
     assert count_near(flash, palette.TARGET) == 0
-    assert count_near(flash, palette.FOUND, 90) > 10
-    assert count_near(vanished, palette.FOUND, 90) == count_near(vanished, palette.TARGET) == 0
+    assert count_near(flash, palette.DETECTED, 90) > 10
+    assert count_near(vanished, palette.DETECTED, 90) == count_near(vanished, palette.TARGET) == 0
 
 
 def test_a_contact_is_ringed():

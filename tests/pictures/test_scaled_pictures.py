@@ -13,7 +13,7 @@ import lissajous_env
 from lissajous_env.render import Renderer, Snapshot
 from lissajous_env.render.canvas import FOOTER, HEADER
 from lissajous_env.render.panel import decimals_of
-from lissajous_env.world.state import STUCK
+from lissajous_env.world.state import FAILED
 
 SCENARIOS = ("experiment", "team", "swarm")
 EXACT = [(64.0, 16.0)]
@@ -28,7 +28,7 @@ def played(name: str) -> tuple[lissajous_env.Scenario, Snapshot]:
     for _ in range(25):
         simulation.step(action)
     seen = Snapshot.of(simulation)
-    status = np.where(np.arange(len(seen.status)) == 0, STUCK, seen.status)
+    status = np.where(np.arange(len(seen.status)) == 0, FAILED, seen.status)
     return simulation.scenario, dataclasses.replace(seen, status=status)
 
 

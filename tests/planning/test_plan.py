@@ -20,7 +20,7 @@ from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, Outcome, Search
 from baselines.policies.settings import PolicySettings
-from lissajous_env.episodes.guarantee import worst_undetected_times
+from lissajous_env.episodes.evaluation import EpisodeRunner
 
 SMALL = """
 base = "evaders"
@@ -113,8 +113,11 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
             for i in range(5)
         ]
         assert figures["worst_case"] == worst_of(rows)
-        ages = worst_undetected_times(baselines.make(out / str(k), made, count), made, range(count))
-        assert figures["settled"] == ("inf" if worst_of(rows) == "inf" else ages[:, made.task.steps // 2 + 1 :].max())
+        simulation, ages = lissajous_env.Simulation(made, count), []
+        runner = EpisodeRunner(baselines.make(out / str(k), made, count), simulation)
+        runner.play(range(count), lambda _, of=simulation, into=ages: into.append(of.contamination.age.numpy().max()))
+        settled = max(ages[made.task.steps // 2 + 1 :]) * made.task.step
+        assert figures["settled"] == ("inf" if worst_of(rows) == "inf" else settled)
         assert figures["detection_time"] == pytest.approx(np.mean([row["detection_time_mean"] for row in rows]))
         assert figures["detection_low"] < figures["detection_time"] < figures["detection_high"]
         assert figures["clearance"] == min(row["min_separation"] for row in rows) - 2 * made.robot.radius

@@ -28,7 +28,7 @@ def test_every_classical_policy_of_cars_drives_robots_that_move_like_cars():
         assert row["distance_mean"] > 0.1 or name.startswith("still"), name
 
 
-@pytest.mark.parametrize("name", ["partition", "partition-repair", "kuramoto-mpcc"])
+@pytest.mark.parametrize("name", ["partition", "partition-repair", "line-abreast", "kuramoto-mpcc"])
 def test_partitions_and_formations_keep_their_guarantee_on_other_wheels(name):
     """Oracle: cars with the same top speed, turning radius and acceleration."""
     rows, of_cars = (
@@ -38,6 +38,18 @@ def test_partitions_and_formations_keep_their_guarantee_on_other_wheels(name):
     longest, wanted = (np.mean([row["guaranteed_detection_time"] for row in each]) for each in (rows, of_cars))
     assert longest < 1.15 * wanted + DRIVES.task.step
     assert sum(row["collisions"] for row in rows) == 0 or name == "kuramoto-mpcc"
+
+
+@pytest.mark.parametrize(("name", "share"), [("evaders", 1.0), ("experiment", 0.58), ("hall", 1.0)])
+def test_a_drive_gains_the_yaw_rate_of_every_circle_within_one_radius_of_way(name, share):
+    """Oracle: closed form, R = v / sqrt(yaw acceleration), on the tightest circle that steering and grip allow."""
+    drives = lissajous_env.scenario(name, **{"robot.kind": "differential"}).resolve()
+    cars = scenario_of_cars(drives).robot
+    speed = np.linspace(0.01, 1, 100) * cars.top_speed
+    radius = np.maximum(cars.wheelbase / np.tan(cars.steering_max), speed**2 / cars.lateral_acceleration_max)
+    wider = radius / speed * np.sqrt(drives.robot.top_yaw_acceleration)
+    assert (wider > 0.999).all()
+    assert speed[np.argmin(wider)] == pytest.approx(share * cars.top_speed, rel=0.02)
 
 
 def test_a_world_depends_on_its_own_observation_alone():

@@ -11,7 +11,7 @@ from baselines.planning.request import Request
 from baselines.policies import partition
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.line_path import ideal_worst_case
-from baselines.policies.partition_plan import PartitionParameters, partition_plan
+from baselines.policies.partition_plan import PartitionParameters, partition_plans
 
 HALL = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, turning_radius=2,
                rogue_speed=1.0).scenario_of(5)  # fmt: skip
@@ -122,17 +122,17 @@ def test_planned_paths_in_halls_stay_inside_and_apart(policy, seed):
 def test_cars_share_a_loop_where_walls_leave_no_room_for_one_each():
     """Physical story: circles side by side in a narrow hall leave no way past each other; cars in file need none."""
     scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall"})
-    plan = partition_plan(scenario)
+    plan = partition_plans(scenario)[0]
     steps = plan.loop.shape[1]
     for robot, loop in enumerate(plan.loop):
         np.testing.assert_allclose(loop, np.roll(plan.loop[0], -robot * steps // 5, axis=0), atol=1e-9)
-    own = partition_plan(scenario, PartitionParameters(in_phase=True))
+    own = partition_plans(scenario, PartitionParameters(in_phase=True))[0]
     assert len(np.unique(own.loop.mean(axis=1).round(6), axis=0)) == 5
 
 
 def test_loops_that_cannot_be_driven_are_refused():
     with pytest.raises(ValueError, match=r"got one of 0\.45 m to a side within an inset of 0\.35 m"):
-        partition_plan(lissajous_env.scenario("evaders", **{"task.boundary": "wall", "curve.inset": 0.35}))
+        partition_plans(lissajous_env.scenario("evaders", **{"task.boundary": "wall", "curve.inset": 0.35}))[0]
 
 
 def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
@@ -145,9 +145,11 @@ def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
 
 @pytest.mark.parametrize(("name", "policy", "fields", "longest"), [
     ("experiment", "partition", {"faults.schedule": ()}, None),
+    ("experiment", "partition", {"faults.schedule": (), "robot.kind": "differential"}, None),
+    ("experiment", "kuramoto-mpcc", {"faults.schedule": (), "robot.kind": "differential"}, None),
     ("evaders-walls", "partition-repair", {"faults.removed": ((0, 6.0),)}, 4.2),
 ])  # fmt: skip
-def test_cars_reach_loops_that_overlap_from_a_later_place_of_the_formation(name, policy, fields, longest):
+def test_formations_and_loops_that_overlap_have_no_collisions_within_walls(name, policy, fields, longest):
     """Oracle: collisions, contacts and worst case of the simulation, also after neighbours take over a cell."""
     scenario = lissajous_env.scenario(name, **{"task.boundary": "wall", "task.duration": 16.0, **fields})
     policy = baselines.make(policy, scenario)

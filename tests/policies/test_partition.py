@@ -13,7 +13,7 @@ from baselines.policies.as_cars import like_cars
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart
-from baselines.policies.partition_plan import PartitionParameters, partition_plan, room_of, smallest_distance
+from baselines.policies.partition_plan import PartitionParameters, partition_plans, room_of, smallest_distance
 from baselines.policies.timed_paths import plain_of
 from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, turning_radius_of
 
@@ -113,7 +113,7 @@ def worst_of(scenario, plan):
 @pytest.mark.parametrize("name", ["evaders", "team"])
 def test_a_plan_obeys_the_limits_of_the_cars(name):
     scenario = lissajous_env.scenario(name).resolve()
-    plan = partition_plan(scenario)
+    plan = partition_plans(scenario)[0]
     robot, step = scenario.robot, scenario.task.step
     away = np.diff(plan.loop, axis=1, append=plan.loop[:, :1])
     speed = np.linalg.norm(away, axis=2).max() / step
@@ -128,7 +128,7 @@ def test_a_plan_obeys_the_limits_of_the_cars(name):
 
 def test_ring_neighbours_have_neighbouring_cells():
     scenario = plain_of(lissajous_env.scenario("team").resolve())
-    plan = partition_plan(scenario)
+    plan = partition_plans(scenario)[0]
     cell = in_ring_order(scenario, tour(plan.cells))
     assert sorted(cell) == list(range(15))
     side_by_side = are_adjacent(plan.cells)
@@ -141,7 +141,7 @@ def test_the_ideal_guarantee_is_that_of_the_simulated_cars_and_nobody_collides()
     times = played("partition", {"task.duration": 15.0}, worlds=8)
     assert times.max() <= 4.0
     scenario = lissajous_env.scenario("evaders")
-    assert times[50:].max() == pytest.approx(worst_of(scenario, partition_plan(scenario)), abs=0.3)
+    assert times[50:].max() == pytest.approx(worst_of(scenario, partition_plans(scenario)[0]), abs=0.3)
 
 
 def test_drives_plan_wider_loops_where_these_are_better():
@@ -149,12 +149,12 @@ def test_drives_plan_wider_loops_where_these_are_better():
     times, turns = [], []
     for kind in ("car", "differential"):
         made = plain_of(like_cars(lissajous_env.scenario("hall", **{"robot.kind": kind})))
-        loop, half = partition_plan(made).loop, (made.curve.half_width, made.curve.half_height)
+        loop, half = partition_plans(made)[0].loop, (made.curve.half_width, made.curve.half_height)
         times.append(worst_undetected_time(loop, half, made.sensing_radius, made.rogue_speed, made.task.step))
         turns.append(turning_radius_of(made))
     assert turns[1] < turns[0]
     assert times[1] <= times[0]
-    given = partition_plan(made, PartitionParameters(turning=turns[0]))
+    given = partition_plans(made, PartitionParameters(turning=turns[0]))[0]
     moved = np.diff(given.loop, axis=1)
     bends = np.linalg.norm(np.diff(moved, axis=1), axis=2) / np.linalg.norm(moved, axis=2)[:, 1:] ** 2
     assert bends.max() < 1.1 / turns[0]
@@ -163,17 +163,17 @@ def test_drives_plan_wider_loops_where_these_are_better():
 def test_the_speed_is_a_parameter():
     """Oracle: a slower partition detects later, by about as much."""
     scenario = lissajous_env.scenario("evaders")
-    fast, slow = partition_plan(scenario), partition_plan(scenario, PartitionParameters(speed=1.2))
+    fast, slow = partition_plans(scenario)[0], partition_plans(scenario, PartitionParameters(speed=1.2))[0]
     assert slow.speed <= 1.2
     assert worst_of(scenario, slow) / worst_of(scenario, fast) == pytest.approx(fast.speed / slow.speed, rel=0.35)
 
 
 @pytest.mark.parametrize(("make", "words"), [
-    (lambda: partition_plan(lissajous_env.scenario("evaders", **{"robot.wheelbase": 0.4})),
+    (lambda: partition_plans(lissajous_env.scenario("evaders", **{"robot.wheelbase": 0.4}))[0],
      r"partition requires a rectangle that contains a car's turning circle, of radius 1.19 m, got one of 0.8 m"),
-    (lambda: partition_plan(lissajous_env.scenario("evaders", **{"robot.count": 12}), PartitionParameters(rows=1)),
+    (lambda: partition_plans(lissajous_env.scenario("evaders", **{"robot.count": 12}), PartitionParameters(rows=1))[0],
      r"partition requires room for 12 loops of radius 0.52 m, .* 0.375 m from one another, got 3.6 m x 1.6 m"),
-    (lambda: partition_plan(lissajous_env.scenario("evaders"), PartitionParameters(rows=6)),
+    (lambda: partition_plans(lissajous_env.scenario("evaders"), PartitionParameters(rows=6))[0],
      "rows must be at most the 5 robots, got 6"),
     (lambda: PartitionParameters(lanes=3), "lanes must be even, got 3"),
     (lambda: RepairParameters(patience=0), "patience must be a whole number from 1"),
@@ -218,6 +218,16 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(kind, fault, ste
     assert [robot for robot in noticed[step + 15] if robot != 1] == [0, 4]
 
 
+def test_a_robot_that_resumes_waits_at_rest():
+    """Oracle: the speed of a car that stands, also of one for which the lowest throttle is full reverse."""
+    fields = {"robot.speed_min": -0.5, "robot.throttle_min": 0.05, "faults.schedule": ((1, 1.0, 2.0),)}
+    scenario = lissajous_env.scenario("team", **fields)
+    policy, simulation = PartitionRepair(scenario), lissajous_env.Simulation(scenario)
+    for step in range(35):
+        simulation.step(policy.act(simulation.observation))
+        assert simulation.robots.speed.numpy()[0, 1] == 0 or not 10 <= step < 26
+
+
 def test_messages_that_are_lost_or_late_show_no_failure():
     """Oracle: no robot fails; a message that stays the last one for some steps has the same place in all of them."""
     scenario = lissajous_env.scenario("evaders", **{"noise.message_loss": 0.3})
@@ -230,10 +240,10 @@ def test_messages_that_are_lost_or_late_show_no_failure():
 def test_a_plan_has_the_least_worst_case_and_not_the_most_frequent_visits(monkeypatch):
     """Oracle: the plan by share and time between visits alone, which rogues can evade for longer with 0.5 m sensors."""
     scenario = lissajous_env.scenario("evaders", **{"sensing.radius": 0.5})
-    worst = worst_of(scenario, partition_plan(scenario))
+    worst = worst_of(scenario, partition_plans(scenario)[0])
     partition_module._ranked.cache_clear()
     monkeypatch.setattr(partition_module, "_score", lambda entry: entry[0][1:])
-    assert worst < worst_of(scenario, partition_plan(scenario))
+    assert worst < worst_of(scenario, partition_plans(scenario)[0])
     partition_module._ranked.cache_clear()
 
 

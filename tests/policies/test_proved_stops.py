@@ -15,10 +15,10 @@ FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30
 
 def stop(simulation, chosen, steps=8):
     """Let chosen robots (W, N) that work stop dead in the next steps."""
-    until = simulation.robots.stuck_until.numpy()
+    until = simulation.robots.failed_until.numpy()
     now = simulation.clock.step.numpy()[:, None]
     until = np.where(chosen & (until < now), now + steps, until)
-    simulation.robots.stuck_until.assign(until.astype(np.int32))
+    simulation.robots.failed_until.assign(until.astype(np.int32))
 
 
 def stop_before_others(simulation, filter):

@@ -45,11 +45,11 @@ def test_a_drive_meets_no_wall_moves_on_and_knows_its_yaw_rate(name, fields):
         place = robots.position.numpy()[..., :2]
         way += np.linalg.norm(place - before, axis=2)
         assert (np.abs(place) < half - 0.005 * scenario.robot.radius).all()
-        np.testing.assert_allclose(policy._inside.yaw_rate.numpy(), robots.yaw_rate.numpy(), atol=1e-3)
+        np.testing.assert_allclose(policy._stay_inside.yaw_rate.numpy(), robots.yaw_rate.numpy(), atol=1e-3)
     assert (way > 0.02 * scenario.robot.top_speed * scenario.task.duration).all()
     policy.reset(np.arange(16) == 2)
-    assert (policy._inside.yaw_rate.numpy()[2] == 0).all()
-    assert (policy._inside.yaw_rate.numpy()[3] != 0).any()
+    assert (policy._stay_inside.yaw_rate.numpy()[2] == 0).all()
+    assert (policy._stay_inside.yaw_rate.numpy()[3] != 0).any()
 
 
 @pytest.mark.parametrize("axis", [0, 1])

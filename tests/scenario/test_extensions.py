@@ -267,7 +267,7 @@ AT_GATES = {"targets.entry": "custom", "targets.count": 3, "targets.arrival_rate
 
 def entered(simulation):
     """Targets that have appeared, and the gates (W, 2) of their worlds."""
-    return simulation.targets.stage.numpy() > 0, simulation._extended.kept["gates.gate"].numpy()
+    return simulation.targets.status.numpy() > 0, simulation._extended.kept["gates.gate"].numpy()
 
 
 def test_targets_enter_where_an_extension_says_which_remembers_its_draws():

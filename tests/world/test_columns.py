@@ -25,9 +25,9 @@ def test_a_column_is_named_in_three_files_at_most():
         assert sum(name in text and bool(re.search(pattern, text)) for text in SOURCES) <= 3, name
 
 
-def test_a_column_has_a_rule_a_meaning_and_a_place_of_its_own():
-    places = [each.place for each in COLUMNS.values() if each.place]
-    assert len(set(places)) == len(places)
+def test_a_column_has_a_rule_a_meaning_and_an_order_of_its_own():
+    orders = [each.order for each in COLUMNS.values() if each.order]
+    assert len(set(orders)) == len(orders)
     assert all(COLUMNS[name].value is not None and meaning for name, meaning in MEANINGS.items() if name in COLUMNS)
 
 

@@ -65,9 +65,9 @@ def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
         **{"task.contamination": (columns, columns), "sensing.radius": 1e-5},
     )
     simulation = lissajous_env.Simulation(scenario)
-    there = np.zeros_like(simulation.contamination.there.numpy())
+    there = np.zeros_like(simulation.contamination.labelled.numpy())
     there[0, columns // 2 + 2, columns // 2 // 32 + 1] = 1 << columns // 2 % 32
-    simulation.contamination.there.assign(there)
+    simulation.contamination.labelled.assign(there)
     time = 3.0 / speed
     go(simulation, round(time / 0.1))
     nodes = np.linspace(-5, 5, columns)

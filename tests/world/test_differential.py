@@ -1,4 +1,4 @@
-"""Differential drives: closed forms of their motion, limits, laws, and the policies of cars that drive them."""
+"""Differential drives: closed forms of their motion, limits and laws."""
 
 import math
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from one_robot import driven, one_robot
 
-import baselines
 import lissajous_env
 from lissajous_env.envs.sides import action_table
 from lissajous_env.parameters.robot_models import model_of
@@ -116,16 +115,3 @@ def test_actions_observations_and_shape():
     assert (np.abs(table[:, 1]) == 1)[table[:, 0] == 0].sum() == 2, "and two turn on the spot"
     for outline, _ in model_of("differential").shape(simulation.scenario.robot):
         assert np.hypot(*outline.T).max() <= 1.001
-
-
-def test_patrols_of_cars_drive_it_as_well_as_a_car():
-    # Oracle: the worst case and the collisions of cars on the same scenario.
-    rows = {}
-    for kind in ("car", "differential"):
-        scenario = lissajous_env.scenario("evaders", **{"robot.kind": kind})
-        for name in ("partition", "line-abreast"):
-            rows[name, kind] = lissajous_env.evaluate(baselines.make(name, scenario, 4), scenario, range(4))
-    for name in ("partition", "line-abreast"):
-        worst = {kind: max(row["guaranteed_detection_time"] for row in rows[name, kind]) for _, kind in rows}
-        assert worst["differential"] < 1.3 * worst["car"], name
-        assert sum(row["collisions"] for row in rows[name, "differential"]) == 0, name

@@ -43,8 +43,8 @@ def test_targets_and_robots_within_sight_are_observed_and_those_within_the_radiu
     # Oracle: NumPy distances; and the same worlds with a sight of the sensing radius, in which the same is detected.
     near, far = field(), field(**{"sensing.sight": 8.0, "sensing.targets_seen": 12})
     for _ in zip(drive(near), drive(far), strict=True):
-        stages = far.targets.stage.numpy()
-        there = (stages == 1) | (stages == 2)
+        status = far.targets.status.numpy()
+        there = (status == 1) | (status == 2)
         gap = distances(far)
         np.testing.assert_array_equal(far.targets.in_sight.numpy() == 1, (gap.min(axis=1) < 8.0) & there)
         names = [far.layout.names.index(f"target_{k}_present") for k in range(12)]
@@ -95,7 +95,7 @@ def test_a_detected_target_appears_anew_and_every_life_counts():
         now = simulation.clock.step.numpy()[0]
         for w, t in np.argwhere(targets["found_at"] == now):
             times[w].append(0.5 * (now - targets["found_early"][w, t] - targets["appears_at"][w, t]))
-        assert (simulation.targets.stage.numpy() != 3).all(), "nobody is gone for good"
+        assert (simulation.targets.status.numpy() != 3).all(), "nobody is gone for good"
     at_reset = [int((simulation.targets.earlier.numpy()[w] > 0).sum()) for w in range(2)]
     assert min(at_reset) > 0
     for w, row in enumerate(simulation.score()):
@@ -103,7 +103,7 @@ def test_a_detected_target_appears_anew_and_every_life_counts():
         missed = detected - total[w]  # of the reset
         assert 0 <= missed <= 12
         assert row["detection_rate"] == pytest.approx(detected / (119 * 0.5 / 60))
-        undetected = simulation.targets.stage.numpy()[w] == 1
+        undetected = simulation.targets.status.numpy()[w] == 1
         left = 0.5 * (119 - simulation.targets.appears_at.numpy()[w][undetected])
         expected = (sum(times[w]) + left.sum()) / row["targets"]
         assert row["detection_time_mean"] == pytest.approx(expected, rel=1e-5)

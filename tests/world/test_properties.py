@@ -124,7 +124,7 @@ def test_every_world_keeps_its_promises(scenario, seed):
         phases = simulation.robots.phase.numpy()
         assert ((phases >= 0) & (phases < 2 * math.pi)).all()
         assert (simulation.robots.speed.numpy() >= 0).all()
-        there = simulation.targets.stage.numpy() > 0
+        there = simulation.targets.status.numpy() > 0
         assert (np.abs(simulation.targets.position.numpy()[there]) <= half).all()
         now_covered = simulation.tally.covered.numpy()
         assert (now_covered >= covered).all()

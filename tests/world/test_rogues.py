@@ -9,7 +9,7 @@ import pytest
 import lissajous_env
 from lissajous_env import Simulation
 from lissajous_env.world.rogues.acting import rogue_layout
-from lissajous_env.world.state import FOUND, PRESENT
+from lissajous_env.world.state import DETECTED, PRESENT
 
 FEW = {"targets.count": 6, "targets.arrival_rate": 0.5, "targets.entry": "unseen", "task.duration": 8.0}
 SMALL = FEW | {"sensing.radius": 0.3}
@@ -42,7 +42,7 @@ def placed(places, robots, **settings):
     simulation.robots.speed.zero_()
     for array in (simulation.targets.position, simulation.targets.before):
         array.assign(np.array([places], dtype=np.float32))
-    simulation.targets.stage.assign(np.full((1, len(places)), int(PRESENT), dtype=np.int32))
+    simulation.targets.status.assign(np.full((1, len(places)), int(PRESENT), dtype=np.int32))
     simulation.step(np.zeros(simulation.action_shape), np.zeros(simulation.rogues.action.shape))
     return simulation
 
@@ -122,15 +122,15 @@ def test_the_reward_is_the_time_undetected():
 
 
 def test_the_row_of_a_rogue_that_is_not_there_is_zero():
-    # Law: rows and flags follow the stage of the slot; the last row is that of the detection, with present = 0.
+    # Law: rows and flags follow the status of the slot; the last row is that of the detection, with present = 0.
     simulation = Simulation("experiment", 3, **AGENTS)
     for step in range(40):
         simulation.step(*actions(simulation, step))
-        stage, found_at = simulation.targets.stage.numpy(), simulation.targets.found_at.numpy()
-        is_new = (stage == int(FOUND)) & (found_at == step + 1)
+        status, found_at = simulation.targets.status.numpy(), simulation.targets.found_at.numpy()
+        is_new = (status == int(DETECTED)) & (found_at == step + 1)
         rows = simulation.rogues.observation.numpy()
-        assert np.array_equal(rows.any(axis=-1), (stage == int(PRESENT)) | is_new)
-        assert np.array_equal(rows[..., 0] == 1.0, stage == int(PRESENT))
+        assert np.array_equal(rows.any(axis=-1), (status == int(PRESENT)) | is_new)
+        assert np.array_equal(rows[..., 0] == 1.0, status == int(PRESENT))
         layout = rogue_layout(simulation.scenario)
         assert ((rows >= layout.low) & (rows <= layout.high)).all()
 

@@ -30,7 +30,7 @@ def coasting(robot, targets, speed=2.0, scenario="experiment", **overrides):
     """A world with a car at a place that rolls along x at a speed, and targets at places, none of them seen yet."""
     made = lissajous_env.scenario(scenario, **{**COASTING, "targets.count": len(targets), **overrides})
     simulation = lissajous_env.Simulation(made)
-    simulation.targets.stage.fill_(1)
+    simulation.targets.status.fill_(1)
     simulation.targets.found_at.fill_(2**30)
     simulation.targets.in_sight.zero_()
     simulation.targets.position.assign(np.array([targets], dtype=np.float32))
@@ -75,7 +75,7 @@ def test_a_target_that_is_moved_by_ones_own_rule_is_seen_on_its_way():
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=(leap,), **overrides))
     simulation.robots.position.zero_()
     simulation.robots.speed.zero_()
-    simulation.targets.stage.fill_(0)
+    simulation.targets.status.fill_(0)
     simulation.targets.found_at.fill_(2**30)
     simulation.targets.position.assign(np.array([[[-1.0, 0.0]]], dtype=np.float32))
     roll(simulation, 1)
@@ -118,7 +118,7 @@ def test_an_unseen_target_appears_in_no_disc():
     # Story: one robot in a small rectangle, whose disc is a third of it. Oracle: distances in NumPy; and uniform where
     # it is not seen: of 64 places one is free but with probability 1e-30, so as many left as right, above as below.
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **UNSEEN, **{"sensing.radius": 0.75}), 20)
-    places, robots = appeared(simulation, np.zeros(simulation.targets.stage.shape, dtype=bool))
+    places, robots = appeared(simulation, np.zeros(simulation.targets.status.shape, dtype=bool))
     assert len(places) == 600
     assert (np.linalg.norm(places - robots[:, 0], axis=1) >= 0.75 - 1e-6).all()
     everything = [places]

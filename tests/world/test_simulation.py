@@ -113,7 +113,7 @@ def test_a_finished_world_stands_still():
         after = state_of(simulation)
         assert (after["latest.reward"][[0, 2]] == 0).all()
         assert (after["latest.terms"][[0, 2]] == 0).all()
-        same = ("latest.reward", "latest.terms", "clock.stage")
+        same = ("latest.reward", "latest.terms", "clock.status")
         assert_same(before, after, [0, 2], [0, 2], but=same)
         assert (after["robots.position"][1] != before["robots.position"][1]).any()
     now = simulation.score()

@@ -66,11 +66,11 @@ def test_sharing_more_never_means_to_know_less():
     kinds = [made(4, **MESSY, **{"sensing.shared": shared}) for shared in ("none", "ring", "team")]
     more = np.zeros(2)
     for _ in zip(*(drive(each) for each in kinds), strict=True):
-        none, ring, team = (each.tracks.seen_at.numpy() for each in kinds)
+        none, ring, team = (each.tracks.sighted_at.numpy() for each in kinds)
         assert (none <= ring).all()
         assert (ring <= team).all()
         more += (none < ring).mean(), (ring < team).mean()
-        none, ring, team = (each.tracks.heard_at.numpy() for each in kinds)
+        none, ring, team = (each.tracks.mate_sent_at.numpy() for each in kinds)
         assert (none == -1).all()
         assert (ring <= team).all()
     assert (more > 1).all()
@@ -79,10 +79,10 @@ def test_sharing_more_never_means_to_know_less():
 def test_a_track_ages_by_a_step_unless_somebody_has_the_target_in_sight():
     # Law: the step in which a target was last in sight stays, unless the robot or another one has seen it since.
     simulation = made(4, **MESSY, **{"sensing.shared": "ring"})
-    before = simulation.tracks.seen_at.numpy().copy()
+    tracks, before = simulation.tracks, simulation.tracks.sighted_at.numpy().copy()
     for _ in drive(simulation):
-        after, now = simulation.tracks.seen_at.numpy().copy(), simulation.clock.step.numpy()[0]
-        own, other = simulation.tracks.own_at.numpy() == now, simulation.tracks.other_at.numpy() == now - 2
+        after, now = tracks.sighted_at.numpy().copy(), simulation.clock.step.numpy()[0]
+        own, other = tracks.own_sighted_at.numpy() == now, tracks.other_sighted_at.numpy() == now - 2
         np.testing.assert_array_equal(after != before, own | (other & (now - 2 > before)))
         assert (after[own] == now).all()
         assert (after >= before).all()
@@ -99,8 +99,8 @@ def test_a_neighbours_sighting_arrives_with_its_message():
         if step >= 2:
             for i in range(5):
                 other = seen[-3][neighbours[i]].any(axis=0)
-                np.testing.assert_array_equal(simulation.tracks.other_at.numpy()[0, i] == step + 1 - 2, other)
-                known = simulation.tracks.mate_at.numpy()[0, i]
+                np.testing.assert_array_equal(simulation.tracks.other_sighted_at.numpy()[0, i] == step + 1 - 2, other)
+                known = simulation.tracks.mate_position.numpy()[0, i]
                 np.testing.assert_allclose(known[neighbours[i]], places[-3][neighbours[i]], atol=1e-4)
                 assert entry(simulation, "teammate", "present")[0, i].sum() == 2
                 assert entry(simulation, "teammate", "age")[0, i, :2] == pytest.approx([0.1, 0.1])
@@ -112,8 +112,8 @@ def test_a_track_ends_when_its_target_was_detected_and_left(shared):
     simulation = made(4, **{"targets.leave": True, "sensing.shared": shared, "sensing.memory": 100.0})
     told, left = 0, 0
     for _ in drive(simulation):
-        tracks, gone = simulation.tracks.seen_at.numpy() >= 0, simulation.targets.stage.numpy() == 3
-        saw = simulation.tracks.own_at.numpy() >= simulation.targets.found_at.numpy()[:, None]
+        tracks, gone = simulation.tracks.sighted_at.numpy() >= 0, simulation.targets.status.numpy() == 3
+        saw = simulation.tracks.own_sighted_at.numpy() >= simulation.targets.found_at.numpy()[:, None]
         left += entry(simulation, "track", "leaves").sum()
         told += (tracks & gone[:, None]).sum()
         assert not (tracks & gone[:, None] & saw).any()
@@ -198,6 +198,6 @@ def test_no_tracks_cost_nothing():
     # Story: without tracks there is no stage, no memory and no entry of theirs.
     plain = lissajous_env.Simulation("intruders")
     assert not {"sighting", "tracking", "tracks", "cells"} & {stage.name for stage in plain.stages.stages}
-    assert plain.tracks.sighted.size == plain.tracks.heard_at.size == plain.tracks.covered_at.size == 0
+    assert plain.tracks.sighted.size == plain.tracks.mate_sent_at.size == plain.tracks.covered_at.size == 0
     assert not [name for name in plain.layout.names if name.startswith(("track", "teammate", "cell"))]
     assert not [name for name in plain.save_state() if name.startswith("tracks")]

@@ -92,7 +92,7 @@ def test_the_speed_that_an_action_requests():
     # Oracle: by hand; rest and unit of the throttle, 0 for the steering.
     for back, expected in ((0.0, [[0, 0], [-1, 0.75]]), (-1.0, [[0, 0], [0, 1.5]])):
         scenario = lissajous_env.scenario("experiment", **{"robot.speed_max": 1.5, "robot.speed_min": back}).resolve()
-        np.testing.assert_allclose(constants_of(scenario, "cpu")["driving"].numpy(), expected)
+        np.testing.assert_allclose(constants_of(scenario, "cpu")["action_speeds"].numpy(), expected)
     with pytest.raises(ValueError, match=r"driving of robot model other must contain indices .* 0 to 1, got \(2,\)"):
         lissajous_env.register_robot_model(dataclasses.replace(model_of("car"), name="other", driving=(2,)))
 

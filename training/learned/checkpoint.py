@@ -62,7 +62,7 @@ def save(
     *,
     state: Mapping[str, np.ndarray] | None = None,
     notes: Mapping[str, Any] | None = None,
-    place: str = "",
+    subfolder: str = "",
 ) -> None:
     """Replace the checkpoint of a folder, and remove the files of the earlier one.
 
@@ -72,13 +72,13 @@ def save(
         card: Card of the policy.
         state: Arrays from which the training can be resumed.
         notes: Further entries of `checkpoint.json`: scores, counters.
-        place: `BEST` for the checkpoint of the best policy, inside the folder.
+        subfolder: `BEST` for the checkpoint of the best policy, inside the folder.
     """
     with contextlib.nullcontext(folder) if isinstance(folder, Folder) else locked(folder) as directory:
-        if place:
-            directory.make_folder(place.rstrip("/"))
+        if subfolder:
+            directory.make_folder(subfolder.rstrip("/"))
         arrays = {"weights": network.to_arrays()} | ({} if state is None else {"state": state})
-        files = {stem: _write(directory, place, stem, to_bytes(named)) for stem, named in arrays.items()}
+        files = {stem: _write(directory, subfolder, stem, to_bytes(named)) for stem, named in arrays.items()}
         text = {
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": ACTIVATION},
@@ -88,10 +88,10 @@ def save(
             "files": files,
             **(notes or {}),
         }
-        directory.write(place + FILE, json.dumps(text, indent=1, allow_nan=False) + "\n")
-        current = {place + entry["name"] for entry in files.values()}
+        directory.write(subfolder + FILE, json.dumps(text, indent=1, allow_nan=False) + "\n")
+        current = {subfolder + entry["name"] for entry in files.values()}
         for name in directory.written:
-            if re.fullmatch(rf"{place}(weights|state){_NAME}", name) and name not in current:
+            if re.fullmatch(rf"{subfolder}(weights|state){_NAME}", name) and name not in current:
                 directory.remove(name)
 
 
@@ -238,10 +238,10 @@ def _check_files(files: Mapping[str, Any]) -> None:
         require(f"SHA-256 of {stem}", re.fullmatch("[0-9a-f]{64}", digest), "must be 64 hexadecimal digits", digest)
 
 
-def _write(folder: Folder, place: str, stem: str, data: bytes) -> dict[str, str]:
+def _write(folder: Folder, subfolder: str, stem: str, data: bytes) -> dict[str, str]:
     digest = hashlib.sha256(data).hexdigest()
     name = f"{stem}-{digest[:12]}.safetensors"
-    folder.write(place + name, data)
+    folder.write(subfolder + name, data)
     return {"name": name, "sha256": digest}
 
 

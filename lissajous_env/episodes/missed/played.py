@@ -196,13 +196,13 @@ def _places(path: Path, steps: int) -> np.ndarray:
 def _introduce(simulation: Simulation, paths: Sequence[Path]) -> None:
     """Let the first target of each world be its rogue, and no other target appear."""
     targets = simulation.targets
-    shape = targets.stage.shape
+    shape = targets.status.shape
     first = np.array([path.places[0] for path in paths], dtype=np.float32)
-    appears, stage = np.full(shape, int(NEVER), dtype=np.int32), np.full(shape, int(HIDDEN), dtype=np.int32)
+    appears, status = np.full(shape, int(NEVER), dtype=np.int32), np.full(shape, int(HIDDEN), dtype=np.int32)
     appears[:, 0] = [path.appears_at for path in paths]
-    stage[appears[:, 0] == 0, 0] = int(PRESENT)
+    status[appears[:, 0] == 0, 0] = int(PRESENT)
     targets.appears_at.assign(appears)
-    targets.stage.assign(stage)
+    targets.status.assign(status)
     targets.found_at.assign(np.full(shape, int(NEVER), dtype=np.int32))
     targets.found_early.zero_()
     targets.in_sight.zero_()

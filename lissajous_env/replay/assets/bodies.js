@@ -1,7 +1,7 @@
 // Draws the robots: bodies to scale, numbers, failures and collisions.
 
 import { COLOURS, faded, robotPaint } from "./colours.js";
-import { REMOVED, STUCK } from "./episode.js";
+import { REMOVED, FAILED } from "./episode.js";
 
 const PARTS = { WHEEL: "wheel", GROUND: "card", GLASS: "glass" };
 
@@ -43,9 +43,9 @@ export class Bodies {
     const { context } = this;
     if (isSelected) this.ring(x, y, this.size + 6, COLOURS.ink, 2);
     if (status === REMOVED) return this.ring(x, y, this.size, COLOURS.removed, 2);
-    if (status === STUCK) {
+    if (status === FAILED) {
       context.setLineDash([4, 3]);
-      this.ring(x, y, 1.15 * this.size + 3.5, COLOURS.stuck, 2.2);
+      this.ring(x, y, 1.15 * this.size + 3.5, COLOURS.failed, 2.2);
       context.setLineDash([]);
     }
     const colour = robotPaint(i);

@@ -20,7 +20,7 @@ export const COLOURS = {
   unseen: "#6a2c74",
   target: "#d3202f",
   found: "#00a06d",
-  stuck: "#d97b00",
+  failed: "#d97b00",
   removed: "#8d95a0",
   touch: "#e31fc4",
   wheel: "#1f2730",

@@ -4,7 +4,7 @@
 import { number } from "./words.js";
 
 const WORKING = 0;
-export const STUCK = 1;
+export const FAILED = 1;
 export const REMOVED = 2;
 export const FLEEING = 3;
 
@@ -115,7 +115,7 @@ function eventsOf(episode) {
       if (status === WORKING || (f > 0 && status === episode.robots.status[i * moments + f - 1])) continue;
       let last = f;
       while (last + 1 < moments && episode.robots.status[i * moments + last + 1] === status) last += 1;
-      const words = status === STUCK ? `robot ${i} has failed` : `robot ${i} has been removed`;
+      const words = status === FAILED ? `robot ${i} has failed` : `robot ${i} has been removed`;
       events.push({ kind: "fault", time: f * step, until: last * step, robots: [i], words });
     }
   }

@@ -1,9 +1,9 @@
 // Observation and action of the selected robot at the current moment; the score of the episode if none is selected.
 
-import { REMOVED, STUCK } from "./episode.js";
+import { REMOVED, FAILED } from "./episode.js";
 import { decimals, element, number, rounded } from "./words.js";
 
-const STATUS = { 0: "works", [STUCK]: "failed", [REMOVED]: "removed" };
+const STATUS = { 0: "works", [FAILED]: "failed", [REMOVED]: "removed" };
 const NOT_SCORED = ["episode", "seed"];
 
 export class Inspector {

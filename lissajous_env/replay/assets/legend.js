@@ -14,7 +14,7 @@ export function legendOf(episode, ground, layer) {
   if (targets.count > 0) entries.push(["found", "just detected"]);
   if (kinds.has("rogue")) entries.push(["rogue", "the rogue that this policy misses"]);
   if (kinds.has("touch")) entries.push(["touch", "collision"]);
-  if (kinds.has("fault")) entries.push(["stuck", "failed"]);
+  if (kinds.has("fault")) entries.push(["failed", "failed"]);
   if (episode.losesMessages) entries.push(["lost", "message lost"]);
   const what = { unseen: "target here undetected for", idle: "not sensed for" }[layer];
   if (what) entries.push(["ramp", `${what} 0 – ${number(ground.full(layer))} s or more`]);

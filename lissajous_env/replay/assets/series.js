@@ -26,7 +26,7 @@ function distances(episode) {
     pairs = edges(episode);
   const series = ofEach(ringDistances(episode), (k) => pairs[k][0], (k) => pairs[k].join("–"));
   const bounds = [
-    [2 * sensing, "2 r_s (discs part)", "var(--stuck)"],
+    [2 * sensing, "2 r_s (discs part)", "var(--failed)"],
     [2 * radius, "2 r (collision)", "var(--touch)"],
   ];
   return { id: "distances", title: "Ring distances", unit: "m", series, bounds, summary: "largest", least: 0 };
@@ -47,7 +47,7 @@ function ages(episode, title, name, colour) {
     { label: "worst case", values: worst, colour: `var(--${colour})`, filled: true },
     { label: "mean", values: mean, colour: "var(--muted)", dashed: true },
   ];
-  const bounds = [[episode.about.bound, episode.about.bound_name, "var(--stuck)"]];
+  const bounds = [[episode.about.bound, episode.about.bound_name, "var(--failed)"]];
   return { id: "age", title, unit: "s", series, bounds, least: 0 };
 }
 

@@ -3,7 +3,7 @@
 import { Bodies } from "./bodies.js";
 import { COLOURS, faded, robotPaint } from "./colours.js";
 import { edges } from "./derived.js";
-import { REMOVED, STUCK } from "./episode.js";
+import { REMOVED, FAILED } from "./episode.js";
 import { Ground } from "./ground.js";
 import { paintRogue, Targets } from "./targets.js";
 import { quantile } from "./words.js";
@@ -134,7 +134,7 @@ export class Stage {
     context.strokeStyle = faded(COLOURS.sensing, 0.5 * strength);
     context.lineWidth = 1;
     for (const place of places) {
-      if (place.status === REMOVED || place.status === STUCK) continue;
+      if (place.status === REMOVED || place.status === FAILED) continue;
       context.beginPath();
       context.arc(place.x, place.y, this.scale * episode.about.sensing, 0, 2 * Math.PI);
       context.fill();

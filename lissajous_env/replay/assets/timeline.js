@@ -8,7 +8,7 @@ const LANES = [
   ["missed", "missed", COLOURS.target],
   ["rogue", "rogue", COLOURS.unseen],
   ["touch", "collisions", COLOURS.touch],
-  ["fault", "faults", COLOURS.stuck],
+  ["fault", "faults", COLOURS.failed],
 ];
 const LANE = 12;
 const NEAR = 7;

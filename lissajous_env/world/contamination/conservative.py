@@ -1,30 +1,29 @@
 """Contamination with bounds for `task.conservative`: no target stays undetected for longer than it reports.
 
 A label L[n, c] is a lower bound: every target that is somewhere in cell c at the end of step n, and that no working
-robot has sensed until then, was introduced at the end of step L[n, c] or later. Proof, by induction over steps; a
-target goes any way at no more than the speed limit v, and D(c, c') is the least distance between two points of two
-cells.
+robot has sensed until then, was introduced at the end of step L[n, c] or later. The proof is by induction over steps.
+A target moves in any way at no more than the speed limit v, and D(c, c') is the least distance of two cells.
 
-* At the start, targets that are present have label 0 wherever targets are introduced, and 0 is when they came.
+* At the start, cells in which targets are introduced have label 0, and targets that are present came at step 0.
 * A tick is P steps. A target that is in c' at the end of tick n, and was there k ticks ago, was in a cell c with D(c,
-  c') <= k P v dt. It has stayed undetected until then, so L[n - k, c] applies to it. So the least L[n - k, c] of these
-  cells is a bound, for each k: the largest bound is one.
+  c') <= k P v dt. It was undetected at that time, so L[n - k, c] applies to it. So for each k, the least L[n - k, c] of
+  these cells is a bound, and so is the largest of these bounds.
 * A target that came since then was introduced in a cell where targets are introduced, at most k P v dt away. A
   target that is introduced in tick n - k is treated as present since that tick. This is safe: the bound covers every
   place that it can reach.
   Targets that came later came at the end of step (n - k + 1) P - 1 or later, which enters the bound of the lag k of
   cells that are so near.
 * In the steps s = 1 ... P - 1 between two ticks, labels stay with the cell in which a target was in the tick before. It
-  is within s v dt of that cell, so where a disc covers the cell and as much around it, it has been sensed, and there is
-  no target left to be bounded. With s = 0 that is: where a disc covers the whole cell. A target that comes between two
-  ticks counts, as above, from the tick before, with the step before its introduction as its label.
-* Sensing at other times than at the ends of steps is left out, so is what several discs cover together: a label
-  becomes older by either, never younger.
+  is within s v dt of that cell. If a disc covers the cell and a margin of that width, the target has been sensed, and
+  the label is deleted; for s = 0, the disc must cover the cell. A target that comes between two ticks counts, as above,
+  from the tick before, with the step before its introduction as its label.
+* Sensing between the ends of steps is ignored, and so are cells that only several discs together cover. Both make
+  labels older, never younger, so that they remain bounds.
 
-A target that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is stored as the
-longest is that at the end of that step (`lissajous_env.world.contamination.field`).
+A target that is undetected at the end of step n may be so until the end of step n + 1, so the largest age that is
+stored is that at the end of step n + 1 (`lissajous_env.world.contamination.field`).
 
-The labels are those of `Contamination.labels`, times 256 as there.
+`Contamination.labels` contains L times 256.
 """
 
 from typing import Any
@@ -42,7 +41,7 @@ from lissajous_env.world.state import NEVER, NOWHERE
 wp.set_module_options(OPTIONS)
 
 _ROUNDING = wp.constant(1e-6)
-"""Share of all lengths by which a disc is made smaller, for numbers of 32 bits."""
+"""Share of all lengths by which a disc is made smaller, because of the rounding of float32."""
 
 
 @named_struct("reach")
@@ -50,8 +49,9 @@ class Reach:
     """`lissajous_env.parameters.spreading.Reaches` for kernels."""
 
     period: int
+    """Steps in a tick."""
     moved: float
-    """[m]."""
+    """Largest displacement of a target in a step [m]."""
     lags: wp.array(dtype=wp.int32)
     widths: wp.array2d(dtype=wp.int32)
     """(lags, rows up or down), -1 beyond the last of a lag."""
@@ -70,18 +70,19 @@ def as_reach(reaches: Reaches, device: Any) -> Reach:
 
 
 @part
-def is_near_entry(row, column, up: int, aside: int, rows: int, columns: int, target) -> bool:
-    """Return whether targets are introduced at most so many rows and columns away."""
+def is_near_entry(row, column, rows_away: int, columns_away: int, rows: int, columns: int, target) -> bool:
+    """Return whether targets are introduced in a cell at most so many rows and columns away."""
     if target.arrival_rate == 0.0:
         return False
     if target.entry != BOUNDARY:
         return True
-    return row <= up or row >= rows - 1 - up or column <= aside or column >= columns - 1 - aside
+    near_row = row <= rows_away or row >= rows - 1 - rows_away
+    return near_row or column <= columns_away or column >= columns - 1 - columns_away
 
 
 @part
 def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough: int, reach, contamination) -> int:
-    """Return the smallest label among the cells that a lag reaches, or any that is not above `enough`."""
+    """Return the smallest label among the cells that a lag reaches, or any label of at most `enough`."""
     least = int(NONE)
     most = reach.widths.shape[1]
     for k in range(2 * most - 1):  # this row, one below, one above, two below ...
@@ -97,7 +98,7 @@ def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough:
 
 
 @part
-def bound(w, tick: int, row, column, rows: int, columns: int, ring: int, target, reach, contamination) -> int:
+def bound_of_cell(w, tick: int, row, column, rows: int, columns: int, ring: int, target, reach, contamination) -> int:
     """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
     for k in range(reach.lags.shape[0]):
@@ -116,8 +117,8 @@ def bound(w, tick: int, row, column, rows: int, columns: int, ring: int, target,
 
 
 @part
-def forget_covered(w, slot, row, rows: int, grown: float, curve, hops, robots, contamination):
-    """Clear the cells of a row that a disc covers together with `grown` [m] around them."""
+def clear_covered(w, slot, row, rows: int, grown: float, curve, hops, robots, contamination):
+    """Clear the cells of a row that a disc covers together with a margin of `grown` [m]."""
     height = 2.0 * curve.half_height / float(rows)
     scale = float(hops.columns) / (2.0 * curve.half_width)
     bottom = float(row) * height - curve.half_height
@@ -131,7 +132,7 @@ def forget_covered(w, slot, row, rows: int, grown: float, curve, hops, robots, c
                 half = wp.sqrt(radius * radius - far * far)
                 first = wp.ceil((place[0] - half + curve.half_width) * scale)
                 after = wp.floor((place[0] + half + curve.half_width) * scale)
-                # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+                # Clamped before the conversion, because a far position or a wide disc exceeds all whole numbers.
                 begin = int(wp.clamp(first, 0.0, float(hops.columns)))
                 end = int(wp.clamp(after, 0.0, float(hops.columns)))
                 for column in range(begin, end):
@@ -140,13 +141,13 @@ def forget_covered(w, slot, row, rows: int, grown: float, curve, hops, robots, c
 
 @stage(FIELD_ROW, writes="contamination: labels")
 def reset_bounds(w, row, target, hops, clock, contamination):
-    """Contaminate the cells in which targets are introduced, where targets are present from the start."""
+    """Contaminate the cells in which targets are introduced, if some are present from the start."""
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
         is_edge = row == 0 or row == rows - 1 or column == 0 or column == hops.columns - 1
-        there = target.count > 0 and (is_edge or target.entry != BOUNDARY)
+        enter = target.count > 0 and (is_edge or target.entry != BOUNDARY)
         for k in range(hops.history_length):
-            contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(there, 0, NONE)
+            contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(enter, 0, NONE)
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest")
@@ -159,12 +160,14 @@ def bound_labels(w, row, curve, target, hops, reach, clock, robots, contaminatio
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
         if now > 0 and since == 0:
-            label = bound(w, tick, row, column, rows, hops.columns, hops.history_length, target, reach, contamination)
+            label = bound_of_cell(
+                w, tick, row, column, rows, hops.columns, hops.history_length, target, reach, contamination
+            )
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
         elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * 256)
-    forget_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)
+    clear_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)
     oldest = int(NEVER)
     ages = wp.int64(0)
     for column in range(hops.columns):

@@ -7,7 +7,7 @@ graph" (Theory and Applications of Graphs, 1978); L. J. Guibas, J.-C. Latombe, S
 visibility-based pursuit-evasion problem" (Int. J. Computational Geometry & Applications 9, 1999). t - min e is the time
 for which a target can have stayed undetected.
 
-A label is e in control steps times 256, plus the share of a tick after the previous tick at which the target arrived.
+A label is e in control steps times 256, plus the moment at which the target arrived, as a share of the tick.
 Of two labels, the smaller one is that of the older target or, at the same age, of the earlier arrival. The labels of
 the latest ticks are stored for each cell, because a target that hops now (`lissajous_env.parameters.spreading`) arrived
 some ticks ago in the cell from which it hops. All labels of a cell that is sensed are deleted: during a hop, a target
@@ -19,20 +19,20 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.contamination.labels import MARGIN, context_of, forget_seen, label_cells, slot_of
+from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, slot_of
 from lissajous_env.world.state import NEVER, NOWHERE, planar
 from lissajous_env.world.tally import FAULT_MARGIN, any_failed
 
 wp.set_module_options(OPTIONS)
 
-BOUNDARY = wp.constant(place_of(TargetSettings, "entry", "boundary"))
+BOUNDARY = wp.constant(code_of(TargetSettings, "entry", "boundary"))
 
 
 @wp.func
-def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint32:
-    """Return the bits of the cells of a word in which targets are introduced."""
+def entry_cells(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint32:
+    """Return a bit for each cell of a word in which `targets.entry` introduces targets."""
     if entry != BOUNDARY or row == 0 or row == rows - 1:
         return half_of(run_of_bits(word / 2, 0, columns - 1), word)
     ends = run_of_bits(word / 2, 0, 0) | run_of_bits(word / 2, columns - 1, columns - 1)
@@ -45,19 +45,19 @@ def is_over(w, target, clock, contamination) -> bool:
     return target.arrival_rate == 0.0 and contamination.cleared_at[w] < clock.step[w] - 1
 
 
-@stage(FIELD_ROW, writes="contamination: sensed, swept, there", idle=True)
+@stage(FIELD_ROW, writes="contamination: sensed, swept, labelled", idle=True)
 def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, contamination):
-    """Find the cells that are sensed in a tick, and clear those that were sensed in the tick before."""
+    """Clear the cells that were sensed in the previous tick, then mark those that are sensed in this one."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     slot = slot_of(clock.step[w], tick, hops)
-    # The slot of the labels of the tick before; in a step that begins no tick, it is this one.
+    # The slot of the latest labels: of the tick before or, in a step within a tick, of this one.
     latest = (slot - 1 + hops.history_length) % hops.history_length
     if hops.period > 1 and clock.step[w] % hops.period != 0:
         latest = slot
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
-        forget_seen(w, row, latest, contamination.sensed, contamination.swept, contamination.there)
+        clear_sensed(w, row, latest, contamination.sensed, contamination.swept, contamination.labelled)
     across = points_per_metre(hops.columns, hops.inset, curve.half_width)
     up = points_per_metre(rows, hops.inset, curve.half_height)
     cell = 1.0 / wp.max(across, up)
@@ -69,7 +69,7 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
                 end = along(robots.path, w, i, float(tick + 1) / float(hops.ticks))
                 start = along(robots.path, w, i, float(tick) / float(hops.ticks))
             mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.sensed)
-            # On a short way the disc passes over no more than what it covers at its ends, but for a sliver.
+            # On a short path the disc covers hardly more than at the two ends.
             if wp.length_sq(end - start) > hops.radius * cell:
                 pieces = robots.path.shape[2] - 1
                 for piece in range(1, pieces + 1):
@@ -80,19 +80,19 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
                     start = end
 
 
-@stage(FIELD_ROW, writes="contamination: there")
+@stage(FIELD_ROW, writes="contamination: labelled")
 def reset_labels(w, row, target, hops, clock, contamination):
-    """Contaminate the cells in which targets are introduced, where targets are present from the start."""
+    """Contaminate the cells in which targets are introduced, if some are present from the start."""
     if target.count > 0:
-        for word in range(contamination.there.shape[2] - 2):
+        for word in range(contamination.labelled.shape[2] - 2):
             for k in range(hops.history_length):
-                there = entries(target.entry, word, row, contamination.sensed.shape[2], hops.columns)
-                contamination.there[w, row + MARGIN, word + 1, k] = there
+                enter = entry_cells(target.entry, word, row, contamination.sensed.shape[2], hops.columns)
+                contamination.labelled[w, row + MARGIN, word + 1, k] = enter
 
 
-@stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest, settled, there", idle=True)
+@stage(FIELD_ROW, writes="contamination: labelled, labels, row_ages, row_oldest, settled", idle=True)
 def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
-    """Spread contamination: targets stay, hop and are introduced where no robot senses."""
+    """Label the cells in which undetected targets may be: targets stay, hop and are introduced outside all discs."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     now = context_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
@@ -100,28 +100,29 @@ def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)
         ages = wp.int64(0)
-        for word in range(contamination.there.shape[2] - 2):
+        for word in range(contamination.labelled.shape[2] - 2):
             sensed = half_of(contamination.sensed[w, word / 2, row], word)
             seen = sensed | half_of(contamination.swept[w, word / 2, row], word)
             todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed
-            there = wp.uint32(0)
-            # Once all of its labels are that of the oldest target in every tick, a word keeps them until it is sensed.
+            contaminated = wp.uint32(0)
+            # Once all labels of a word have been those of the oldest target in every stored tick, they stay until a
+            # robot senses one of its cells.
             settled = wp.where(seen == wp.uint32(0), contamination.settled[w, row, word], 0)
             oldest_age = int(wp.bit_count(todo)) * (now.step - now.oldest)
             if settled > hops.history_length:
                 row_oldest = now.oldest
                 ages += wp.int64(oldest_age)
-                there = todo
+                contaminated = todo
             elif todo != wp.uint32(0):
-                enter = entries(target.entry, word, row, rows, hops.columns)
-                found = label_cells(contamination.labels, contamination.there, w, row, word, todo, ~seen, enter, now)
+                enter = entry_cells(target.entry, word, row, rows, hops.columns)
+                found = label_cells(contamination.labels, contamination.labelled, w, row, word, todo, ~seen, enter, now)
                 row_oldest = wp.min(row_oldest, found[0])
                 ages += wp.int64(found[1])
-                there = wp.uint32(found[2])
-                is_oldest = seen == wp.uint32(0) and there == todo and found[1] == oldest_age
-                settled = wp.where(is_oldest, settled + wp.where(now.aged == -1, 0, 1), 0)
+                contaminated = wp.uint32(found[2])
+                is_oldest = seen == wp.uint32(0) and contaminated == todo and found[1] == oldest_age
+                settled = wp.where(is_oldest, settled + wp.where(now.label_mask == -1, 0, 1), 0)
             contamination.settled[w, row, word] = settled
-            contamination.there[w, row + MARGIN, word + 1, now.slot] = there
+            contamination.labelled[w, row + MARGIN, word + 1, now.slot] = contaminated
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages
 
@@ -132,8 +133,8 @@ def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
         "contamination: age, age_before, age_max, age_reduction, cleared_at, high_at, mean_age, mean_age_sum, oldest"
     ),
 )
-def keep_guarantee(w, target, task, hops, clock, robots, tally, contamination):
-    """Compute how long a target can have been undetected: t - min e, its largest value and its mean over the cells."""
+def update_undetected_time(w, target, task, hops, clock, robots, tally, contamination):
+    """Compute the worst-case undetected time t - min e, its largest value in the episode and its mean over cells."""
     now = clock.step[w]
     oldest = int(NEVER)
     ages = wp.int64(0)

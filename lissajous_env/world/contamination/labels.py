@@ -1,7 +1,6 @@
-"""Labels of the cells of contamination: their storage, and the update of a word of 32 cells.
+"""Labels of the cells of contamination: their storage, and the update of 32 neighbouring cells, a word of bits.
 
-Two functions are written in C++, which Warp passes to the compiler unchanged, so that a CPU processes eight
-neighbouring cells at once.
+Two functions are written in C++, so that a CPU processes eight neighbouring cells at once.
 """
 
 from typing import Any
@@ -16,12 +15,13 @@ from lissajous_env.world.state import NEVER
 MARGIN = wp.constant(2)
 """Cells around the grid in which no target is, so that hops need no test for its edge."""
 NONE = wp.constant(0x7FFFFF00)
-"""Smallest label that means that there is no target."""
+"""Smallest label of a cell without a target."""
 
 SIDE_BY_SIDE = wp.constant(8)
-"""Cells of a row that get their labels together."""
+"""Cells of a row that are labelled together."""
 
-Five = wp.types.vector(len(HOPS), wp.int32)
+PerHop = wp.types.vector(len(HOPS), wp.int32)
+"""A number for each length of a hop."""
 _FRACTIONS = wp.constant(TICK_FRACTIONS)
 
 
@@ -49,7 +49,7 @@ def as_hops(spreading: Spreading, device: Any) -> Hops:
     return hops
 
 
-def across(columns: int) -> int:
+def label_row_length(columns: int) -> int:
     """Return the length of a row of labels: whole groups of cells labelled side by side, and both margins."""
     return -(-columns // int(SIDE_BY_SIDE)) * int(SIDE_BY_SIDE) + 2 * int(MARGIN)
 
@@ -62,7 +62,7 @@ def slot_of(step: int, tick: int, hops: Hops) -> int:
 
 @wp.func
 def ticks_passed(step: int, tick: int, hops: Hops) -> int:
-    """Return the ticks since the reset, including those of the latest step."""
+    """Return the number of ticks from the reset to `tick`, counted from 0 within a step."""
     if hops.ticks > 1:
         return (step - 1) * hops.ticks + tick + 1
     return step / hops.period
@@ -76,20 +76,21 @@ class TickContext:
     slot: int
     """Slot of this tick's labels."""
     latest: int
-    """Slot of the labels of targets that stay: of the tick before, or of this one where it continues."""
-    aged: int
+    """Slot of the labels of targets that stay: that of the tick before or, in a step within a tick, of this one."""
+    label_mask: int
     """Mask of the bits of a label that remain: after a tick, the share of a tick is cleared."""
-    hops: bool
+    targets_hop: bool
     """True in a step in which targets hop."""
     entry: int
     """Label of a target that is introduced now."""
     oldest: int
     """Earliest introduction of any undetected target of this world [step]."""
-    at: Five
-    """Slots of the labels from which hops of the five lengths come."""
-    before: Five
-    """The same, a tick earlier."""
-    shares: Five
+    hop_slots: PerHop
+    """Slots of the labels from which hops of each length come."""
+    earlier_hop_slots: PerHop
+    """Slots of the labels a tick before those."""
+    shares: PerHop
+    """`Spreading.shares` of each length."""
 
 
 @wp.func
@@ -100,24 +101,24 @@ def context_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> 
     passed = ticks_passed(step, tick, hops)
     now.slot = passed % hops.history_length
     now.latest = now.slot
-    now.aged = -1
+    now.label_mask = -1
     moves = step % hops.period == 0 and step > 0
     if moves:
         now.latest = (passed - 1 + hops.history_length) % hops.history_length
-        now.aged = ~_FRACTIONS
-    now.hops = moves and hops.delays.shape[0] > 0
+        now.label_mask = ~_FRACTIONS
+    now.targets_hop = moves and hops.delays.shape[0] > 0
     now.entry = wp.where(arrives and step > 0, step * 256 + _FRACTIONS, NONE)
     now.oldest = oldest
     for k in range(hops.delays.shape[0]):
-        now.at[k] = (passed - hops.delays[k] + 2 * hops.history_length) % hops.history_length
-        now.before[k] = (passed - hops.delays[k] - 1 + 2 * hops.history_length) % hops.history_length
+        now.hop_slots[k] = (passed - hops.delays[k] + 2 * hops.history_length) % hops.history_length
+        now.earlier_hop_slots[k] = (passed - hops.delays[k] - 1 + 2 * hops.history_length) % hops.history_length
         now.shares[k] = hops.shares[k]
     return now
 
 
-_FORGET_SEEN = f"""
-    const int words = there.shape[2] - 2, ring = there.shape[3];
-    unsigned int* bits = &wp::index(there, w, row + {int(MARGIN)}, 1, 0);
+_CLEAR_SENSED = f"""
+    const int words = labelled.shape[2] - 2, ring = labelled.shape[3];
+    unsigned int* bits = &wp::index(labelled, w, row + {int(MARGIN)}, 1, 0);
     for (int word = 0; word < words; ++word, bits += ring) {{
         const unsigned long long both = wp::index(sensed, w, word / 2, row) | wp::index(swept, w, word / 2, row);
         const unsigned int seen = both >> 32 * (word & 1), stays = bits[kept];
@@ -130,42 +131,43 @@ _FORGET_SEEN = f"""
 """
 
 
-@wp.func_native(_FORGET_SEEN)
-def forget_seen(
+@wp.func_native(_CLEAR_SENSED)
+def clear_sensed(
     w: int,
     row: int,
     kept: int,
     sensed: wp.array3d(dtype=wp.uint64),
     swept: wp.array3d(dtype=wp.uint64),
-    there: wp.array4d(dtype=wp.uint32),
+    labelled: wp.array4d(dtype=wp.uint32),
 ):
-    """Clear the cells of a row that were sensed in the tick before, but for labels in the slot `kept`."""
+    """Clear the cells of a row that were sensed in the tick before, except their labels in the slot `kept`."""
 
 
 _LABEL_CELLS = f"""
     const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, shares = {TICK_FRACTIONS}, none = {int(NONE)};
     const int columns[lengths] = {{{", ".join(str(hop[0]) for hop in HOPS)}}};
     const int rows[lengths] = {{{", ".join(str(hop[1]) for hop in HOPS)}}};
-    const int across = labels.strides[2] / sizeof(int), ring = there.shape[3];
-    const size_t plane = labels.strides[1] / sizeof(int);
+    const int row_stride = labels.strides[2] / sizeof(int), ring = labelled.shape[3];
+    const size_t slot_stride = labels.strides[1] / sizeof(int);
     int* here = &wp::index(labels, w, 0, row + {int(MARGIN)}, 32 * word + {int(MARGIN)});
-    unsigned int* bits = &wp::index(there, w, row + {int(MARGIN)}, word + 1, 0);
-    const int up = there.strides[1] / sizeof(unsigned int);
-    // Who may hop: a bit for each column from two before this word to two after it, above and below, now and before.
+    unsigned int* bits = &wp::index(labelled, w, row + {int(MARGIN)}, word + 1, 0);
+    const int bits_stride = labelled.strides[1] / sizeof(unsigned int);
+    // Cells from which a target may hop: a bit for each column from two before this word to two after it, for the rows
+    // above and below, and for both slots.
     unsigned long long sources[lengths][2][2];
-    if (now.hops)
+    if (now.targets_hop)
         for (int length = 0; length < lengths; ++length)
             for (int below = 0; below < 2; ++below)
                 for (int earlier = 0; earlier < 2; ++earlier) {{
-                    const unsigned int* source = bits + (below ? -rows[length] : rows[length]) * up
-                        + (earlier ? now.before[length] : now.at[length]);
+                    const unsigned int* source = bits + (below ? -rows[length] : rows[length]) * bits_stride
+                        + (earlier ? now.earlier_hop_slots[length] : now.hop_slots[length]);
                     sources[length][below][earlier] = source[-ring] >> 30 | (unsigned long long)source[0] << 2
                         | (unsigned long long)source[ring] << 34;
                 }}
     const unsigned int stay = bits[now.latest] & unseen;
-    // Who can have a target at all; where none can be, no label is asked for, as its bit says that there is none.
+    // Only cells that can have a target are labelled: the labels of the others are not read, because their bit is 0.
     unsigned int can = stay | (now.entry < none ? enter : 0);
-    if (now.hops)
+    if (now.targets_hop)
         for (int length = 0; length < lengths; ++length)
             for (int from = 0; from < 4; ++from) {{
                 const unsigned long long source = sources[length][from >> 1][from & 1];
@@ -179,18 +181,18 @@ _LABEL_CELLS = f"""
         if (!(todo >> first & all))
             continue;
 #if !defined(__CUDA_ARCH__)
-        // Labels of many worlds fit into no cache: those of the rows that come are fetched while these are worked on.
+        // The labels of many worlds do not fit into a cache: those of the next rows are fetched in advance.
         for (int tick = 0; tick < ring; ++tick)
             for (int further = 0; further <= lanes; further += lanes)
-                __builtin_prefetch(here + tick * plane + {int(MARGIN)} * across + further);
+                __builtin_prefetch(here + tick * slot_stride + {int(MARGIN)} * row_stride + further);
 #endif
         int label[lanes], hopped[lanes];
         for (int l = 0; l < lanes; ++l) {{
-            const int kept = here[now.latest * plane + l] & now.aged;
+            const int kept = here[now.latest * slot_stride + l] & now.label_mask;
             label[l] = stay >> (first + l) & 1 ? kept : none;
             hopped[l] = none;
         }}
-        if (now.hops) {{
+        if (now.targets_hop) {{
             for (int length = 0; length < lengths; ++length) {{
                 const int share = now.shares[length], missing = share - shares;
                 for (int side = 0; side < 4; ++side) {{
@@ -201,9 +203,9 @@ _LABEL_CELLS = f"""
                     const unsigned int had = sources[length][side >> 1][1] >> (first + 2 + right) & all;
                     if (!(has | had))
                         continue;
-                    const int* from = here + (side & 2 ? -rows[length] : rows[length]) * across + right;
-                    const int* latest = from + now.at[length] * plane;
-                    const int* before = from + now.before[length] * plane;
+                    const int* from = here + (side & 2 ? -rows[length] : rows[length]) * row_stride + right;
+                    const int* latest = from + now.hop_slots[length] * slot_stride;
+                    const int* before = from + now.earlier_hop_slots[length] * slot_stride;
                     for (int l = 0; l < lanes; ++l) {{
                         const int first = before[l], second = latest[l], came = first & shares;
                         const int early = first - came + (came + missing > 0 ? came + missing : 0);
@@ -230,7 +232,7 @@ _LABEL_CELLS = f"""
             label[l] = found;
         }}
         for (int l = 0; l < lanes; ++l)
-            here[now.slot * plane + l] = label[l];
+            here[now.slot * slot_stride + l] = label[l];
     }}
     return wp::vec_t<3, int>(oldest, ages, contaminated);
 """
@@ -239,7 +241,7 @@ _LABEL_CELLS = f"""
 @wp.func_native(_LABEL_CELLS)
 def label_cells(
     labels: wp.array4d(dtype=wp.int32),
-    there: wp.array4d(dtype=wp.uint32),
+    labelled: wp.array4d(dtype=wp.uint32),
     w: int,
     row: int,
     word: int,
@@ -248,19 +250,18 @@ def label_cells(
     enter: wp.uint32,
     now: TickContext,
 ) -> wp.vec3i:
-    """Label the cells `todo` of a word; `unseen` and `enter` are bits of where targets stay and are introduced.
+    """Label the cells `todo` of a word; targets stay in the cells `unseen`, and are introduced in the cells `enter`.
 
-    Returns the earliest introduction of any target there, the time since then summed over the cells, and the bits of
-    the cells that have a target.
+    The three are bits. Returns the earliest introduction of any target in these cells [step], the time since then
+    summed over the cells [step], and the bits of the cells that have a target.
     """
     ...
 
 
 def introduced_at(simulation: Any, world: int = 0) -> np.ndarray:
-    """Return the (R, C) int32 earliest step in which a target that may be in a cell now can have been introduced.
+    """Return (R, C) int32: the step since which a target that may be in a cell now can have been undetected.
 
-    It can have stayed undetected since then. The lowest row comes first. NEVER where none can be; (1, 1)
-    NEVER where `task.contamination` is None.
+    It is NEVER for a cleared cell. The lowest row comes first. Without `task.contamination`, it is (1, 1) NEVER.
     """
     hops, margin = simulation.scenario.spreading, int(MARGIN)
     if simulation.scenario.task.contamination is None:
@@ -271,7 +272,7 @@ def introduced_at(simulation: Any, world: int = 0) -> np.ndarray:
         labels = labels[margin : margin + hops.rows, margin : margin + hops.columns]
         return np.where(labels < int(NONE), labels >> 8, int(NEVER)).astype(np.int32)
     inside, columns = slice(margin, hops.rows + margin), np.arange(hops.columns)
-    words = _of_world(simulation.contamination.there, world)[inside, 1:-1, slot]
+    words = _of_world(simulation.contamination.labelled, world)[inside, 1:-1, slot]
     there = words[:, columns // 32] >> (columns % 32).astype(np.uint32) & 1
     labels = _of_world(simulation.contamination.labels, world)[slot, inside, margin : margin + hops.columns]
     return np.where(there == 1, labels >> 8, int(NEVER)).astype(np.int32)

@@ -16,8 +16,8 @@ from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.contacts import WALL, begin_track, end_motion, stop_at_walls
-from lissajous_env.world.robots.faults import COAST, rolling
+from lissajous_env.world.robots.contacts import WALL, begin_path, end_motion, stop_at_walls
+from lissajous_env.world.robots.faults import COAST, is_coasting
 from lissajous_env.world.state import WORKING
 
 wp.set_module_options(MOTION)
@@ -28,8 +28,8 @@ _DRIVING = module_apart(f"{__name__}.driving", OPTIONS)
 def motor_push(robot, drive: float, tau: float) -> float:
     """Return the motor's acceleration, alpha tau - beta above the dead zone [m/s^2], equation (12).
 
-    Differs from the paper: it has no dead zone; the authors' plant has one, in which the car coasts. Nor does a car of
-    the paper reverse: one that does is pushed in the direction of its throttle, by alpha |tau| - beta, or not at all.
+    Differs from the paper, which has no dead zone; the authors' plant has one, in which the car coasts. Cars of the
+    paper do not reverse either; one that does is pushed in the direction of its throttle, by alpha |tau| - beta.
     """
     push = wp.where(tau > robot.dead_zone, drive * tau - robot.offset, 0.0)
     back = wp.where(tau < -robot.dead_zone, drive * tau + robot.offset, 0.0)
@@ -38,7 +38,7 @@ def motor_push(robot, drive: float, tau: float) -> float:
 
 @part
 def speed_limit_below(robot) -> float:
-    """Return the limit below which no speed of a car falls [m/s]: 0, or none for one that reverses."""
+    """Return the lower limit of a car's speed [m/s]: 0, or practically none for a car that reverses."""
     return wp.where(robot.speed_min < 0.0, -1.0e30, 0.0)
 
 
@@ -69,7 +69,7 @@ def car_step(robot, state: wp.vec4, curvature: float, push: float, h: float) -> 
 
 
 @part
-def take_input(block, robot, command, robots) -> tuple[Floats, Floats]:
+def read_commands(block, robot, command, robots) -> tuple[Floats, Floats]:
     """Return the curvature of the path [1/m] and the motor's acceleration [m/s^2] of the cars of a block."""
     steering = abreast.entries(block, command, 0)
     throttling = abreast.entries(block, command, 1)
@@ -95,16 +95,16 @@ def move_cars(block, curve, robot, task, faults, command, clock, robots):
     heading = abreast.floats(block, robots.heading)
     speed = abreast.floats(block, robots.speed)
     working = block.active_mask & abreast.where_equal(block, robots.status, WORKING)
-    rolls = block.active_mask & rolling(block, faults, robots)
-    moving = working | rolls
-    begin_track(block, block.active_mask & ~moving, x, y, robots)
-    curvature, push = take_input(block, robot, command, robots)
+    coasting = block.active_mask & is_coasting(block, faults, robots)
+    moving = working | coasting
+    begin_path(block, block.active_mask & ~moving, x, y, robots)
+    curvature, push = read_commands(block, robot, command, robots)
     if faults.stop == COAST:
         abreast.put_floats(block, working, curvature, robots.curvature)
-    if rolls != 0:
+    if coasting != 0:
         curvatures = abreast.floats(block, robots.curvature)
         for k in range(block.count):
-            if abreast.is_in(k, rolls):
+            if abreast.is_in(k, coasting):
                 curvature[k] = curvatures[k]
                 push[k] = 0.0
     for s in range(substeps):
@@ -122,35 +122,35 @@ def move_cars(block, curve, robot, task, faults, command, clock, robots):
 
 
 _SLOWEST = wp.constant(1.0 / 3.0)
-"""Least speed for which the driver computes the steering angle [top speed]; a slower car would steer to and fro."""
+"""Least speed for which the driver computes the steering angle [top speed]; those of a slower car would oscillate."""
 
 
 @part
-def steering_towards(wish: wp.vec2, heading: float, speed: float, step: float, robot) -> float:
-    """Return the steering angle [rad] that turns a car to the direction of a wish within a step.
+def steering_towards(velocity: wp.vec2, heading: float, speed: float, step: float, robot) -> float:
+    """Return the steering angle [rad] that turns a car to the direction of a wanted velocity within a step [s].
 
-    Of the bicycle (12), heading' = v tan(steering) / l, with the tangent's argument small: steering =
-    arctan(l error / (v step)). A wish of 0 has no direction.
+    By the bicycle (12), heading' = v tan(steering) / l, so steering = arctan(l error / (v step)) at constant steering.
+    A velocity of 0 has no direction.
     """
-    if wp.length_sq(wish) == 0.0:
+    if wp.length_sq(velocity) == 0.0:
         return 0.0
-    error = wrap(atan2(wish[1], wish[0]) - heading)
+    error = wrap(atan2(velocity[1], velocity[0]) - heading)
     return wp.atan(robot.wheelbase * error / (wp.max(speed, _SLOWEST * robot.speed_max) * step))
 
 
 @part
-def throttle_for(size: float, robot) -> float:
-    """Return the throttle whose steady speed (drive throttle - offset) / drag is a share of the top speed."""
-    return (robot.drag * robot.speed_max * wp.min(size, 1.0) + robot.offset) / robot.drive
+def throttle_for(share: float, robot) -> float:
+    """Return the throttle whose steady speed, (drive throttle - offset) / drag, is a share of the top speed."""
+    return (robot.drag * robot.speed_max * wp.min(share, 1.0) + robot.offset) / robot.drive
 
 
 @stage(ROBOT, writes="command_out", module=_DRIVING)
 def drive(w, i, robot, task, clock, robots, command_out):
-    """Replace the velocity that each car is to have by the steering and throttle of the driver."""
-    wish = wp.vec2(command_out[w, i, 0], command_out[w, i, 1])
+    """Replace the wanted velocity of each car, in `command_out`, by the steering and throttle of its driver."""
+    velocity = wp.vec2(command_out[w, i, 0], command_out[w, i, 1])
     pose = robots.measured[w, i]
-    steering = steering_towards(wish, pose[2], pose[3], task.step, robot)
-    action = car_action(robot, steering, throttle_for(wp.length(wish), robot))
+    steering = steering_towards(velocity, pose[2], pose[3], task.step, robot)
+    action = car_action(robot, steering, throttle_for(wp.length(velocity), robot))
     command_out[w, i, 0] = action[0]
     command_out[w, i, 1] = action[1]
 
@@ -174,6 +174,9 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     # A car's own constants lie at most three deviations from those of the scenario.
     strongest = robot.drive * noise.most_drive * max([1.0, *robot.factors.values()])
     fastest = robot.steady_speed(strongest)
+    if fastest > 1e4:
+        rule = "must keep every car's top speed, with noise.drive_spread, at most 10000 m/s"
+        raise ValueError(f"robot.drive_factors {rule}, got {fastest:g} m/s with {robot.drive_factors}")
     shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
     turn = fastest * h * math.tan(robot.steering_max) / shortest
     if turn > 1e4:

@@ -1,4 +1,4 @@
-"""Contacts of robots: collisions with each other, and walls, which stop them; robots that are blocked are counted.
+"""Contacts of robots: their collisions, walls, which stop them, and the steps in which they are blocked.
 
 A pair collides where it is closer than the sum of its radii, by the closest approach between sub-steps.
 """
@@ -12,16 +12,16 @@ from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.nearby import PARTED, columns_of, max_displacement, rows_of
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, WORKING, planar
+from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
 
-_STOP = wp.constant(place_of(Task, "on_collision", "stop"))
-_REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
+_STOP = wp.constant(code_of(Task, "on_collision", "stop"))
+_REMOVE = wp.constant(code_of(Task, "on_collision", "remove"))
 
 
 @wp.func
@@ -37,12 +37,12 @@ def closest_approach(before: Any, after: Any) -> float:
 
 
 @part
-def compare_pair(w, i, j, now, touch: float, beyond: float, places, robots, latest, tally) -> float:
-    """Count a collision of two robots that come within `touch`, or end it; return their least squared distance [m^2].
+def compare_pair(w, i, j, now, contact: float, relevant: float, places, robots, latest, tally) -> float:
+    """Count or end a collision of two robots; return their least squared distance in the step [m^2].
 
-    Robots of one of `places` overlap by design and are not compared: `Scenario.places`.
-    Stretches of the step in which they are farther apart than `beyond` [m] are passed over; 1e30 where all are. A pair
-    that is compared more than once in the same step is counted once.
+    They collide below the distance `contact` [m]. Sub-steps in which they are farther apart than `relevant` [m] are
+    skipped; the result is 1e30 if all are. Robots of the same `places` overlap by design and are not compared, see
+    `Scenario.places`. A pair that is compared more than once in a step is counted once.
     """
     least = float(1.0e30)
     if places[i] == places[j]:
@@ -52,19 +52,19 @@ def compare_pair(w, i, j, now, touch: float, beyond: float, places, robots, late
         after = robots.path[w, i, s] - robots.path[w, j, s]
         moved = after - before
         ends = wp.min(wp.dot(before, before), wp.dot(after, after))
-        if ends < 2.0 * (beyond * beyond + wp.dot(moved, moved)):
+        if ends < 2.0 * (relevant * relevant + wp.dot(moved, moved)):
             least = wp.min(least, closest_approach(before, after))
         before = after
-    if least < touch * touch:
-        met_at = tally.contact[w, i, j]
+    if least < contact * contact:
+        contact_at = tally.contact[w, i, j]
         tally.contact[w, i, j] = now
-        if wp.abs(met_at) != now:
+        if wp.abs(contact_at) != now:
             wp.atomic_add(tally.contact_steps, w, wp.int64(1))
-            if met_at <= 0:
+            if contact_at <= 0:
                 wp.atomic_add(tally.collisions, w, wp.int64(1))
                 wp.atomic_add(latest.collisions, w, i, 1)
                 wp.atomic_add(latest.collisions, w, j, 1)
-    if wp.dot(before, before) > PARTED * PARTED * touch * touch:
+    if wp.dot(before, before) > PARTED * PARTED * contact * contact:
         part_pair(w, i, j, tally)
     return least
 
@@ -78,15 +78,16 @@ def part_pair(w, i, j, tally):
 
 @part
 def compare_with_others(
-    w, i, now, touch: float, beyond: float, way: float, places, robots, bins, latest, tally
+    w, i, now, contact: float, relevant: float, displacement: float, places, robots, bins, latest, tally
 ) -> float:
-    """Run `compare_pair` for the robots after this one; none moves farther than `way` [m] in the step.
+    """Run `compare_pair` for a robot and those of larger index; return the least squared distance of all [m^2].
 
-    With bins, only robots in the lists of the bins that the path crosses are compared; one robot may be in several. In
-    the first step of an episode, and as long as no two robots were within reach, the nearest is in no list.
+    No robot moves farther than `displacement` [m] in the step. With bins, robots in the lists of the bins that the path
+    crosses are compared, some more than once. All robots are compared if lists do not reach as far as `relevant`, as in
+    the first step of an episode.
     """
     nearest = float(1.0e30)
-    if bins.columns > 0 and beyond <= bins.reach and bins.is_everywhere[w, i] == 0:
+    if bins.columns > 0 and relevant <= bins.reach and bins.is_everywhere[w, i] == 0:
         rows = rows_of(w, i, 0.0, robots, bins)
         for row in range(rows[0], rows[1] + 1):
             columns = columns_of(w, i, row, 0.0, robots, bins)
@@ -95,54 +96,57 @@ def compare_with_others(
                 while entry[0] >= 0:
                     j = entry[0]
                     if j > i:
-                        least = compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally)
+                        least = compare_pair(w, i, j, now, contact, relevant, places, robots, latest, tally)
                         nearest = wp.min(nearest, least)
                     entry = bins.entry[w, entry[1]]
     else:
         last = robots.path.shape[2] - 1
-        apart = beyond + 2.0 * way
+        apart = relevant + 2.0 * displacement
         for j in range(i + 1, robots.status.shape[1]):
             if robots.status[w, j] != REMOVED:
                 away = robots.path[w, i, last] - robots.path[w, j, last]
                 if wp.length_sq(away) > apart * apart:
                     part_pair(w, i, j, tally)
                 else:
-                    nearest = wp.min(nearest, compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally))
+                    least = compare_pair(w, i, j, now, contact, relevant, places, robots, latest, tally)
+                    nearest = wp.min(nearest, least)
     return nearest
 
 
 @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
 def find_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins=OPTIONAL):
-    """Compare each robot with those after it, over the sub-steps of the latest step."""
-    touch = 2.0 * robot.radius
-    # A pair this far apart cannot collide, nor be the nearest of the episode.
-    beyond = wp.max(tally.min_separation[w], PARTED * touch)
+    """Compare each robot with those of larger index, over the sub-steps of the latest step."""
+    contact = 2.0 * robot.radius
+    # A pair that is farther apart neither collides nor is the nearest of the episode.
+    relevant = wp.max(tally.min_separation[w], PARTED * contact)
     nearest = float(1.0e30)
-    way = float(1.0e30)
-    if beyond < 1.0e30:
-        way = max_displacement(w, robots)
+    displacement = float(1.0e30)
+    if relevant < 1.0e30:
+        displacement = max_displacement(w, robots)
     for i in range(lane, robots.status.shape[1], lanes):
         if robots.status[w, i] != REMOVED:
-            least = compare_with_others(w, i, clock.step[w], touch, beyond, way, places, robots, bins, latest, tally)
+            least = compare_with_others(
+                w, i, clock.step[w], contact, relevant, displacement, places, robots, bins, latest, tally
+            )
             nearest = wp.min(nearest, least)
     if nearest < 1.0e30:
         wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
 
 
-@stage(ROBOT, writes="latest: terminated; robots: sensor, status, stuck_until")
-def take_consequences(w, i, task, clock, robots, latest):
+@stage(ROBOT, writes="latest: terminated; robots: sensor, status, failed_until")
+def stop_or_remove(w, i, task, clock, robots, latest):
     """Stop or remove the robots that collided in this step, by `task.on_collision`."""
     if latest.collisions[w, i] > 0:
         robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
         if task.on_collision == _STOP:
-            robots.status[w, i] = STUCK
-            robots.stuck_until[w, i] = NEVER
+            robots.status[w, i] = FAILED
+            robots.failed_until[w, i] = NEVER
         if task.on_collision == _REMOVE:
             robots.status[w, i] = REMOVED
             latest.terminated[w, i] = True
 
 
-WALL = wp.constant(place_of(Task, "boundary", "wall"))
+WALL = wp.constant(code_of(Task, "boundary", "wall"))
 
 CONTACT = wp.constant(1e-3)
 """Share of the radius within which a body is in contact with a wall; the rounding of coordinates is less."""
@@ -152,9 +156,9 @@ APART = wp.constant(0.05)
 
 @part
 def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
-    """Keep a body (x, y [m], heading [rad], speed [m/s]) in the rectangle.
+    """Return a body (x, y [m], heading [rad], speed [m/s]) moved back into the rectangle.
 
-    What of its velocity goes into a wall is lost, its heading stays.
+    The component of its velocity into a wall is lost; its heading is unchanged.
     """
     along = cos_sin(robot[2])
     x = wp.clamp(robot[0], radius - curve.half_width, curve.half_width - radius)
@@ -167,8 +171,11 @@ def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
 
 
 @part
-def begin_track(block, standing: int, x: Floats, y: Floats, robots):
-    """Begin the path of a step, and store that of robots which stand, with a speed of 0."""
+def begin_path(block, standing: int, x: Floats, y: Floats, robots):
+    """Store the first position of each robot's path in a step, and the whole path of robots that stand, at speed 0.
+
+    `standing` has a bit for each robot of the block, as the masks of blocks have everywhere.
+    """
     if standing != 0:
         abreast.put_floats(block, standing, Floats(), robots.speed)
         for s in range(1, robots.path.shape[2]):
@@ -192,7 +199,7 @@ def stop_at_walls(
 
 @part
 def end_motion(block, moving: int, x: Floats, y: Floats, heading: Floats, speed: Floats, robots):
-    """Store where robots are at the end of a step."""
+    """Store position, heading and speed of the `moving` robots at the end of a step."""
     for k in range(abreast.ABREAST):
         if k < abreast.width():
             heading[k] = wrap(heading[k])
@@ -203,27 +210,27 @@ def end_motion(block, moving: int, x: Floats, y: Floats, heading: Floats, speed:
 
 @part
 def wall_distance(curve, radius: float, place: wp.vec2) -> float:
-    """Return the distance of a body at a place from the nearest wall [m]; negative beyond it."""
+    """Return the distance of a body at `place` [m] from the nearest wall [m]; negative if it is beyond one."""
     return wp.min(curve.half_width - wp.abs(place[0]), curve.half_height - wp.abs(place[1])) - radius
 
 
 @part
-def driven_speed(w, i, driving, taken) -> float:
-    """Return the speed that a robot's action requests [m/s], without its direction; `driving` is from `values`."""
+def driven_speed(w, i, action_speeds, limited_action) -> float:
+    """Return the speed that a robot's action requests [m/s], without its direction; see `values`."""
     square = float(0.0)
-    for k in range(driving.shape[0]):
-        part = driving[k, 1] * (taken[w, i, k] - driving[k, 0])
+    for k in range(action_speeds.shape[0]):
+        part = action_speeds[k, 1] * (limited_action[w, i, k] - action_speeds[k, 0])
         square += part * part
     return wp.sqrt(square)
 
 
 @stage(ROBOT, writes="tally: at_wall, blocked_steps, driven_from, driven_steps, wall_contacts")
-def watch_walls(w, i, curve, robot, task, driving, clock, robots, taken, tally):
+def count_wall_contacts(w, i, curve, robot, task, action_speeds, clock, robots, limited_action, tally):
     """Count contacts with a wall, and the steps in which robots are blocked.
 
-    A contact begins when a body reaches a wall and lasts until it is farther from it than APART. A working robot is
+    A contact begins when a body reaches a wall and lasts until it is farther than APART from it. A working robot is
     blocked if its policy has driven it for `task.blocked_after` since it last moved by its radius. A policy drives it
-    in a step if the speed that its action requests would take it two radii far in that time.
+    in a step if the speed that its action requests would move it by two radii in that time.
     """
     if robots.status[w, i] != REMOVED:
         for s in range(1, robots.path.shape[2]):
@@ -238,7 +245,7 @@ def watch_walls(w, i, curve, robot, task, driving, clock, robots, taken, tally):
         if moved or robots.status[w, i] != WORKING:
             tally.driven_from[w, i] = place
             tally.driven_steps[w, i] = 0
-        elif driven_speed(w, i, driving, taken) * task.blocked_after >= 2.0 * robot.radius:
+        elif driven_speed(w, i, action_speeds, limited_action) * task.blocked_after >= 2.0 * robot.radius:
             tally.driven_steps[w, i] += 1
             if float(tally.driven_steps[w, i]) * task.step > task.blocked_after:
                 tally.blocked_steps[w, i] += 1

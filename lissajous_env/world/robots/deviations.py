@@ -1,12 +1,12 @@
-"""Robots off the rectangle, and their removal; distances from the curve, and from the positions in the formation.
+"""Robots outside the rectangle, and their removal; deviations from the curve and from the equilibrium.
 
-The distance from the plane curve is Newton's step from the nearest of many points of the curve. A robot's own parameter
-moves only along its branch, but the nearest point may be on any other branch. So all points are compared, each with the
-parabola that continues the curve to both sides of it. A Lissajous curve is symmetric to both axes, because its a is
-odd, so the points of a quarter suffice.
+The point of the plane curve nearest to a robot is found by a Newton step from the nearest of many sampled points. A
+robot's own parameter does not help: it moves along one branch of the curve, and the nearest point may be on any other.
+So all samples are compared, each with the parabola that approximates the curve around it. A Lissajous curve is
+symmetric to both axes, because its a is odd, so the samples of a quarter suffice.
 
-On random places in the rectangle the largest error is 1.3e-3 m on the experiment and 8e-3 m in the hall, and the median
-1e-6 m; it is larger outside, and where the curve turns within the distance of two points.
+At random positions in the rectangle the largest error is 1.3e-3 m on `experiment` and 8e-3 m on `hall`, and the median
+1e-6 m. It is larger outside, and where the curve turns between two samples.
 """
 
 from functools import lru_cache
@@ -27,19 +27,20 @@ from lissajous_env.device.curve import (
     series,
 )
 from lissajous_env.device.stage import ROBOT, named_struct, part, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
 from lissajous_env.settings.task import Task
 from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
-from lissajous_env.world.robots.placing import places_of
+from lissajous_env.world.robots.placing import positions_and_phases
 from lissajous_env.world.state import NOWHERE, REMOVED
 
 wp.set_module_options(OPTIONS)
 
 _PER_WINDING, _PER_HARMONIC = 12, 24
-"""Points of a lap of a Lissajous curve, by a + b, and of a curve of harmonics."""
+"""Samples of a lap of a Lissajous curve, times a + b, and of a curve of harmonics, times their number."""
 _FEWEST = 64
+"""Smallest number of samples of a lap."""
 
 CurvePoint = wp.types.vector(length=7, dtype=wp.float32)
 """x, y [m], tangent [m/rad], half the second derivative [m/rad^2], and parameter [rad]."""
@@ -47,11 +48,11 @@ CurvePoint = wp.types.vector(length=7, dtype=wp.float32)
 
 @named_struct("curve_points")
 class CurvePoints:
-    """Points of a curve at equal distances of its parameter; none for robots that are always on it."""
+    """Samples of a curve at equal steps of its parameter; none for robots that are always on it."""
 
     points: wp.array(dtype=CurvePoint)
     half: wp.float32
-    """Half of their distance [rad]: the extent of a parabola to both sides, and Newton's largest step."""
+    """Half of a step [rad]: the extent of a parabola to both sides, and the largest Newton step."""
 
 
 @part
@@ -99,7 +100,7 @@ def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: in
 
 @lru_cache(maxsize=32)
 def points_of(curve: Curve | None, device: str) -> Any:
-    """Return points of a curve on a device, for a Lissajous curve those of a quarter; none without a curve."""
+    """Return the samples of a curve on a device, for a Lissajous curve those of a quarter; none without a curve."""
     sampled: Any = CurvePoints()
     rows = np.zeros((0, 7))
     if curve is not None:
@@ -114,15 +115,15 @@ def points_of(curve: Curve | None, device: str) -> Any:
     return sampled
 
 
-_REMOVE = wp.constant(place_of(Task, "boundary", "remove"))
+_REMOVE = wp.constant(code_of(Task, "boundary", "remove"))
 
 
 _EDGE = wp.constant(1e-3)
-"""Share of the radius by which a body must be beyond the edge for a part of it to count as outside."""
+"""Share of the radius by which a body must extend beyond the edge to count as partly outside."""
 
 
 @stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
-def watch_boundary(block, curve, robot, task, clock, robots, latest):
+def mark_outside(block, curve, robot, task, clock, robots, latest):
     """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
     n = robots.status.shape[1]
     beyond = abreast.coordinates(block, robots.position, 0)
@@ -150,17 +151,17 @@ def watch_boundary(block, curve, robot, task, clock, robots, latest):
 
 
 @part
-def own_distance(curve, x: float, y: float, alpha: float, phase: wp.float64) -> float:
-    """Return the distance of a place from the point of a Lissajous curve at a phase [m]."""
+def distance_at_phase(curve, x: float, y: float, alpha: float, phase: wp.float64) -> float:
+    """Return the distance of x, y [m] from the point of a Lissajous curve at a phase [rad]."""
     point = lissajous(curve, curve_parameter(alpha, phase))
     return wp.length(wp.vec2(x - point[0], y - point[1]))
 
 
 @stage(ROBOT, writes="latest: lateral, phase_offset, tracking")
 def find_deviations(block, curve, formation, curve_points, equilibrium, clock, robots, latest):
-    """Find each robot's distance from the curve and from its own point of it, and its phase from the equilibrium."""
+    """Compute each robot's distances from the curve and from the point at its phase, and its phase error."""
     alpha = float(formation.alpha)
-    x, y, phase = places_of(block, robots)
+    x, y, phase = positions_and_phases(block, robots)
     phase_offset = Floats()
     cos_offset = Floats()
     sin_offset = Floats()
@@ -172,7 +173,7 @@ def find_deviations(block, curve, formation, curve_points, equilibrium, clock, r
     if curve.harmonics.shape[0] == 0:
         for k in range(abreast.ABREAST):
             if k < abreast.width():
-                tracking[k] = own_distance(curve, x[k], y[k], alpha, phase[k])
+                tracking[k] = distance_at_phase(curve, x[k], y[k], alpha, phase[k])
     else:
         for k in range(block.count):
             tracking[k] = wp.length(wp.vec2(x[k], y[k]) - point2(curve, curve_parameter(alpha, phase[k])))

@@ -15,7 +15,7 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.contacts import WALL, begin_track, end_motion, stop_at_walls
+from lissajous_env.world.robots.contacts import WALL, begin_path, end_motion, stop_at_walls
 from lissajous_env.world.state import WORKING
 
 wp.set_module_options(MOTION)
@@ -35,7 +35,7 @@ def ramp(before: float, wanted: float, most: float) -> float:
 
 
 @wp.func
-def covered(before: float, wanted: float, rate: float, t: float) -> float:
+def integral_of_ramp(before: float, wanted: float, rate: float, t: float) -> float:
     """Return the integral over a time t of a value that changes from `before` to `wanted` at a rate and then stays."""
     change = wp.clamp(wanted - before, -rate * t, rate * t)
     return (before + change) * t - 0.5 * change * wp.abs(change) / rate
@@ -48,49 +48,52 @@ def yaw_limit(robot, before: float, after: float) -> float:
 
 
 @part
-def drive_step(robot, pose: wp.vec4, yaw_rate: float, speed: float, turning: float, push: float, h: float) -> wp.vec4:
-    """Return x, y, heading, v after a step h [s] towards a commanded speed [m/s] and yaw rate [rad/s].
+def drive_step(
+    robot, pose: wp.vec4, yaw_rate: float, wanted_speed: float, wanted_yaw_rate: float, acceleration: float, h: float
+) -> wp.vec4:
+    """Return x, y [m], heading [rad], v [m/s] after a step h [s] towards a wanted speed [m/s] and yaw rate [rad/s].
 
-    v changes at up to `push` [m/s^2] and the yaw rate at up to `yaw_acceleration_max`, so v and the heading are known
-    at all times of the step. The way is the integral of v (cos heading, sin heading) by Simpson's rule, corrected along
-    the heading in the middle so that straight ways are exact.
+    v changes at up to `acceleration` [m/s^2] and the yaw rate at up to `yaw_acceleration_max`, so v and the heading are
+    known at all times of the step. The displacement is the integral of v (cos heading, sin heading) by Simpson's rule,
+    corrected along the heading in the middle so that straight paths are exact.
     """
-    twist = robot.yaw_acceleration_max
-    middle_speed = ramp(pose[3], speed, 0.5 * push * h)
-    last_speed = ramp(pose[3], speed, push * h)
-    middle_heading = pose[2] + covered(yaw_rate, turning, twist, 0.5 * h)
-    last_heading = pose[2] + covered(yaw_rate, turning, twist, h)
+    yaw_acceleration = robot.yaw_acceleration_max
+    middle_speed = ramp(pose[3], wanted_speed, 0.5 * acceleration * h)
+    last_speed = ramp(pose[3], wanted_speed, acceleration * h)
+    middle_heading = pose[2] + integral_of_ramp(yaw_rate, wanted_yaw_rate, yaw_acceleration, 0.5 * h)
+    last_heading = pose[2] + integral_of_ramp(yaw_rate, wanted_yaw_rate, yaw_acceleration, h)
     first = cos_sin(pose[2])
     middle = cos_sin(middle_heading)
     last = cos_sin(last_heading)
-    missed = covered(pose[3], speed, push, h) - h / 6.0 * (pose[3] + 4.0 * middle_speed + last_speed)
+    distance = integral_of_ramp(pose[3], wanted_speed, acceleration, h)
+    missed = distance - h / 6.0 * (pose[3] + 4.0 * middle_speed + last_speed)
     across = h / 6.0 * (pose[3] * first[0] + 4.0 * middle_speed * middle[0] + last_speed * last[0])
     up = h / 6.0 * (pose[3] * first[1] + 4.0 * middle_speed * middle[1] + last_speed * last[1])
     return wp.vec4(pose[0] + across + missed * middle[0], pose[1] + up + missed * middle[1], last_heading, last_speed)
 
 
 @part
-def take_twist(block, robot, command, robots) -> tuple[Floats, Floats, Floats]:
-    """Return commanded speeds [m/s], commanded yaw rates [rad/s] and accelerations [m/s^2] of the drives of a block.
+def read_commands(block, robot, command, robots) -> tuple[Floats, Floats, Floats]:
+    """Return wanted speeds [m/s], wanted yaw rates [rad/s] and accelerations [m/s^2] of the drives of a block.
 
     The acceleration is proportional to a drive's own motor, `robots.drive`, and its yaw rate inversely proportional to
     the distance of its wheels, which varies as `robots.wheelbase`.
     """
     speed = abreast.entries(block, command, 0)
-    turning = abreast.entries(block, command, 1)
-    push = abreast.floats(block, robots.drive)
+    yaw_rate = abreast.entries(block, command, 1)
+    acceleration = abreast.floats(block, robots.drive)
     wheelbase = abreast.floats(block, robots.wheelbase)
     for k in range(abreast.ABREAST):
         if k < abreast.width():
             speed[k] = commanded_speed(robot, speed[k])
-            turning[k] = robot.wheelbase / wheelbase[k] * robot.yaw_rate_max * turning[k]
-            push[k] = push[k] / robot.drive * robot.acceleration_max
-    return speed, turning, push
+            yaw_rate[k] = robot.wheelbase / wheelbase[k] * robot.yaw_rate_max * yaw_rate[k]
+            acceleration[k] = acceleration[k] / robot.drive * robot.acceleration_max
+    return speed, yaw_rate, acceleration
 
 
 @stage(ROBOT, writes="robots: heading, path, position, speed, yaw_rate")
 def move_drives(block, curve, robot, task, command, clock, robots):
-    """Move differential drives towards constant commands in a step; one that has failed stops dead."""
+    """Move differential drives towards constant commands in a step; one that has failed stops at once."""
     substeps = robots.path.shape[2] - 1
     h = task.step / float(substeps)
     x = abreast.coordinates(block, robots.position, 0)
@@ -101,22 +104,22 @@ def move_drives(block, curve, robot, task, command, clock, robots):
     moving = block.active_mask & abreast.where_equal(block, robots.status, WORKING)
     standing = block.active_mask & ~moving
     abreast.put_floats(block, standing, Floats(), robots.yaw_rate)
-    begin_track(block, standing, x, y, robots)
-    wanted, turning, push = take_twist(block, robot, command, robots)
+    begin_path(block, standing, x, y, robots)
+    wanted_speed, wanted_yaw_rate, acceleration = read_commands(block, robot, command, robots)
     for s in range(substeps):
         for k in range(abreast.ABREAST):
             if k < abreast.width():
-                most = yaw_limit(robot, speed[k], ramp(speed[k], wanted[k], push[k] * h))
-                turned = wp.clamp(yaw_rate[k], -most, most)
-                towards = wp.clamp(turning[k], -most, most)
-                pose = drive_step(
-                    robot, wp.vec4(x[k], y[k], heading[k], speed[k]), turned, wanted[k], towards, push[k], h
-                )
+                after = ramp(speed[k], wanted_speed[k], acceleration[k] * h)
+                most = yaw_limit(robot, speed[k], after)
+                current = wp.clamp(yaw_rate[k], -most, most)
+                towards = wp.clamp(wanted_yaw_rate[k], -most, most)
+                pose = wp.vec4(x[k], y[k], heading[k], speed[k])
+                pose = drive_step(robot, pose, current, wanted_speed[k], towards, acceleration[k], h)
                 x[k] = pose[0]
                 y[k] = pose[1]
                 heading[k] = pose[2]
                 speed[k] = pose[3]
-                yaw_rate[k] = ramp(turned, towards, robot.yaw_acceleration_max * h)
+                yaw_rate[k] = ramp(current, towards, robot.yaw_acceleration_max * h)
         if task.boundary == WALL:
             x, y, speed = stop_at_walls(curve, robot.radius, x, y, heading, speed)
         abreast.put_places(block, moving, x, y, s + 1, robots.path)
@@ -140,7 +143,7 @@ def act(
     yaw_rate: wp.array2d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Write the actions for a speed and a yaw rate."""
+    """Write the actions for speeds [m/s] and yaw rates [rad/s]; `heading` is an argument of every `AsCar.act`."""
     w, i = wp.tid()
     action = drive_action(robot, speed[w, i], yaw_rate[w, i])
     action_out[w, i, 0] = action[0]
@@ -163,10 +166,10 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
 
 
 def turning_radius(robot: Robot) -> float:
-    """Return the radius of the tightest circle that car policies drive at any speed [m]: v / omega or v / sqrt(alpha).
+    """Return the radius of the tightest circle that car policies drive at top speed [m]: v / omega or v / sqrt(alpha).
 
-    The latter is that of the circle on which a drive of top speed v and yaw acceleration alpha is, from a straight way,
-    after one radius of way. Policies of cars expect that their cars are on it at once.
+    The latter is that of the circle on which a drive of top speed v and yaw acceleration alpha is after
+    one radius of driving, if it went straight before. Policies of cars expect that their cars are on it at once.
     """
     return robot.top_speed / min(robot.top_yaw_rate, math.sqrt(robot.top_yaw_acceleration))
 
@@ -199,6 +202,7 @@ DIFFERENTIAL = register_robot_model(
             act,
             turning_radius=turning_radius,
             acceleration=lambda robot: robot.top_acceleration,
+            has_yaw_limit=True,
         ),
     )
 )

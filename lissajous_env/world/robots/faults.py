@@ -6,22 +6,22 @@ from lissajous_env.device import randomness
 from lissajous_env.device.abreast import Block, where_equal
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, WORLD, part, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.parts import Faults
-from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING
+from lissajous_env.world.state import FAILED, NEVER, REMOVED, WORKING
 
 wp.set_module_options(OPTIONS)
 
 
-COAST = wp.constant(place_of(Faults, "stop", "coast"))
+COAST = wp.constant(code_of(Faults, "stop", "coast"))
 
 
 @part
-def rolling(block: Block, faults, robots) -> int:
+def is_coasting(block: Block, faults, robots) -> int:
     """Return a bit for each car of a block that has failed and coasts; a car that a collision stopped does not."""
     if faults.stop != COAST:
         return 0
-    return where_equal(block, robots.status, STUCK) & ~where_equal(block, robots.stuck_until, NEVER)
+    return where_equal(block, robots.status, FAILED) & ~where_equal(block, robots.failed_until, NEVER)
 
 
 @wp.func
@@ -30,31 +30,31 @@ def chance(rate: float, time: float) -> float:
     return 1.0 - wp.exp(-rate * time)
 
 
-@stage(ROBOT, writes="robots: resumed_at, status, stuck_until")
+@stage(ROBOT, writes="robots: resumed_at, status, failed_until")
 def update_status(w, i, faults, task, schedule, clock, robots):
-    """Update which robots fail, resume and are removed in the step that ends now."""
+    """Update which robots have failed, resumed or been removed in the step that ends now."""
     now = clock.step[w]
     if robots.status[w, i] == REMOVED or robots.removed_at[w, i] < now:
         robots.status[w, i] = REMOVED
     else:
-        stuck = int(0)
+        failed = int(0)
         for row in range(schedule.shape[0]):
             if schedule[row, 0] == i and schedule[row, 1] < now and now <= schedule[row, 2]:
-                stuck = 1
-        if faults.rate > 0.0 and robots.stuck_until[w, i] < now:
+                failed = 1
+        if faults.rate > 0.0 and robots.failed_until[w, i] < now:
             draw = randomness.stream(randomness.step_key(clock.seed[w], now), i, randomness.FAULT)
             if wp.randf(draw) < chance(faults.rate, task.step):
                 duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
-                robots.stuck_until[w, i] = now + int(wp.min(duration / task.step, 1.0e9))
-        status = wp.where(stuck == 1 or now <= robots.stuck_until[w, i], STUCK, WORKING)
-        if status == WORKING and robots.status[w, i] == STUCK:
+                robots.failed_until[w, i] = now + int(wp.min(duration / task.step, 1.0e9))
+        status = wp.where(failed == 1 or now <= robots.failed_until[w, i], FAILED, WORKING)
+        if status == WORKING and robots.status[w, i] == FAILED:
             robots.resumed_at[w, i] = now - 1
         robots.status[w, i] = status
 
 
 @stage(WORLD, writes="robots: removed_at")
 def reset_losses(w, faults, removals, steps, clock, robots):
-    """Draw which robots are removed in this episode, and when: those of the schedule, then `lost` more at random."""
+    """Set when each robot is removed in this episode: by schedule, or `faults.lost` of them at a random time."""
     n = robots.status.shape[1]
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.LOSS)
     for i in range(n):

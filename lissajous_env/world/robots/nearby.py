@@ -58,18 +58,18 @@ class Bins:
     entry: wp.array2d(dtype=wp.vec2i)
     """(W, room + N + 1) robot, or -1 at the end, and the next entry."""
     used: wp.array(dtype=wp.int32)
-    """(W,) number of entries that are required."""
+    """(W,) number of entries that the lists require; those above `room` do not exist."""
     everywhere: wp.array(dtype=wp.int32)
     """(W,) number of robots that are in every list."""
     is_everywhere: wp.array2d(dtype=wp.int32)
     """(W, N) 1 for these."""
     first_seen: wp.array2d(dtype=wp.int32)
-    """(W, K) place in `seen` of the first target in sight of each bin, or -1."""
+    """(W, K) index in `seen` of the first target in sight of each bin, or -1."""
     seen: wp.array2d(dtype=wp.vec4)
-    """(W, T) x, y [m], target, and the place of the next one of the same bin, or -1; side by side, as they are read
-    many times."""
+    """(W, T) x, y [m] of a target in sight, its number, and the index of the next one in the same bin, or -1. They are
+    stored together because they are read many times."""
     seen_used: wp.array(dtype=wp.int32)
-    """(W,) number of places in use."""
+    """(W,) number of rows of `seen` in use."""
 
 
 @wp.func
@@ -164,7 +164,7 @@ def clear_bins(w, lane, lanes, clock, bins):
 
 @stage(ROBOT, writes="bins: entry, everywhere, first, is_everywhere, used")
 def list_robots(w, i, clock, robots, bins):
-    """List the robots that are not removed; those for which there is no room, where all lists end."""
+    """List the robots that are not removed; one for which there is no room is added to the end of all lists."""
     bins.is_everywhere[w, i] = 0
     if robots.status[w, i] != REMOVED and not list_robot(w, i, robots, bins):
         bins.is_everywhere[w, i] = 1
@@ -176,7 +176,7 @@ MANY = 64
 """Number of robots from which on bins are faster than a test of every robot."""
 
 _FEWEST = 12
-"""Bins below which they do not pay: every list is of nearly every robot."""
+"""Number of bins below which each list has nearly every robot, so that bins do not pay."""
 
 _BINS_PER_ROBOT = 16
 _AT_LEAST = 1024
@@ -191,7 +191,7 @@ def has_bins(scenario: Scenario) -> bool:
 
 
 def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
-    """Return the reach, the widened reach and the side of the bins [m], and the numbers of columns and rows."""
+    """Return reach, widened reach and size of the bins [m], and the numbers of columns and rows."""
     targets, curve, radius = scenario.targets, scenario.curve, scenario.sight
     reach = max(radius + scenario.task.step * targets.speed_max, 2 * float(PARTED) * (scenario.robot.radius or 0.0))
     if targets.fleeing > 0:
@@ -203,7 +203,7 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
 
 
 def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Any:
-    """Make the `Bins` of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]; None for few."""
+    """Make the `Bins` of a resolved scenario whose robots rarely exceed `speed` [m/s]; None if it needs none."""
     if not has_bins(scenario):
         return None
     filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
@@ -242,9 +242,9 @@ def nearest_listed(w, place: wp.vec2, robots, bins) -> wp.vec2:
 
 @part
 def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins) -> tuple[Ints, Floats]:
-    """Return index and squared distance [m^2] of the working robots nearest to `count` places side by side.
+    """Return index and squared distance [m^2] of the working robot nearest to each of `count` places at x, y [m].
 
-    With bins, robots are only those in the lists of the places.
+    With bins, only the robots in the list of a place's bin count.
     """
     nearest = Ints()
     least = Floats(1.0e30)
@@ -268,7 +268,7 @@ def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins) -> tuple[
 
 @part
 def max_displacement(w, robots) -> float:
-    """Return the largest distance, over robots and the step, from the position at its end [m]."""
+    """Return the largest distance of any robot, at any sub-step, from its position at the end of the step [m]."""
     last = robots.path.shape[2] - 1
     square = float(0.0)
     for i in range(robots.path.shape[1]):
@@ -313,7 +313,7 @@ def share_until_sight(w, i, before: wp.vec2, after: wp.vec2, radius: float, robo
 
 @wp.func
 def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> bool:
-    """Return whether a target moved too far for the list of the bin in which it was to contain all that detect it.
+    """Return whether a target moved so far that the list of its bin may lack robots that detect it.
 
     Half of the margin of the lists is for the rounding of a target that moves exactly as far as they reach.
     """
@@ -324,10 +324,10 @@ def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> 
 def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins) -> wp.vec2:
     """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
 
-    The target goes from `before` to `after` [m] at one speed; where a wall reflects it, that cuts the corner. Robots
-    that end the step beyond `reach` [m] of `after`, as those that do not work, are passed over. A robot that resumes
-    works from the beginning of its first step on. With bins, robots are those in the list of the bin in which the
-    target was, unless it moved far.
+    The target goes straight from `before` to `after` [m], also if a wall reflected it in between. Robots that end the
+    step farther than `reach` [m] from `after` are skipped, and so are those that do not work. A robot that resumes
+    works from the beginning of that step on. With bins, robots are those in the list of the bin in which the target
+    was, unless it moved too far.
     """
     finder = int(-1)
     least = float(2.0)

@@ -1,8 +1,8 @@
-"""Starts of robots: their phases along the curve, also as they move beside it, and their headings within walls.
+"""Starts of robots: their phases and positions on the curve, and their headings within walls; phases while they move.
 
-A car that cannot reverse needs room for one of its tightest circles, to the left or to the right, now or after some way
-straight on: where all of them leave the hall, it meets a wall whatever it does. On a curve that bends more sharply than
-cars turn, some would begin like that. They begin turned away from the wall instead, by no more than necessary.
+A car that cannot reverse needs room for one of its tightest circles, to the left or to the right, at once or after it
+has driven straight on. If all of them leave the hall, it collides with a wall whatever it does. On a curve with bends
+that are tighter than cars turn, some would begin like that; they begin turned away from the wall, as little as needed.
 """
 
 import numpy as np
@@ -24,12 +24,12 @@ from lissajous_env.device.curve import (
 )
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.stage import ROBOT, WORLD, part, stage
-from lissajous_env.device.structs import RobotStruct, place_of, to_struct
+from lissajous_env.device.structs import RobotStruct, code_of, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Formation
 from lissajous_env.world.robots.contacts import closest_approach
-from lissajous_env.world.robots.faults import rolling
+from lissajous_env.world.robots.faults import is_coasting
 from lissajous_env.world.state import REMOVED, WORKING, planar
 
 wp.set_module_options(MOTION)
@@ -38,11 +38,11 @@ _STARTS = module_apart(f"{__name__}.starts", OPTIONS)
 LARGEST_CORRECTION = wp.constant(0.1)
 """Limit of a correction of a robot's parameter on the curve [rad]: it may slide along its branch, not jump."""
 
-ROTATED = wp.constant(place_of(Formation, "start", "rotated"))
-RANDOM = wp.constant(place_of(Formation, "start", "random"))
+ROTATED = wp.constant(code_of(Formation, "start", "rotated"))
+RANDOM = wp.constant(code_of(Formation, "start", "random"))
 
 _DRAWS = wp.constant(100)
-"""Displacements of a robot that are drawn at most; the last one remains."""
+"""Largest number of starts that are drawn for a robot; the last one remains."""
 
 
 @part
@@ -57,9 +57,9 @@ def place_on_curve(w, i, rate: float, curve, alpha: float, robots):
 
 
 @part
-def start_phase(w, i, draw: int, formation, equilibrium, displaced, clock) -> wp.float64:
+def start_phase(w, i, draw: int, formation, equilibrium, displacements, clock) -> wp.float64:
     """Return the phase of a robot at reset [rad]; each `draw`, counted from 0, has a random displacement of its own."""
-    phase = equilibrium[i] + wp.float64(displaced[i])
+    phase = equilibrium[i] + wp.float64(displacements[i])
     if formation.start == ROTATED:  # the same turn for every robot
         turn = randomness.stream(randomness.step_key(clock.seed[w], 0), -1, randomness.START)
         phase += wp.float64(6.2831853 * wp.randf(turn))
@@ -82,7 +82,7 @@ def begin_on_curve(w, i, phase: wp.float64, curve, formation, top_speeds, robots
 
 
 @part
-def places_of(block, robots) -> tuple[Floats, Floats, Doubles]:
+def positions_and_phases(block, robots) -> tuple[Floats, Floats, Doubles]:
     """Return x, y [m] and phase [rad] of the robots of a block."""
     x = abreast.coordinates(block, robots.position, 0)
     y = abreast.coordinates(block, robots.position, 1)
@@ -91,9 +91,9 @@ def places_of(block, robots) -> tuple[Floats, Floats, Doubles]:
 
 @stage(ROBOT, writes="robots: phase")
 def follow_curve(block, curve, formation, faults, clock, robots):
-    """Let the phase of a robot that is not bound to the curve follow it along its branch."""
+    """Update the phase of each robot that is not bound to the curve: that of the nearest point on its branch."""
     alpha = float(formation.alpha)
-    x, y, phase = places_of(block, robots)
+    x, y, phase = positions_and_phases(block, robots)
     if curve.harmonics.shape[0] == 0:
         for k in range(abreast.ABREAST):
             if k < abreast.width():
@@ -105,7 +105,7 @@ def follow_curve(block, curve, formation, faults, clock, robots):
             start = curve_parameter(alpha, phase[k])
             gamma = project(curve, wp.vec2(x[k], y[k]), start, LARGEST_CORRECTION)
             phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
-    moving = abreast.where_equal(block, robots.status, WORKING) | rolling(block, faults, robots)
+    moving = abreast.where_equal(block, robots.status, WORKING) | is_coasting(block, faults, robots)
     abreast.put_doubles(block, block.active_mask & moving, phase, robots.phase)
 
 
@@ -114,11 +114,11 @@ def follow_curve(block, curve, formation, faults, clock, robots):
     writes="robots: drive, heading, path, phase, position, speed, status, wheelbase",
 )
 def reset_robots(
-    w, i, curve, formation, robot, noise, equilibrium, displaced, drive_factors, top_speeds, clock, robots
+    w, i, curve, formation, robot, noise, equilibrium, displacements, drive_factors, top_speeds, clock, robots
 ):
     """Place the robots on the curve at the formation's speed or their top speed, and draw each one's own constants."""
     key = randomness.step_key(clock.seed[w], 0)
-    phase = start_phase(w, i, 0, formation, equilibrium, displaced, clock)
+    phase = start_phase(w, i, 0, formation, equilibrium, displacements, clock)
     begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
     robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
     body = randomness.stream(key, i, randomness.BODY)
@@ -130,9 +130,9 @@ def reset_robots(
 
 @part
 def collides_at_once(w, i, time: float, radius: float, places, robots) -> bool:
-    """Return whether a robot collides within a time [s] with one of a smaller number if all go straight on.
+    """Return whether a robot collides within a time [s] with one of smaller index if all go straight on.
 
-    Positions and velocities are those in the plane. Robots of one of `places` overlap by design: `Scenario.places`.
+    Only the motion in the plane counts. Robots of the same `places` overlap by design, see `Scenario.places`.
     """
     velocity = robots.speed[w, i] * cos_sin(robots.heading[w, i])
     for j in range(i):
@@ -144,20 +144,20 @@ def collides_at_once(w, i, time: float, radius: float, places, robots) -> bool:
 
 
 @stage(WORLD, writes="robots: heading, path, phase, position, speed", module=_STARTS)
-def draw_apart(w, curve, formation, robot, equilibrium, displaced, top_speeds, places, clock, robots):
-    """Draw the start of a robot again while it would collide within the headway, one robot after another."""
+def redraw_colliding_starts(w, curve, formation, robot, equilibrium, displacements, top_speeds, places, clock, robots):
+    """Draw the start of each robot again while it would collide within `formation.start_headway`."""
     for i in range(1, robots.status.shape[1]):
         for draw in range(1, _DRAWS):
             if not collides_at_once(w, i, formation.start_headway, robot.radius, places, robots):
                 break
-            phase = start_phase(w, i, draw, formation, equilibrium, displaced, clock)
+            phase = start_phase(w, i, draw, formation, equilibrium, displacements, clock)
             begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
 
 
 _PARTS = wp.constant(64)
-"""Parts of a turn in which headings are compared."""
+"""Number of headings that are tried."""
 _HALVINGS = wp.constant(12)
-"""Halvings of such a part."""
+"""Number of bisections between two of these headings."""
 
 
 @wp.func
@@ -177,63 +177,67 @@ def passes(place: wp.vec2, ahead: wp.vec2, half: wp.vec2) -> bool:
 
 
 @wp.func
-def has_room(place: wp.vec2, heading: float, turning: float, half: wp.vec2) -> bool:
-    """Return whether a car can turn inside a rectangle, to the left or to the right, now or after some way straight on.
+def has_room(place: wp.vec2, heading: float, turning_radius: float, half: wp.vec2) -> bool:
+    """Return whether a car can turn in a rectangle, to the left or to the right, at once or after driving straight on.
 
-    `turning` is the radius of its tightest circle [m], and `half` are the half extents within which the circle's middle
-    must be [m].
+    `turning_radius` is that of its tightest circle [m]. The circle's centre must be within the half extents `half` [m].
     """
     ahead = cos_sin(heading)
-    to_side = turning * wp.vec2(-ahead[1], ahead[0])
+    to_side = turning_radius * wp.vec2(-ahead[1], ahead[0])
     return passes(place + to_side, ahead, half) or passes(place - to_side, ahead, half)
 
 
 @wp.func
-def heading_with_room(place: wp.vec2, heading: float, turning: float, half: wp.vec2) -> float:
+def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, half: wp.vec2) -> float:
     """Return the nearest heading at which a car has room to turn [rad]; the same heading if there is none."""
-    if half[0] < 0.0 or half[1] < 0.0 or has_room(place, heading, turning, half):
+    if half[0] < 0.0 or half[1] < 0.0 or has_room(place, heading, turning_radius, half):
         return heading
     part = 6.2831853 / float(_PARTS)
     for k in range(1, _PARTS + 1):
         turned = float((k + 1) / 2) * part * wp.where(k % 2 == 0, -1.0, 1.0)
-        if has_room(place, heading + turned, turning, half):
+        if has_room(place, heading + turned, turning_radius, half):
             width = wp.sign(turned) * part
             for _halving in range(_HALVINGS):
                 width *= 0.5
-                if has_room(place, heading + turned - width, turning, half):
+                if has_room(place, heading + turned - width, turning_radius, half):
                     turned -= width
             return wrap(heading + turned)
     return heading
 
 
 @part
-def turned_inside(place: wp.vec2, heading: float, speed: float, turning: float, curve, robot) -> float:
-    """Return the heading at which a car begins within walls, where steering and grip allow circles [rad]."""
-    widest = wp.max(turning, speed * speed / robot.lateral_acceleration_max)
+def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_radius: float, curve, robot) -> float:
+    """Return the heading at which a car begins between walls [rad]: the nearest with room for its tightest circle.
+
+    Its steering (`turning_radius` [m]) or, at its speed [m/s], its grip limits that circle.
+    """
+    widest = wp.max(turning_radius, speed * speed / robot.lateral_acceleration_max)
     x = wp.min(curve.half_width - robot.radius, curve.reach_x)
     y = wp.min(curve.half_height - robot.radius, curve.reach_y)
     return heading_with_room(place, heading, widest, wp.vec2(x - widest, y - widest))
 
 
 @stage(ROBOT, writes="robots: heading", module=_STARTS)
-def turn_inside(w, i, curve, robot, turning, clock, robots):
-    """Turn the robots that begin without room to turn within the walls."""
+def turn_from_walls(w, i, curve, robot, turning_radius, clock, robots):
+    """Turn the robots that would begin without room to turn away from the walls."""
     place = planar(robots.position[w, i])
-    robots.heading[w, i] = turned_inside(place, robots.heading[w, i], robots.speed[w, i], turning, curve, robot)
+    robots.heading[w, i] = heading_from_walls(
+        place, robots.heading[w, i], robots.speed[w, i], turning_radius, curve, robot
+    )
 
 
 @wp.kernel(module=_STARTS)
 def _turn_all(
     curve: CurveStruct,
     robot: RobotStruct,
-    turning: float,
+    turning_radius: float,
     pose: wp.array(dtype=wp.vec3),
     speed: wp.array(dtype=float),
     heading_out: wp.array(dtype=float),
 ):
     k = wp.tid()
     place = wp.vec2(pose[k][0], pose[k][1])
-    heading_out[k] = turned_inside(place, pose[k][2], speed[k], turning, curve, robot)
+    heading_out[k] = heading_from_walls(place, pose[k][2], speed[k], turning_radius, curve, robot)
 
 
 def start_headings(scenario: Scenario, pose: np.ndarray, speed: np.ndarray) -> np.ndarray:

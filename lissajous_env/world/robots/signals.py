@@ -1,4 +1,4 @@
-"""Signals of robots: the limits and the noise of their actions, their measurements of themselves, and their messages.
+"""Signals of robots: limits and noise of their actions, measurements of themselves, and messages.
 
 On the ring, robots send their measured phase and position, and receive those of their two neighbours. Policies may add
 a message of their own, the last components of an action, which arrives with the phase message.
@@ -13,7 +13,7 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import curve_parameter, project, wrap_phase
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.robots.placing import LARGEST_CORRECTION, places_of
+from lissajous_env.world.robots.placing import LARGEST_CORRECTION, positions_and_phases
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING
 
 wp.set_module_options(MOTION)
@@ -37,12 +37,12 @@ def disturb_command(w, i, noise, clock, command_out):
         command_out[w, i, entry] = wp.clamp(command_out[w, i, entry] + noise.actuator * wp.randn(draw), -1.0, 1.0)
 
 
-@stage(ROBOT, writes="clock: invalid, invalid_at; command_out; latest: change, effort; taken")
-def take_commands(block, noise, action, clock, latest, taken, command_out):
-    """Limit the actions to [-1, 1] and add noise; replace one that is not finite by zero, and flag its world.
+@stage(ROBOT, writes="clock: invalid, invalid_at; command_out; latest: change, effort; limited_action")
+def limit_actions(block, noise, action, clock, latest, limited_action, command_out):
+    """Limit the actions to [-1, 1], and add noise to the commands in them; compute their effort and change.
 
-    Effort and change are those of the commands without the noise, which `taken` stores until the next step. The
-    components after the commands in an action are a message, which `taken` stores too; it has neither noise nor effort.
+    An action that is not finite is replaced by zero, and its world flagged. The last components of an action are a
+    message, to which neither noise nor effort applies. `limited_action` has commands, without noise, and message.
     """
     n = action.shape[1]
     size = command_out.shape[2]
@@ -57,21 +57,21 @@ def take_commands(block, noise, action, clock, latest, taken, command_out):
     change = Floats()
     for entry in range(size):
         command = abreast.entries(block, action, entry)
-        before = abreast.entries(block, taken, entry)
+        before = abreast.entries(block, limited_action, entry)
         for k in range(abreast.ABREAST):
             if k < abreast.width():
                 command[k] = wp.where(invalid[k] == 0.0, wp.clamp(command[k], -1.0, 1.0), 0.0)
                 difference = command[k] - before[k]
                 squares[k] += command[k] * command[k]
                 change[k] += difference * difference
-        abreast.put_entries(block, block.active_mask, command, entry, taken)
+        abreast.put_entries(block, block.active_mask, command, entry, limited_action)
         abreast.put_entries(block, block.active_mask, command, entry, command_out)
     for entry in range(size, action.shape[2]):
         message = abreast.entries(block, action, entry)
         for k in range(abreast.ABREAST):
             if k < abreast.width():
                 message[k] = wp.where(invalid[k] == 0.0, wp.clamp(message[k], -1.0, 1.0), 0.0)
-        abreast.put_entries(block, block.active_mask, message, entry, taken)
+        abreast.put_entries(block, block.active_mask, message, entry, limited_action)
     for k in range(abreast.ABREAST):
         if k < abreast.width():
             squares[k] = squares[k] / float(size)
@@ -93,7 +93,7 @@ def take_commands(block, noise, action, clock, latest, taken, command_out):
 def disturb_pose(
     draw: wp.uint32, alpha: float, curve, noise, pose: wp.vec4, phase: wp.float64
 ) -> tuple[wp.vec4, wp.float64]:
-    """Add noise to a pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad]."""
+    """Return a pose (x, y [m], heading [rad], speed [m/s]) with noise, and the phase [rad] that it has then."""
     pose[0] += noise.position * wp.randn(draw)
     pose[1] += noise.position * wp.randn(draw)
     pose[2] += noise.heading * wp.randn(draw)
@@ -108,7 +108,7 @@ def measure(block, curve, formation, noise, clock, robots):
     """Measure each robot's pose and phase, and place its sensor; measurements of a removed robot are frozen."""
     n = robots.status.shape[1]
     alpha = float(formation.alpha)
-    x, y, phase = places_of(block, robots)
+    x, y, phase = positions_and_phases(block, robots)
     heading = abreast.floats(block, robots.heading)
     speed = abreast.floats(block, robots.speed)
     working = block.active_mask & abreast.where_equal(block, robots.status, WORKING)
@@ -155,7 +155,7 @@ def measure(block, curve, formation, noise, clock, robots):
 
 @stage(ROBOT, writes="links: sending, sent")
 def send(w, lane, lanes, clock, robots, links):
-    """Send measured phase and position to both neighbours; a removed robot sends nothing."""
+    """Send the measured phase and position to both ring neighbours; a removed robot sends nothing."""
     slot = clock.step[w] % links.sent.shape[2]
     for i in range(lane, robots.status.shape[1], lanes):
         links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
@@ -165,7 +165,7 @@ def send(w, lane, lanes, clock, robots, links):
 
 
 @stage(ROBOT, writes="messages: sending, sent")
-def send_messages(w, i, taken, clock, robots, messages):
+def send_messages(w, i, limited_action, clock, robots, messages):
     """Send a policy's message, the last components of its action; a failed robot repeats its last one."""
     size = messages.sending.shape[2]
     status = robots.status[w, i]
@@ -173,7 +173,7 @@ def send_messages(w, i, taken, clock, robots, messages):
         if status == REMOVED:
             messages.sending[w, i, m] = 0.0
         elif status == WORKING and clock.step[w] > 0:
-            messages.sending[w, i, m] = taken[w, i, taken.shape[2] - size + m]
+            messages.sending[w, i, m] = limited_action[w, i, limited_action.shape[2] - size + m]
         messages.sent[w, i, clock.step[w] % messages.sent.shape[2], m] = messages.sending[w, i, m]
 
 
@@ -202,7 +202,7 @@ def hear(w, lane, lanes, noise, neighbours, clock, links):
 
 @stage(ROBOT, writes="messages: heard")
 def hear_messages(w, i, neighbours, clock, links, messages):
-    """Receive the policies' messages, which arrive with the others."""
+    """Receive the messages of policies, which arrive with the phase messages."""
     slots = links.sent.shape[2]
     sent_at = clock.step[w] - (slots - 1)
     for side in range(2):

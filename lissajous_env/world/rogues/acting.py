@@ -1,7 +1,7 @@
-"""Rogues: they move by their actions, are rewarded, and observe themselves, the walls, and the robots.
+"""Motion, reward and observation of rogues, for actions of agents, networks and scripts.
 
-A row of float32 per target slot has `OWN_ENTRIES`, `WALL_ENTRIES`, then `ROBOT_ENTRIES` for each robot, those that the
-rogue observes first, the nearest first. It observes all robots that were not removed, or those within `targets.sight`.
+The observation has one row of float32 per target slot: `OWN_ENTRIES`, `WALL_ENTRIES`, then `ROBOT_ENTRIES` for each
+robot that was not removed, or that is within `targets.sight`, the nearest first, and zeros.
 `rogue_layout` has index, name, range and meaning of each entry; `print(rogue_layout(scenario))` shows them.
 
 A row is zero before its target appears and after the step in which it is detected. Directions are in the world frame,
@@ -17,9 +17,9 @@ from lissajous_env.device.trig import atan2
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import Layout, layout_of
-from lissajous_env.world.observing import comes_before, far, velocity
+from lissajous_env.world.observing import clip_coordinate, comes_before, velocity_of
 from lissajous_env.world.robots.signals import flag
-from lissajous_env.world.state import ENDED, FOUND, HIDDEN, PRESENT, REMOVED, RUNNING, WORKING, planar
+from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, PRESENT, REMOVED, RUNNING, WORKING, planar
 from lissajous_env.world.targets.motion import inside
 
 wp.set_module_options(OPTIONS)
@@ -58,7 +58,7 @@ ROBOT_SIZE = wp.constant(len(ROBOT_ENTRIES))
 
 
 def rogue_layout(scenario: str | Scenario) -> Layout:
-    """Lay out the observation of one rogue of a scenario."""
+    """Return the layout of the observation of one rogue of a scenario."""
     return layout_of(rogue_entries(named.build(scenario).num_robots))
 
 
@@ -80,7 +80,7 @@ def is_command(x: float, y: float) -> bool:
 
 @wp.func
 def commanded(x: float, y: float) -> wp.vec2:
-    """Shorten an action to length 1 or below."""
+    """Return an action, clipped to [-1, 1] and then shortened to length 1 if it is longer."""
     action = wp.vec2(wp.clamp(x, -1.0, 1.0), wp.clamp(y, -1.0, 1.0))
     return action / wp.max(wp.length(action), 1.0)
 
@@ -89,7 +89,7 @@ def commanded(x: float, y: float) -> wp.vec2:
 def move_rogues(w, t, curve, target, task, clock, targets, rogues):
     """Move each undetected rogue by its action; walls stop it, and an action that is not finite counts as zero."""
     moved = wp.vec2(0.0, 0.0)
-    if targets.stage[w, t] == PRESENT:
+    if targets.status[w, t] == PRESENT:
         x = rogues.action[w, t, 0]
         y = rogues.action[w, t, 1]
         place = targets.position[w, t]
@@ -108,25 +108,25 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
 def reward_rogues(w, t, task, clock, targets, rogues):
     """Reward each rogue with the time of this step for which it was undetected [s]; a detection terminates it."""
     reward = float(0.0)
-    stage = targets.stage[w, t]
+    status = targets.status[w, t]
     now = clock.step[w]
     if clock.active[w] == 1:
         if targets.appears_at[w, t] < now:
-            if stage == PRESENT:
+            if status == PRESENT:
                 reward = task.step
-            elif stage == FOUND and targets.found_at[w, t] == now:
+            elif status == DETECTED and targets.found_at[w, t] == now:
                 reward = (1.0 - targets.found_early[w, t]) * task.step
-        rogues.present[w, t] = stage == PRESENT and clock.stage[w] == RUNNING
-        rogues.terminated[w, t] = stage != PRESENT and stage != HIDDEN
-        rogues.truncated[w, t] = stage == PRESENT and clock.stage[w] == ENDED
+        rogues.present[w, t] = status == PRESENT and clock.status[w] == RUNNING
+        rogues.terminated[w, t] = status != PRESENT and status != HIDDEN
+        rogues.truncated[w, t] = status == PRESENT and clock.status[w] == ENDED
     rogues.reward[w, t] = reward
 
 
 @part
 def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.vec2:
-    """Return (squared distance [m^2], index) of the nearest robot in sight that comes after another; index -1 for none.
+    """Return (squared distance [m^2], index) of the nearest robot in sight beyond the pair `after`; index -1 for none.
 
-    A `sight` of 0 has no limit.
+    A `sight` of 0 means no limit [m].
     """
     best = wp.vec2(1.0e30, -1.0)
     for i in range(robots.status.shape[1]):
@@ -140,9 +140,9 @@ def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.ve
 
 @part
 def observe_itself(w, t, place: wp.vec2, curve, target, radius: float, age: float, targets, rogues):
-    """Fill the entries of the rogue and of the walls."""
+    """Fill `OWN_ENTRIES` and `WALL_ENTRIES`, for a radius of sensing [m] and the time since it appeared [T_max]."""
     speed = rogues.velocity[w, t] / target.speed_limit
-    rogues.observation[w, t, 0] = wp.where(targets.stage[w, t] == PRESENT, 1.0, 0.0)
+    rogues.observation[w, t, 0] = wp.where(targets.status[w, t] == PRESENT, 1.0, 0.0)
     rogues.observation[w, t, 1] = wp.clamp(place[0] / curve.half_width, -1.0, 1.0)
     rogues.observation[w, t, 2] = wp.clamp(place[1] / curve.half_height, -1.0, 1.0)
     rogues.observation[w, t, 3] = wp.clamp(speed[0], -1.0, 1.0)
@@ -158,25 +158,25 @@ def observe_itself(w, t, place: wp.vec2, curve, target, radius: float, age: floa
 
 @part
 def observe_robot(w, t, i, start: int, away: wp.vec2, curve, radius: float, speed_unit, robots, rogues):
-    """Fill the entries of a robot that is `away` [m]."""
-    speed = velocity(w, i, robots) / speed_unit
+    """Fill the entries of robot i, from `start` on; `away` is its position relative to the rogue [m]."""
+    speed = velocity_of(w, i, robots) / speed_unit
     rogues.observation[w, t, start] = 1.0
     rogues.observation[w, t, start + 1] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
-    rogues.observation[w, t, start + 2] = far(0.5 * away[0] / curve.half_width)
-    rogues.observation[w, t, start + 3] = far(0.5 * away[1] / curve.half_height)
-    rogues.observation[w, t, start + 4] = far(speed[0])
-    rogues.observation[w, t, start + 5] = far(speed[1])
+    rogues.observation[w, t, start + 2] = clip_coordinate(0.5 * away[0] / curve.half_width)
+    rogues.observation[w, t, start + 3] = clip_coordinate(0.5 * away[1] / curve.half_height)
+    rogues.observation[w, t, start + 4] = clip_coordinate(speed[0])
+    rogues.observation[w, t, start + 5] = clip_coordinate(speed[1])
     rogues.observation[w, t, start + 6] = wp.clamp(wp.length(away) / radius - 1.0, -1.0, _FAR)
 
 
 @stage(TARGET, writes="rogues: observation")
 def fill_rows(w, t, curve, sensing, target, speed_unit, bounds_per_step, clock, robots, targets, rogues):
-    """Fill the row of each rogue, in the step of its detection for the last time."""
+    """Fill the row of each rogue, for the last time in the step of its detection; later it is zeros."""
     size = rogues.observation.shape[2]
     now = clock.step[w]
     entry = int(0)
-    is_new = targets.stage[w, t] == FOUND and targets.found_at[w, t] == now
-    if targets.stage[w, t] == PRESENT or is_new:
+    is_new = targets.status[w, t] == DETECTED and targets.found_at[w, t] == now
+    if targets.status[w, t] == PRESENT or is_new:
         place = targets.position[w, t]
         age = float(now - targets.appears_at[w, t]) * bounds_per_step
         observe_itself(w, t, place, curve, target, sensing.radius, age, targets, rogues)

@@ -1,4 +1,4 @@
-"""Scripted rogues, which decide by their row alone: wander, flee, shadow and follow-gap."""
+"""Scripted rogues, whose actions depend on their row alone: wander, flee, shadow and follow-gap."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ _MOMENTS = wp.constant(4)
 
 @part
 def own_place(w, t, curve, rogues) -> wp.vec2:
-    """Return where a rogue is, by its row [m]."""
+    """Return the position of a rogue, from its row [m]."""
     return wp.vec2(rogues.observation[w, t, 1] * curve.half_width, rogues.observation[w, t, 2] * curve.half_height)
 
 
@@ -36,7 +36,7 @@ def is_sensing(w, t, entry: int, rogues) -> bool:
 
 @part
 def robot_away(w, t, entry: int, curve, rogues) -> wp.vec2:
-    """Return where the robot at an entry of the row is, relative to the rogue [m]."""
+    """Return the position, relative to the rogue, of the robot at an entry of the row [m]."""
     x = 2.0 * rogues.observation[w, t, entry + 2] * curve.half_width
     return wp.vec2(x, 2.0 * rogues.observation[w, t, entry + 3] * curve.half_height)
 
@@ -60,7 +60,7 @@ def nearest_sensing(w, t, rogues) -> int:
 
 @part
 def wander(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
-    """Return a direction that follows a random walk and bounces off the walls."""
+    """Return the direction of a random walk that bounces off the walls."""
     draw = randomness.uniform(key, t, randomness.ROGUE)
     before = wp.vec2(rogues.observation[w, t, 3], rogues.observation[w, t, 4])
     heading = TURN * draw
@@ -94,7 +94,10 @@ def shadow(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.ve
 
 @part
 def gap_at(w, t, offset: wp.vec2, after: float, curve, sensing, speed_unit, rogues) -> float:
-    """Return the distance from all discs that a place will have after a time [s], if the robots go straight on [m]."""
+    """Return the distance to the nearest disc [m] of a point at an offset from the rogue [m] after a time [s].
+
+    The robots are assumed to keep their velocities.
+    """
     gap = float(1.0e30)
     entry = int(FIRST_ROBOT)
     while entry < rogues.observation.shape[2]:
@@ -107,19 +110,19 @@ def gap_at(w, t, offset: wp.vec2, after: float, curve, sensing, speed_unit, rogu
 
 @part
 def least_gap(w, t, ahead: wp.vec2, curve, sensing, target, speed_unit, rogues) -> float:
-    """Return the smallest distance from all discs on a straight way over half a sensing radius, or in that time [m]."""
+    """Return the smallest distance to a disc [m] on a straight path of half a sensing radius, or, for 0, of a wait."""
     here = own_place(w, t, curve, rogues)
     gap = float(1.0e30)
     for k in range(1, _MOMENTS + 1):
-        way = 0.5 * sensing.radius * float(k) / float(_MOMENTS)
-        offset = inside(here + way * ahead, curve) - here
-        gap = wp.min(gap, gap_at(w, t, offset, way / target.speed_limit, curve, sensing, speed_unit, rogues))
+        distance = 0.5 * sensing.radius * float(k) / float(_MOMENTS)
+        offset = inside(here + distance * ahead, curve) - here
+        gap = wp.min(gap, gap_at(w, t, offset, distance / target.speed_limit, curve, sensing, speed_unit, rogues))
     return gap
 
 
 @part
 def follow_gap(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
-    """Return the direction in which the smallest gap to all discs stays largest; none if that is where it is."""
+    """Return the direction with the largest `least_gap`, or 0 if waiting has a larger one."""
     best = wp.vec2(0.0, 0.0)
     widest = least_gap(w, t, best, curve, sensing, target, speed_unit, rogues)
     for k in range(DIRECTIONS):
@@ -132,11 +135,11 @@ def follow_gap(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> w
 
 
 def _deciding(rule: Any) -> Any:
-    """Make the kernel of a rule."""
+    """Make the stage in which a rule decides; all rules have the same parameters."""
 
     @stage(TARGET, writes="rogues: action")
     def decide(w, t, curve, sensing, target, task, speed_unit, clock, rogues):
-        """Decide for each rogue by its row."""
+        """Write the action of each present rogue."""
         if rogues.observation[w, t, 0] > 0.0:
             key = randomness.step_key(clock.seed[w], clock.step[w])
             velocity = rule(w, t, key, curve, sensing, target, task, speed_unit, rogues)

@@ -1,9 +1,9 @@
 """Detection of targets: they appear, move, and are detected by the first working robot that has them in its disc.
 
-They are in sight of the robots that have them within `sensing.sight` at the end of a step.
+A target is in sight of each working robot that has it within `sensing.sight` at the end of a step.
 
-Targets of a world are processed side by side. With many robots or targets, bins are used to select the robots near a
-target, with the same result to the last bit.
+The targets of a world are processed in groups, so that loops over a group become SIMD. With many robots, bins select
+the robots near a target, with the same result to the last bit.
 """
 
 import warp as wp
@@ -12,17 +12,17 @@ from lissajous_env.device import randomness
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.stage import OPTIONAL, TARGET, part, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.robots.nearby import Bins, bin_of, first_sight, max_displacement, nearest_sensors
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT
+from lissajous_env.world.state import DETECTED, GONE, HIDDEN, PRESENT
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
 
-PLACES = wp.constant(64)
-"""Number of places that are tried for a target that appears outside all discs."""
-_FROM_ALL = wp.constant(place_of(TargetSettings, "flight", "all"))
+_TRIES = wp.constant(64)
+"""Number of positions that are tried for a target that appears outside all discs."""
+_FROM_ALL = wp.constant(code_of(TargetSettings, "flight", "all"))
 
 
 @wp.func
@@ -35,15 +35,15 @@ def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
 
 @stage(TARGET, writes="targets: position")
 def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins=OPTIONAL):
-    """Put targets that appear now at the first of `PLACES` random places outside all sensing discs, or at the last."""
+    """Put targets that appear now at the first of 64 random positions outside all sensing discs, or at the last."""
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    for t in range(lane, targets.stage.shape[1], lanes):
+    for t in range(lane, targets.status.shape[1], lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
-        if targets.stage[w, t] == HIDDEN:
+        if targets.status[w, t] == HIDDEN:
             draw = randomness.stream(key, t, randomness.UNSEEN)
-            for _ in range(PLACES):
+            for _ in range(_TRIES):
                 x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
                 y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
                 targets.position[w, t] = wp.vec2(x, y)
@@ -53,14 +53,14 @@ def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins=OP
 
 
 @wp.struct
-class Flock:
-    """Some targets of a world, side by side."""
+class TargetGroup:
+    """A group of targets of a world, of which loops process all together."""
 
     count: wp.int32
     number: Ints
-    stage: Ints
+    status: Ints
     motion: Ints
-    """STILL for one that is hidden."""
+    """STILL for a hidden target."""
     before_x: Floats
     before_y: Floats
     """Position at the beginning of the step [m]."""
@@ -68,62 +68,65 @@ class Flock:
     y: Floats
     heading: Floats
     speed: Floats
-    """Speed while it does not flee [m/s]."""
+    """Speed of a target while it does not flee [m/s]."""
     flight: Floats
-    """Distance to a robot below which it flees [m]; 0 for one that never flees."""
+    """Distance to a robot below which a target flees [m]; 0 for one that never flees."""
 
 
 @part
-def gather(w, count: int, number: Ints, target, targets) -> Flock:
-    """Load the targets of these numbers; one that an extension moves has already moved."""
-    flock = Flock()
-    flock.count = count
-    flock.number = number
+def gather(w, count: int, number: Ints, target, targets) -> TargetGroup:
+    """Return the group of `count` targets; those that an extension moves have already moved in this step."""
+    group = TargetGroup()
+    group.count = count
+    group.number = number
     for k in range(count):
         t = number[k]
         place = targets.position[w, t]
-        flock.stage[k] = targets.stage[w, t]
-        flock.motion[k] = targets.motion[w, t]
-        flock.x[k] = place[0]
-        flock.y[k] = place[1]
-        flock.heading[k] = targets.heading[w, t]
-        flock.speed[k] = target.speed
+        group.status[k] = targets.status[w, t]
+        group.motion[k] = targets.motion[w, t]
+        group.x[k] = place[0]
+        group.y[k] = place[1]
+        group.heading[k] = targets.heading[w, t]
+        group.speed[k] = target.speed
         if target.speed_min < target.speed:
-            flock.speed[k] = targets.speed[w, t]
+            group.speed[k] = targets.speed[w, t]
         before = place
         if targets.motion[w, t] == CUSTOM:
             before = targets.before[w, t]
             targets.before[w, t] = place
-        flock.before_x[k] = before[0]
-        flock.before_y[k] = before[1]
-        if targets.stage[w, t] == HIDDEN:
-            flock.motion[k] = STILL
-        if flock.motion[k] == FLEEING:
-            flock.flight[k] = target.flee_radius
-    return flock
+        group.before_x[k] = before[0]
+        group.before_y[k] = before[1]
+        if targets.status[w, t] == HIDDEN:
+            group.motion[k] = STILL
+        if group.motion[k] == FLEEING:
+            group.flight[k] = target.flee_radius
+    return group
 
 
 @part
 def move_together(
-    w, key, flock: Flock, nearest: Ints, square: Floats, step: float, curve, target, robots, targets
+    w, key, group: TargetGroup, nearest: Ints, square: Floats, step: float, curve, target, robots, targets
 ) -> tuple[Floats, Floats]:
-    """Move targets over a step [s]; returns their new places [m]. `nearest` and `square` are of `nearest_sensors`."""
+    """Move a group of targets over a step [s]; return their new x, y [m].
+
+    `nearest` and `square` are the results of `nearest_sensors` at their positions before.
+    """
     # Copies: a loop over the fields of a struct does not become SIMD.
-    number = flock.number
-    motion = flock.motion
-    x = flock.x
-    y = flock.y
-    heading = flock.heading
-    speed = flock.speed
+    number = group.number
+    motion = group.motion
+    x = group.x
+    y = group.y
+    heading = group.heading
+    speed = group.speed
     for k in range(ABREAST):
         if k < width():
             moved = wander(number[k], key, motion[k], x[k], y[k], heading[k], speed[k], step, curve, target)
             x[k] = wp.where(is_moved(motion[k]), moved[0], x[k])
             y[k] = wp.where(is_moved(motion[k]), moved[1], y[k])
             heading[k] = moved[2]
-    for k in range(flock.count):
-        if square[k] < flock.flight[k] * flock.flight[k]:
-            place = wp.vec2(flock.x[k], flock.y[k])
+    for k in range(group.count):
+        if square[k] < group.flight[k] * group.flight[k]:
+            place = wp.vec2(group.x[k], group.y[k])
             away = place - robots.sensor[w, nearest[k]]
             if target.flight == _FROM_ALL:
                 away = away_from_all(w, place, curve, target, robots)
@@ -131,23 +134,23 @@ def move_together(
             x[k] = fled[0]
             y[k] = fled[1]
             heading[k] = fled[2]
-        if is_moved(flock.motion[k]):
-            targets.position[w, flock.number[k]] = wp.vec2(x[k], y[k])
-            targets.heading[w, flock.number[k]] = heading[k]
+        if is_moved(group.motion[k]):
+            targets.position[w, group.number[k]] = wp.vec2(x[k], y[k])
+            targets.heading[w, group.number[k]] = heading[k]
     return x, y
 
 
 @part
 def detect(w, t, now, nearest: wp.vec2, sight: wp.vec2, radius: float, targets, latest) -> int:
-    """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
+    """Let a robot detect a target: the first one during the step or, without any, the nearest one at its end.
 
-    `nearest` is of `nearest_sensors`, `sight` of `first_sight`. Returns 1 where it does.
+    `nearest` is the result of `nearest_sensors` at the end, `sight` that of `first_sight`. Returns 1 for a detection.
     """
     found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
     if sight[1] <= 1.0:
         found = int(sight[0])
         targets.found_early[w, t] = 1.0 - sight[1]
-    targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
+    targets.status[w, t] = wp.where(found >= 0, DETECTED, PRESENT)
     if found < 0:
         return 0
     targets.found_at[w, t] = now
@@ -159,28 +162,29 @@ def detect(w, t, now, nearest: wp.vec2, sight: wp.vec2, radius: float, targets, 
 def detect_together(
     w,
     now,
-    flock: Flock,
+    group: TargetGroup,
     square: Floats,
     x: Floats,
     y: Floats,
     far: float,
-    way: float,
+    displacement: float,
     sensing,
     robots,
     targets,
     bins,
     latest,
 ) -> wp.vec2i:
-    """Let robots detect targets that are at x, y now [m]; return how many wait on, and are in sight.
+    """Let robots detect the targets of a group, now at x, y [m]; return the numbers undetected and in sight.
 
-    `square` is of `nearest_sensors`, at the places before. No robot moves farther than `way` [m] in the step, and a
-    robot that can have detected a target but is more than `far` [m] from it at the end is not in its list.
+    `square` are the squared distances of `nearest_sensors` at the positions before [m^2]. No robot moves farther than
+    `displacement` [m] in the step. Where the sensing radius and the displacements of a target and a robot add up to
+    more than `far` [m], the lists of bins may lack robots that detected the target.
     """
     radius = sensing.radius
     sight = sensing.sight
     beyond = sight - radius
-    before_x = flock.before_x
-    before_y = flock.before_y
+    before_x = group.before_x
+    before_y = group.before_y
     near = Floats()
     for k in range(ABREAST):
         if k < width():
@@ -188,37 +192,39 @@ def detect_together(
             up = y[k] - before_y[k]
             near[k] = radius + wp.sqrt(across * across + up * up)
     comes_near = bool(False)
-    for k in range(flock.count):
+    for k in range(group.count):
         comes_near = comes_near or square[k] < (near[k] + beyond) * (near[k] + beyond)
     # A target that was far from every sensor cannot have come into one's sight in this step.
     nearest = Ints()
     least = square
     if comes_near:
-        nearest, least = nearest_sensors(w, flock.count, x, y, robots, bins)
+        nearest, least = nearest_sensors(w, group.count, x, y, robots, bins)
     waiting = int(0)
     sighted = int(0)
-    stage = flock.stage
+    status = group.status
     seen = Ints()
-    asks = Ints()
+    is_candidate = Ints()
     for k in range(ABREAST):
         if k < width():
             seen[k] = wp.where(least[k] < sight * sight, 1, 0)
-            reach = near[k] + way
-            met = wp.where(square[k] < reach * reach or reach > far, 1, 0)
-            appears = wp.where(stage[k] == HIDDEN, 1, 0)
-            asks[k] = wp.where(stage[k] == FOUND, 0, wp.where(least[k] < radius * radius, 1, 0) | met | appears)
-    for k in range(flock.count):
-        t = flock.number[k]
+            reach = near[k] + displacement
+            passed = wp.where(square[k] < reach * reach or reach > far, 1, 0)
+            appears = wp.where(status[k] == HIDDEN, 1, 0)
+            is_candidate[k] = wp.where(
+                status[k] == DETECTED, 0, wp.where(least[k] < radius * radius, 1, 0) | passed | appears
+            )
+    for k in range(group.count):
+        t = group.number[k]
         targets.in_sight[w, t] = seen[k]
         sighted += seen[k]
         if seen[k] == 1 and bins.columns > 0:
             list_in_sight(w, t, wp.vec2(x[k], y[k]), bins)
-        waiting += wp.where(flock.stage[k] == FOUND, 0, 1)
-        if asks[k] == 1:  # which is rare
+        waiting += wp.where(group.status[k] == DETECTED, 0, 1)
+        if is_candidate[k] == 1:  # which is rare
             first = wp.vec2(-1.0, 2.0)
-            if flock.stage[k] == PRESENT:
-                before = wp.vec2(flock.before_x[k], flock.before_y[k])
-                first = first_sight(w, before, wp.vec2(x[k], y[k]), radius, near[k] + way, robots, bins)
+            if group.status[k] == PRESENT:
+                before = wp.vec2(group.before_x[k], group.before_y[k])
+                first = first_sight(w, before, wp.vec2(x[k], y[k]), radius, near[k] + displacement, robots, bins)
             at_end = wp.vec2(float(nearest[k]), least[k])
             waiting -= detect(w, t, now, at_end, first, radius, targets, latest)
     return wp.vec2i(waiting, sighted)
@@ -228,21 +234,21 @@ def detect_together(
     TARGET,
     writes=(
         "bins: first_seen, seen, seen_used; latest: detections, in_sight, waiting; targets: before, "
-        "found_at, found_early, heading, in_sight, position, stage"
+        "found_at, found_early, heading, in_sight, position, status"
     ),
 )
 def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, latest, bins=OPTIONAL):
-    """Remove detected targets, let others appear or move, and let the first robot that senses one detect it.
+    """Remove detected targets, let others appear or move, and let robots detect them.
 
-    A target appears at the end of its step: it is detected then or, on its way, from the next step on.
+    A target appears at the end of a step. It can be detected at that moment, and at any moment of the later steps.
     """
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    way = max_displacement(w, robots)
-    # A target that an extension moved farther than lists reach may have met any robot.
-    far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
+    displacement = max_displacement(w, robots)
+    # A target that an extension moved farther than lists reach may have passed any robot.
+    far = wp.where(bins.columns > 0, bins.widened + displacement, 1.0e30)
     total = wp.vec2i(0, 0)
-    end = targets.stage.shape[1]
+    end = targets.status.shape[1]
     t = int(lane)
     while t < end:
         number = Ints()
@@ -251,19 +257,21 @@ def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots,
             if targets.appears_at[w, t] > now:
                 t = end  # the slots are in the order of their times
             else:
-                stage = targets.stage[w, t]
-                if target.leave == 1 and stage == FOUND:
-                    targets.stage[w, t] = GONE
+                status = targets.status[w, t]
+                if target.leave == 1 and status == DETECTED:
+                    targets.status[w, t] = GONE
                     targets.in_sight[w, t] = 0
-                elif stage != GONE:
+                elif status != GONE:
                     number[count] = t
                     count += 1
                 t += lanes
         if count > 0:
-            flock = gather(w, count, number, target, targets)
-            nearest, square = nearest_sensors(w, count, flock.x, flock.y, robots, bins)
-            x, y = move_together(w, key, flock, nearest, square, task.step, curve, target, robots, targets)
-            total += detect_together(w, now, flock, square, x, y, far, way, sensing, robots, targets, bins, latest)
+            group = gather(w, count, number, target, targets)
+            nearest, square = nearest_sensors(w, count, group.x, group.y, robots, bins)
+            x, y = move_together(w, key, group, nearest, square, task.step, curve, target, robots, targets)
+            total += detect_together(
+                w, now, group, square, x, y, far, displacement, sensing, robots, targets, bins, latest
+            )
     if total[0] > 0:
         wp.atomic_add(latest.waiting, w, total[0])
     if total[1] > 0:

@@ -1,4 +1,4 @@
-"""Targets: their places, motions and times at the start of an episode, and how they move."""
+"""Targets: their positions, motions and times of appearance, and their motion in a step."""
 
 import warp as wp
 
@@ -6,10 +6,10 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import TARGET, WORLD, part, stage
-from lissajous_env.device.structs import place_of
+from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.state import FOUND, HIDDEN, NEVER
+from lissajous_env.world.state import DETECTED, HIDDEN, NEVER
 
 wp.set_module_options(MOTION)
 
@@ -20,12 +20,12 @@ FLEEING = wp.constant(3)
 CUSTOM = wp.constant(4)
 """Moved by an extension of the scenario, or by an adversary: `lissajous_env.world.rogues`."""
 
-_BOUNDARY = wp.constant(place_of(TargetSettings, "entry", "boundary"))
-_HOTSPOTS = wp.constant(place_of(TargetSettings, "entry", "hotspots"))
+_BOUNDARY = wp.constant(code_of(TargetSettings, "entry", "boundary"))
+_HOTSPOTS = wp.constant(code_of(TargetSettings, "entry", "hotspots"))
 _MIDDLE = wp.constant(0.85)
 """Share of the width and of the height in which hotspots are."""
 _CLOSEST = wp.constant(0.05)
-"""Distance below which robots and walls do not repel a target more [flee_radius]."""
+"""Distance below which the repulsion of robots and walls does not increase further [flee_radius]."""
 _WALL = wp.constant(0.5)
 """Weight of a wall relative to that of a robot at the same distance."""
 
@@ -39,7 +39,7 @@ def inside(place: wp.vec2, curve) -> wp.vec2:
 
 @part
 def boundary_point(curve, share: float) -> wp.vec2:
-    """Return the point at a share in [0, 1) of the boundary, counter-clockwise from the right bottom [m]."""
+    """Return the point at a share in [0, 1) of the boundary, counter-clockwise from the lower right corner [m]."""
     width = curve.half_width
     height = curve.half_height
     along = share * 4.0 * (width + height)
@@ -56,7 +56,7 @@ def boundary_point(curve, share: float) -> wp.vec2:
 
 @part
 def hotspot(key, k: int, curve) -> wp.vec3:
-    """Return x, y [m] and weight of a hotspot; `key` is that of the reset."""
+    """Return x, y [m] and weight of hotspot k; `key` is that of step 0, so that hotspots stay for the episode."""
     draw = randomness.stream(key, k, randomness.HOTSPOT)
     x = _MIDDLE * (2.0 * wp.randf(draw) - 1.0) * curve.half_width
     y = _MIDDLE * (2.0 * wp.randf(draw) - 1.0) * curve.half_height
@@ -67,7 +67,7 @@ def hotspot(key, k: int, curve) -> wp.vec3:
 
 @part
 def near_hotspot(key, share: float, offset: wp.vec2, curve, target) -> wp.vec2:
-    """Return the point at an offset [m] from the hotspot at a share in [0, 1) of the sum of the weights."""
+    """Return the point at an offset [m] from the hotspot that a share in [0, 1) of the sum of the weights selects."""
     total = float(0.0)
     for k in range(target.hotspots):
         total += hotspot(key, k, curve)[2]
@@ -83,7 +83,7 @@ def near_hotspot(key, share: float, offset: wp.vec2, curve, target) -> wp.vec2:
 
 @part
 def entry_place(key, draw: wp.uint32, curve, target) -> tuple[wp.vec2, wp.uint32]:
-    """Draw the place where a target appears [m]; returns it and the generator's next state."""
+    """Draw the position where a target appears [m]; return it and the next state of the generator `draw`."""
     x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
     y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
     place = wp.vec2(x, y)
@@ -100,7 +100,7 @@ def entry_place(key, draw: wp.uint32, curve, target) -> tuple[wp.vec2, wp.uint32
 def reset_targets(w, t, curve, target, clock, targets):
     """Draw position, heading and motion of every target; those of the start appear at step 0.
 
-    The place of a target that appears outside all discs is drawn anew at that moment.
+    With `targets.entry` = `unseen`, the position is drawn again when the target appears (`place_unseen`).
     """
     key = randomness.step_key(clock.seed[w], 0)
     place, draw = entry_place(key, randomness.stream(key, t, randomness.ENTRY), curve, target)
@@ -126,12 +126,12 @@ def reset_targets(w, t, curve, target, clock, targets):
     TARGET,
     writes=(
         "targets: appears_at, before, earlier, earlier_longest, earlier_time, found_at, found_early, heading, "
-        "position, stage"
+        "position, status"
     ),
 )
 def respawn(w, t, curve, target, clock, targets):
-    """Let each target that was detected in the step before appear anew in this one."""
-    if targets.stage[w, t] == FOUND:
+    """Let each target that was detected in the previous step appear anew in this one."""
+    if targets.status[w, t] == DETECTED:
         now = clock.step[w]
         time = float(targets.found_at[w, t] - targets.appears_at[w, t]) - targets.found_early[w, t]
         targets.earlier[w, t] += 1
@@ -142,7 +142,7 @@ def respawn(w, t, curve, target, clock, targets):
         targets.position[w, t] = place
         targets.before[w, t] = place
         targets.heading[w, t] = 6.2831853 * wp.randf(draw)
-        targets.stage[w, t] = HIDDEN
+        targets.status[w, t] = HIDDEN
         targets.appears_at[w, t] = now
         targets.found_at[w, t] = NEVER
         targets.found_early[w, t] = 0.0
@@ -153,14 +153,14 @@ def reset_arrivals(w, target, task, clock, targets):
     """Draw the arrival times of the targets after those of the start, by a Poisson process."""
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.ARRIVAL)
     time = float(0.0)
-    for t in range(target.count, targets.stage.shape[1]):
+    for t in range(target.count, targets.status.shape[1]):
         time -= wp.log(1.0 - wp.randf(draw)) / target.arrival_rate
         targets.appears_at[w, t] = 1 + int(wp.min(time / task.step, 1.0e9))
 
 
 @part
 def bounce(x: float, y: float, heading: float, curve) -> wp.vec3:
-    """Reflect a target at the boundary of the rectangle: returns x, y [m], heading [rad]."""
+    """Return x, y [m], heading [rad] of a target that the boundary of the rectangle reflects."""
     beside = wp.abs(x) > curve.half_width
     above = wp.abs(y) > curve.half_height
     inside_x = wp.clamp(wp.sign(x) * 2.0 * curve.half_width - x, -curve.half_width, curve.half_width)
@@ -174,13 +174,13 @@ def bounce(x: float, y: float, heading: float, curve) -> wp.vec3:
 def wander(
     t, key, motion: int, x: float, y: float, heading: float, speed: float, step: float, curve, target
 ) -> wp.vec3:
-    """Move one target at a speed [m/s] over a step [s], straight on if it drifts: returns x, y [m], heading [rad]."""
-    # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
+    """Return x, y [m], heading [rad] of a target after a step [s] of drift, or of a random walk, at a speed [m/s]."""
+    # A uniform draw with the deviation of a normal one costs a third, and sums of draws are nearly normal.
     turn = target.turn_rate * wp.sqrt(3.0 * step) * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
     turned = wp.where(motion == DRIFTING, heading, heading + turn)
-    way = speed * step
+    distance = speed * step
     ahead = cos_sin(turned)
-    return bounce(x + way * ahead[0], y + way * ahead[1], turned, curve)
+    return bounce(x + distance * ahead[0], y + distance * ahead[1], turned, curve)
 
 
 @wp.func
@@ -191,13 +191,13 @@ def is_moved(motion: int) -> bool:
 
 @part
 def repulsion(away: float, target) -> float:
-    """Return the weight of what is at a signed distance [m], one over the distance, with its sign."""
+    """Return the signed repulsion of a robot or wall at a signed distance `away` [m]: 1 / distance, limited [1/m]."""
     return wp.sign(away) / wp.max(wp.abs(away), _CLOSEST * target.flee_radius)
 
 
 @part
 def away_from_all(w, place: wp.vec2, curve, target, robots) -> wp.vec2:
-    """Return the direction of flight from all robots within `flee_radius`, and from the walls."""
+    """Return the direction of flight from all robots within `flee_radius` and from the walls, of any length."""
     x = repulsion(place[0] + curve.half_width, target) + repulsion(place[0] - curve.half_width, target)
     y = repulsion(place[1] + curve.half_height, target) + repulsion(place[1] - curve.half_height, target)
     force = _WALL * wp.vec2(x, y)
@@ -211,7 +211,7 @@ def away_from_all(w, place: wp.vec2, curve, target, robots) -> wp.vec2:
 
 @part
 def flee(place: wp.vec2, away: wp.vec2, step: float, curve, target) -> wp.vec3:
-    """Move one target over a step [s] in the direction `away`: returns x, y [m], heading [rad]."""
+    """Return x, y [m], heading [rad] of a target that flees for a step [s] in the direction `away`, of any length."""
     # A wall turns the flight along itself; it does not send the target back to the robot.
     fled = inside(place + target.flee_speed * step * wp.normalize(away), curve)
     return wp.vec3(fled[0], fled[1], atan2(away[1], away[0]))
