@@ -176,7 +176,7 @@ class Training:
             self._truth = worlds.truth()
             moments.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
             steps.append((self._reward(step, *self._truth[2:]), step))
-            self._begins = np.repeat(step.over, worlds.side.places).astype(np.float32)
+            self._begins = np.repeat(step.over, worlds.side.slots).astype(np.float32)
             worlds.begin(step.over)
             if step.over.any():
                 self._truth = worlds.truth()
@@ -202,7 +202,7 @@ class Training:
         numbers["collided"] += (rate - numbers["collided"]) / 200
         self._returns = self._returns * settings.gamma + reward
         numbers["variance"] += (self._returns.var() - numbers["variance"]) / (1 + min(numbers["counted"], 300))
-        self._returns *= 1 - np.repeat(step.over, self.worlds.side.places)
+        self._returns *= 1 - np.repeat(step.over, self.worlds.side.slots)
         numbers["counted"] += 1
         return reward
 
@@ -223,7 +223,7 @@ class Training:
         advantages, later = np.zeros_like(values[:-1]), np.zeros_like(values[0])
         for t in reversed(range(len(steps))):
             reward, step = steps[t]
-            over = np.repeat(step.over, self.worlds.side.places)
+            over = np.repeat(step.over, self.worlds.side.slots)
             following = np.where(over, values[t], values[t + 1]) * (1 - step.ended)
             error = reward / unit + settings.gamma * following - values[t]
             later = error + settings.gamma * settings.gae_lambda * later * ~over * (1 - step.ended)

@@ -89,7 +89,7 @@ class Worlds:
             threads=settings.threads, overrides=settings.lean_overrides,
         )  # fmt: skip
         self.side = self.batch.sides[0]
-        self.count = worlds * self.side.places
+        self.count = worlds * self.side.slots
         self._base = settings.chosen_base
         self._bases: list[Policy] = []
         """Policies that the network corrects, one for each group; empty without any."""
@@ -122,7 +122,7 @@ class Worlds:
         parts = []
         for tokens, present, own, near in map(truth, self.batch.simulations):
             # Scenarios of a space have different numbers of targets and robots.
-            more = 0 if self.batch.space is None else MOST_TARGETS + self.side.places - present.shape[2]
+            more = 0 if self.batch.space is None else MOST_TARGETS + self.side.slots - present.shape[2]
             wider = (0, 0), (0, 0), (0, more)
             parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own, near))
         return [self._flat(part) for part in zip(*parts, strict=True)]
@@ -130,7 +130,7 @@ class Worlds:
     def step(self, actions: np.ndarray) -> Step:
         """Advance all worlds with actions (B, A) along the robots' axes; `begin` then begins episodes, if any."""
         batch, side = self.batch, self.side
-        actions = actions.reshape(batch.num_worlds, side.places, -1).clip(-1, 1).astype(np.float32)
+        actions = actions.reshape(batch.num_worlds, side.slots, -1).clip(-1, 1).astype(np.float32)
         for group, simulation in enumerate(batch.simulations):
             if simulation.scenario.task.action == "velocity":
                 part = actions[batch.worlds_of(group), : simulation.num_robots]
@@ -190,7 +190,7 @@ class Worlds:
 
     def _flat(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Join arrays (W, n, ...) of the groups to (B, ...), with zeros for places without a robot."""
-        joined = np.concatenate([padded(part, self.side.places - part.shape[1], np) for part in parts])
+        joined = np.concatenate([padded(part, self.side.slots - part.shape[1], np) for part in parts])
         return joined.reshape(self.count, *joined.shape[2:])
 
 

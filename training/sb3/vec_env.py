@@ -50,7 +50,7 @@ class BatchVecEnv(VecEnv):
         """Scores of the latest episodes."""
         self.render_mode = None
         self._began = time.monotonic()
-        count = batch.num_worlds * self._side.places
+        count = batch.num_worlds * self._side.slots
         self._acts, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
         self._lengths = np.zeros(count, dtype=np.int64)
         super().__init__(count, *self._side.spaces())
@@ -84,7 +84,7 @@ class BatchVecEnv(VecEnv):
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W N, inputs)."""
         if self._seeds[0] is not None:
-            self.batch.seed([seed % 2**31 for seed in self._seeds[:: self._side.places]])  # type: ignore[operator]
+            self.batch.seed([seed % 2**31 for seed in self._seeds[:: self._side.slots]])  # type: ignore[operator]
         self._reset_seeds()
         self._reset_options()
         self.batch.reset()
@@ -97,14 +97,14 @@ class BatchVecEnv(VecEnv):
         Raises:
             ValueError: actions have another shape, are not finite, or are no indices.
         """
-        self._actions = self._side.read(actions, (self.num_envs, *self.action_space.shape))  # type: ignore[misc]
+        self._actions = self._side.read_actions(actions, (self.num_envs, *self.action_space.shape))  # type: ignore[misc]
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
         self.batch.step({self._side.agent: self._actions})
         rows, over = self.batch.rows(self._side), self.batch.over
         rewards, terminated = rows.reward.reshape(-1).copy(), rows.terminated.reshape(-1)
-        dones = self._acts & terminated | np.repeat(over, self._side.places)
+        dones = self._acts & terminated | np.repeat(over, self._side.slots)
         truncated = dones & self._acts & ~terminated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": late} for late in truncated.tolist()]
         if dones.any():

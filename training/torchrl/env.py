@@ -105,7 +105,7 @@ class LissajousTorchEnv(EnvBase):
             observed["state"] = Unbounded(torch.Size((*world, batch.state_size)), device)
         acted, rewarded, ended = {}, {}, flags(world)
         for side in batch.sides:
-            team = torch.Size((*world, side.places))
+            team = torch.Size((*world, side.slots))
             low, high = (torch.as_tensor(end).expand(*team, -1) for end in (side.layout.low, side.layout.high))
             entries: dict[str, Any] = {"observation": Bounded(low, high, device=device, dtype=torch.float32)}
             entries["mask"] = Categorical(2, torch.Size((*team, 1)), device, torch.bool)
@@ -165,10 +165,10 @@ class LissajousTorchEnv(EnvBase):
             if side.is_robots:
                 terms = of.terms.clone().unsqueeze(-2).unbind(-1)
                 names = [f"reward_{name}" for name in self.batch.simulation.reward_term_names]
-                team["info"] = self._batched(dict(zip(names, terms, strict=True)), side.places)
+                team["info"] = self._batched(dict(zip(names, terms, strict=True)), side.slots)
                 gone, late = of.terminated.all(1, True), (of.mask & of.truncated).any(1, True)
                 world |= {"terminated": gone, "truncated": late, "done": gone | late}
-            world[side.agent] = self._batched(team, side.places)
+            world[side.agent] = self._batched(team, side.slots)
         if self._with_state:
             world["state"] = self.batch.state(torch)
         return self._batched(world)
