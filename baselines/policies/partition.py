@@ -36,9 +36,9 @@ from baselines.policies.transit import (
     Transit,
     arrival_steps,
     planned_transit,
+    radius_for_all_cars,
     required_distance,
     start_is_known,
-    turning_radius_of,
 )
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
@@ -128,7 +128,7 @@ def _with_ways(
         if start_is_known(scenario):
             rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
             rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
-            got = f"no ways for cars that turn on {turning_radius_of(scenario):.3g} m, and loops that overlap"
+            got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
             raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
     return plans[0], None, 0
 

@@ -239,7 +239,7 @@ def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_eve
     monkeypatch.setattr("baselines.planning.search.cores", lambda: 64)
     search = Search(lissajous_env.scenario(small), Episodes(), families_of(lissajous_env.scenario(small)))
     search.run(seconds=1)
-    assert len(search.looks) == AHEAD < sum(len(family.starts) for family in search.families)
+    assert len(search.looks) == AHEAD < sum(len(family.first) for family in search.families)
 
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):
@@ -248,14 +248,14 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
     search = Search(scenario, Episodes(), families_of(scenario))
 
     def recorded(family, *given):
-        changed.append((search.untried(), sum(len(each.looks) + len(each.unmade) for each in search.families)))
+        changed.append((search.untried(), sum(len(each.looks) + len(each.refused) for each in search.families)))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Family, "changed", recorded)
     search.run(plans=80)
     ((untried, looks),) = changed
     assert untried == []
-    assert looks >= sum(len(family.starts) for family in search.families) - AHEAD - 1
+    assert looks >= sum(len(family.first) for family in search.families) - AHEAD - 1
     assert search.finals  # what was interrupted is played to the end
 
 
