@@ -71,8 +71,7 @@ def test_ways_to_stop_end_at_rest():
     scenario = lissajous_env.scenario("evaders", **(EXACT | DRIVES), **{"noise.speed": 0.3})
     policy = Straight(scenario, 4000)
     rows = np.random.default_rng(0).uniform(-1, 1, policy.observation_shape)
-    rows[..., 4] *= 1 + 3 * 0.3 / scenario.robot.top_speed
-    rows[..., 7] = 1
+    rows[..., 4], rows[..., 7] = rows[..., 4] * (1 + 3 * 0.3 / scenario.robot.top_speed), 1
     found = policy.act(rows)
     policy.reset()
     policy._stay_inside._room.braking *= 10
