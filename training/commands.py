@@ -45,12 +45,17 @@ def train(
     of_rogues: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     # Progress is printed to stderr if stdout is for the result alone.
     console = make_console(stderr=output.json, quiet=output.quiet)
-    if side == "rogues":
-        output.print_json({"out": settings.out, **_train_rogues(settings, of_rogues, console)})
-        return
-    if of_rogues:
+    if side == "robots" and of_rogues:
         raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
-    output.print_json({"out": settings.out, **_import("training.trainer").train(settings, console)})
+    try:
+        if side == "rogues":
+            history = _train_rogues(settings, of_rogues, console)
+        else:
+            history = _import("training.trainer").train(settings, console)
+    except KeyboardInterrupt:
+        words = f"run the same command again to resume from the last checkpoint in {settings.out}"
+        raise KeyboardInterrupt(words) from None
+    output.print_json({"out": settings.out, **history})
 
 
 def _import(module: str) -> Any:

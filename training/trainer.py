@@ -92,7 +92,7 @@ def _train(
             history["first"], results = history["first"] or found, mean_of(found)
             point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
             curve.append(point)
-            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point, against)}")
+            say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {words_of(point, against)}")
             if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
                 history["best"] = point
                 checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)

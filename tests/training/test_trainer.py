@@ -271,7 +271,8 @@ def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, wo
 
 
 def test_cars_rest_where_a_network_wishes_a_slow_velocity():
-    alone, scenario = np.zeros((1, 3, 200), np.float32), lissajous_env.scenario("watch").resolve()
+    scenario = lissajous_env.scenario("watch").resolve()
+    alone = np.zeros((1, 3, len(layout(scenario).names)), np.float32)
     wish = np.array([[[0.2, -0.1], [0.26, 0.0], [0.6, -0.8]]], np.float32)
     assert commanded_velocity(wish, alone, scenario) == pytest.approx(wish * np.array([[0], [1], [1]]))
 

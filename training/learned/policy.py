@@ -14,7 +14,7 @@ import baselines
 from baselines.policies.base import Policy
 from baselines.policies.registry import LOADERS, Loader
 from lissajous_env import Scenario
-from lissajous_env.wording import few_of
+from lissajous_env.wording import few_of, nearest
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.perception import axes_of, commanded_velocity, perceive, wish_of
@@ -56,10 +56,8 @@ def find(name: str | Path) -> Path:
         return shipped
     if (Path(name) / checkpoint.FILE).is_file():
         return Path(name)
-    raise ValueError(
-        f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder with {checkpoint.FILE}, "
-        f"got {str(name)!r}"
-    )
+    rule = f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder with {checkpoint.FILE}"
+    raise ValueError(f"{rule}, got {str(name)!r}{nearest(name, names())}")
 
 
 def register_shipped() -> None:
