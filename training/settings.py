@@ -90,7 +90,7 @@ class TrainingSettings(Checked):
     rest is the team's reward."""
     collisions: float | None = None
     """Collisions per episode above which their cost rises, and below which it falls. By default four fifths of those of
-    the policy with which validations are compared."""
+    the policy with which validations are compared, 0 without one."""
     penalty: float = number(0.3, 0.01, 100)
     """Factor of the scenario's reward for collisions at the beginning."""
     evaluate_every: int = whole(250_000, 1, 10**15)
@@ -143,7 +143,7 @@ class TrainingSettings(Checked):
             return self.base
         if scenario.task.action == "velocity":
             return rule_of(scenario)
-        return {"car": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
+        return {"car": "arc-mpcc", "differential": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
 
     def make_scenario(self) -> Scenario:
         """Return the scenario or, of a space, the first one of its validations."""

@@ -23,8 +23,8 @@ def validate(
     Args:
         settings: Settings of the training.
         make: Function that makes the policy for a scenario and a number of worlds.
-        rival: Results of a rival in the same scenarios; the worth is the ratio of the scores, above 1 if the policy is
-            better. Without them, it is 1.
+        rival: Results, in the same scenarios, of a rival or of the network before the training; the worth is the ratio
+            of the scores, above 1 if the policy is better. Without them, it is 1.
     """
     scenarios, results = settings.make_validation_scenarios(), []
     count = max(settings.episodes // len(scenarios), 1)
@@ -60,7 +60,7 @@ def limit_of(collisions: float | None, rivals: Sequence[dict[str, float]]) -> fl
     return collisions or 0.0
 
 
-def described(means: dict[str, float]) -> str:
-    """Return the means of a validation in words."""
-    score, worth, collisions = (means[name] for name in ("score", "worth", "collisions"))
-    return f"score {score:.4g}, {worth:.3f} times as good as its rival, {collisions:.2f} collisions"
+def described(means: dict[str, float], rival: str | None = None) -> str:
+    """Return the means of a validation in words, compared with a rival if one is named."""
+    compared = "" if rival is None else f"{means['worth']:.3f} times as good as {rival}, "
+    return f"score {means['score']:.4g}, {compared}{means['collisions']:.2f} collisions"

@@ -51,8 +51,7 @@ def check(whole, folder, point, full):
 
 
 @pytest.mark.parametrize(
-    ("name", "share", "full"),
-    [("benchmark", 0.5, False), ("benchmark", 0.8, True), ("train", 0.6, False)],
+    ("name", "share", "full"), [("benchmark", 0.5, False), ("benchmark", 0.8, True), ("train", 0.6, False)]
 )
 def test_a_write(root, tmp_path, name, share, full):
     # Oracle: the same command, never killed.
