@@ -27,10 +27,9 @@ from training.learned.rogue import rogue_card
 from training.learned.rogue_network import RogueNetwork
 from training.rogue_settings import MAY_CHANGE, RogueTraining
 from training.settings import check_resumes
-from training.trainer import load_state, save_state
+from training.trainer import FIRST_SEED, load_state, save_state
 
 FIRST_EVALUATION_SEED = 20_000
-_FIRST_SEED = 1_000_000
 _SCRIPTS = "follow-gap", "flee"
 """Scripts that move the rogues in the first rounds; in later rounds, the last checkpoint moves them."""
 _RIVALS = "wander", "flee", "follow-gap"
@@ -121,7 +120,7 @@ class RogueTrainer:
         scenario = settings.make_scenario(_SCRIPTS[k] if k < len(_SCRIPTS) else str(settings.out))
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         runner = EpisodeRunner(as_factory(settings.against)(scenario, settings.worlds, settings.device), simulation)
-        seed = _FIRST_SEED * (1 + settings.seed) + k * settings.worlds
+        seed = FIRST_SEED * (1 + settings.seed) + k * settings.worlds
         runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
         return visits
 

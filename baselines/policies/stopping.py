@@ -72,7 +72,7 @@ class Room:
     substeps: wp.int32
     """Integration steps in a control step."""
     braking: wp.int32
-    """Integration steps in which the weakest motor brakes from the top speed."""
+    """Integration steps in which the weakest motor brakes from the top speed, measured with the largest error."""
 
 
 @wp.struct
@@ -293,5 +293,6 @@ def room_of(scenario: Scenario) -> Any:
     room.is_exact = int(not any((noise.actuator, noise.heading, noise.speed, *spreads)))
     room.speed_unit = robot.top_speed
     room.substep, room.substeps = task.step / task.substeps, task.substeps
-    room.braking = math.ceil(max(robot.top_speed, -robot.lowest_speed) / (weakest * room.substep)) + 1
+    measured = max(robot.top_speed, -robot.lowest_speed) + DEVIATIONS * noise.speed
+    room.braking = math.ceil((measured + room.speed_error) / (weakest * room.substep)) + 1
     return room
