@@ -44,14 +44,11 @@ def test_the_order_depends_on_no_unit(name):
 
 
 def test_rows_of_faults_that_repeat_or_overlap_count_once():
-    one, other = (
-        features_of(lissajous_env.scenario(SCENARIO, **{"faults.schedule": rows, "faults.removed": removed}))
-        for rows, removed in (
-            (((0, 0.5, 1.5),), ((1, 1.0),)),
-            (((0, 1.0, 1.5), (0, 0.5, 1.2), (0, 1.0, 1.5), (2, 3.0, 4.0)), ((1, 1.0), (1, 1.0))),
-        )
-    )
-    assert one.tolist() == other.tolist() != features_of(SCENARIO).tolist()
+    once = {"faults.schedule": ((0, 0.5, 1.5),), "faults.removed": ((1, 1.0),)}
+    rows = (0, 1.0, 1.5), (0, 0.5, 1.2), (0, 1.0, 1.5), (2, 3.0, 4.0)
+    again = {"faults.schedule": rows, "faults.removed": ((1, 1.0), (1, 1.0))}
+    one, other = (features_of(lissajous_env.scenario(SCENARIO, **fields)).tolist() for fields in (once, again))
+    assert one == other != features_of(SCENARIO).tolist()
 
 
 @pytest.mark.parametrize("objective", [DETECTION, GUARANTEE])
