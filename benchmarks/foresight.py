@@ -15,7 +15,7 @@ import figures
 import numpy as np
 from publish import HELD_OUT, SCRIPTS
 
-from baselines.policies.factories import named
+from baselines.policies.factories import as_factory
 from lissajous_env import Scenario, Simulation
 from lissajous_env.episodes.missed.foresight import Foresight, Visits
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
@@ -47,7 +47,7 @@ def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tup
 
 def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarray:
     """Play an episode in each world, and again with rogues that know it; return the steps at which rogues appear."""
-    driver, steps = named(policy)(simulation.scenario, len(seeds), "cpu"), simulation.scenario.task.steps
+    driver, steps = as_factory(policy)(simulation.scenario, len(seeds), "cpu"), simulation.scenario.task.steps
     resting, visits, actions = np.zeros(simulation.rogues.action.shape, np.float32), Visits(), []
     simulation.reset(seeds=seeds)
     driver.reset()

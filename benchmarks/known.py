@@ -24,7 +24,7 @@ from baselines.benchmark import bounds
 from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
 from baselines.benchmark.shown import number
 from baselines.planning import portfolio
-from baselines.planning.families import as_family, defaults, lines, partitions, timed
+from baselines.planning.families import as_family, defaults, lines, partitions, with_parameters
 from baselines.planning.plans import Family, Figures, Plan, Planned, Settings
 from baselines.planning.rehearse import Episodes, play, quietly
 from baselines.planning.search import Search
@@ -61,9 +61,9 @@ def filtered(family: Family, task: Scenario) -> Family:
     """Return a family under the proved filter, of which the defaults and all numbers of rows or lines come first."""
     counted = {"partition": "rows", "lines": "lines"}[family.name]
     first = ({}, *({counted: count} for count in range(1, 9)))
-    policies = [f"{each}-proved" for each in family.space["policy"]]
-    others = {name: choices for name, choices in family.space.items() if name not in ("policy", "start")}
-    return timed(task, f"{family.name}-proved", policies, first, others)
+    policies = [f"{each}-proved" for each in family.choices["policy"]]
+    others = {name: choices for name, choices in family.choices.items() if name not in ("policy", "start")}
+    return with_parameters(task, f"{family.name}-proved", policies, first, others)
 
 
 def ranked(figures: Figures | bounds.BestKnown, goal: str) -> tuple[float, float]:
@@ -148,7 +148,7 @@ def row_of(name: str) -> list[str]:
     family = defaults(task)
     played = []
     with quietly():
-        for each in family.starts:
+        for each in family.first:
             with contextlib.suppress(UnsuitableScenarioError):
                 played.append(play(family.plan(each), Episodes()))
     without = [each.figures for each in played if not each.figures.collisions]

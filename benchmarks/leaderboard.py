@@ -62,7 +62,7 @@ def read(path):
             raise ValueError(f"{task} of {path.name} must be a list of policies, one for each training, got {policies}")
         scenario = lissajous_env.scenario_space(task).sample(0)
         for policy in policies:
-            factories.named(policy)(scenario, 1, "cpu")
+            factories.as_factory(policy)(scenario, 1, "cpu")
     counts = {task: len(policies) for task, policies in entry["policies"].items()}
     if len(set(counts.values())) != 1:
         raise ValueError(f"policies of {path.name} must have as many trainings for each task, got {counts}")

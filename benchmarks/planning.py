@@ -62,7 +62,7 @@ def row_of(seed: int, **extent: Any) -> tuple[list[str], bool]:
     (scenario,) = outcome.scenarios.values()
     family, worst_cases = defaults(scenario), {}
     with quietly():
-        for settings in family.starts:
+        for settings in family.first:
             try:
                 played = play(family.plan(settings), outcome.request.episodes)
             except ValueError:  # a policy that does not fit the scenario

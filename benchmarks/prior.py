@@ -34,7 +34,7 @@ from baselines.planning.portfolio import (
     Prior,
     cost_of,
     costs_of,
-    numbers_of,
+    features_of,
     result_of,
 )
 from baselines.planning.rehearse import quietly
@@ -151,8 +151,8 @@ def refitted(
     prior: Prior, table: np.ndarray, tasks: Sequence[Scenario], shifted: Sequence[Scenario], seed: int
 ) -> Prior:
     """Return a prior that is fitted to the results of scenarios, and accepts these and shifted ones."""
-    numbers = np.array([numbers_of(each) for each in tasks])
-    every = np.array([*numbers, *(numbers_of(each) for each in shifted)])
+    numbers = np.array([features_of(each) for each in tasks])
+    every = np.array([*numbers, *(features_of(each) for each in shifted)])
     low, high = every.min(axis=0), every.max(axis=0)
     return dataclasses.replace(
         prior,

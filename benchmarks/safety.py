@@ -58,7 +58,7 @@ def as_table(scored: dict[tuple[str, str], dict[str, float]]) -> figures.Table:
     """Return the scores by scenario and policy; collisions with a filter also as a share of those without."""
     rows = []
     for (scenario, name), score in scored.items():
-        plain = scored[scenario, registry.unwrapped(name)[0]]
+        plain = scored[scenario, registry.split_suffix(name)[0]]
         share = ""
         if score is not plain and plain["collisions"]:
             share = number(100 * score["collisions"] / plain["collisions"])

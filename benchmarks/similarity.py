@@ -15,7 +15,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark.shown import number
 from baselines.planning import portfolio
-from baselines.policies.registry import unwrapped
+from baselines.policies.registry import split_suffix
 
 SCENARIOS = ("experiment", "evaders", "intruders")
 SCALES = ((10.0, 1.0), (10.0, 10.0), (3.0, 0.5), (0.1, 1.0), (100.0, 10.0))
@@ -74,8 +74,8 @@ def largest_differences(policy: str, scenario: lissajous_env.Scenario, seeds: in
 
 def _policies(scenario: lissajous_env.Scenario) -> list[str]:
     """Return the policies without a filter, portfolios aside, and the paper's method with each filter."""
-    names = [name for name in baselines.names(scenario) if unwrapped(name)[0] not in portfolio.NAMES]
-    return [name for name in names if unwrapped(name)[0] in (name, FILTERED)]
+    names = [name for name in baselines.names(scenario) if split_suffix(name)[0] not in portfolio.NAMES]
+    return [name for name in names if split_suffix(name)[0] in (name, FILTERED)]
 
 
 def main() -> None:

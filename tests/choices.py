@@ -17,7 +17,7 @@ TRACKED = ("kuramoto-mpcc", "tracked-reference-mpcc", "consensus-gvf")
 
 def playing_all(names: Iterable[str]) -> tuple[str, ...]:
     """Return the names without portfolios: these play one of the others, and not in every scenario."""
-    return tuple(name for name in names if registry.unwrapped(name)[0] not in portfolio.NAMES)
+    return tuple(name for name in names if registry.split_suffix(name)[0] not in portfolio.NAMES)
 
 
 def differing(names: Iterable[str]) -> tuple[str, ...]:
@@ -26,7 +26,7 @@ def differing(names: Iterable[str]) -> tuple[str, ...]:
     These are each coordinator on points, each tracker under the coordinators `TRACKED` alone, and each filter on the
     policies `FILTERED` alone.
     """
-    policies = {name: registry.unwrapped(name) for name in playing_all(names)}
+    policies = {name: registry.split_suffix(name) for name in playing_all(names)}
     alike = {name for name in policies if name.endswith(("-mpcc", "-gvf")) and name not in TRACKED}
     return tuple(
         name for name, (policy, suffix) in policies.items() if name not in alike and (not suffix or policy in FILTERED)

@@ -27,23 +27,14 @@ def curve_point(curve, gamma: float) -> np.ndarray:
     """Equation (10), which is (3) where C = 0 [m]."""
     A, B = extents(curve)
     return np.array(
-        [
-            A * math.cos(curve.a * gamma),
-            B * math.sin(curve.b * gamma),
-            curve.half_depth * math.sin(curve.c * gamma),
-        ]
+        [A * math.cos(curve.a * gamma), B * math.sin(curve.b * gamma), curve.half_depth * math.sin(curve.c * gamma)]
     )
 
 
 def curve_tangent(curve, gamma: float) -> np.ndarray:
     """Derivative of (3) with respect to its parameter [m/rad]."""
     A, B = extents(curve)
-    return np.array(
-        [
-            -A * curve.a * math.sin(curve.a * gamma),
-            B * curve.b * math.cos(curve.b * gamma),
-        ]
-    )
+    return np.array([-A * curve.a * math.sin(curve.a * gamma), B * curve.b * math.cos(curve.b * gamma)])
 
 
 @functools.lru_cache(maxsize=8)
@@ -59,12 +50,7 @@ def projection(curve, place: np.ndarray, gamma: float) -> float:
     """Newton's step for r'.(q - r) = 0 [rad], limited; where the curve bends much, twice that of Gauss and Newton."""
     tangent, away = curve_tangent(curve, gamma), place - curve_point(curve, gamma)[:2]
     A, B = extents(curve)
-    second = np.array(
-        [
-            -A * curve.a**2 * math.cos(curve.a * gamma),
-            -B * curve.b**2 * math.sin(curve.b * gamma),
-        ]
-    )
+    second = np.array([-A * curve.a**2 * math.cos(curve.a * gamma), -B * curve.b**2 * math.sin(curve.b * gamma)])
     slope = tangent @ tangent - second @ away
     lag = float(tangent @ away / max(slope, tangent @ tangent / 2))
     return min(max(lag, -PROJECTION_LIMIT), PROJECTION_LIMIT)

@@ -22,7 +22,7 @@ from lissajous_env.device.devices import cores
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.parameters.robot_models import is_shipped
 from lissajous_env.wording import where_raised
-from lissajous_env.world.columns import brought_columns
+from lissajous_env.world.columns import extension_columns
 
 
 class _Stopped(BaseException):
@@ -69,7 +69,7 @@ def on_cores(jobs: Sequence[tuple[Callable[[threading.Event], None], bool]]) -> 
 
 def may_be_shared(cell: Cell, device: str) -> bool:
     """Return whether a cell may be played on any thread: all of its code is of this package, and runs on the CPU."""
-    ships = registry.ships(cell.policy) and not cell.scenario.extensions and is_shipped(cell.scenario.robot.kind)
+    ships = registry.is_included(cell.policy) and not cell.scenario.extensions and is_shipped(cell.scenario.robot.kind)
     return ships and device == "cpu"
 
 
@@ -97,7 +97,7 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading
     policy = cell.factory(cell.scenario, settings.worlds, settings.device)
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
-    brought = brought_columns(cell.scenario)
+    added = extension_columns(cell.scenario)
 
     def check(_: Any) -> None:
         if stopped is not None and stopped.is_set():
@@ -106,7 +106,7 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading
     for batch in episodes(policy, cell.scenario, seeds, settings.device, check):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
-            if wrong := refusal_of(plain(row), brought):
+            if wrong := refusal_of(plain(row), added):
                 raise ValueError(f"the score of seed {row['seed']}: {wrong}")
         yield rows
 

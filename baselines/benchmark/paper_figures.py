@@ -23,11 +23,11 @@ from baselines.benchmark.statistics import (
     OVERALL,
     SHARE_OF_SEEDS,
     Estimate,
-    brought_in,
+    added_columns,
     with_numbers,
 )
 from baselines.benchmark.table import Policies, Rows, Table, grouped, numbers
-from baselines.policies.registry import unwrapped
+from baselines.policies.registry import split_suffix
 from lissajous_env.world.columns import COLLISIONS, LARGEST, OPEN, SENSED, SHARE, WHOLE, WORST_CASE, Column, task_score
 
 WIDTH = 7.16
@@ -56,13 +56,13 @@ def draw(table: Table, form: str) -> Iterator[tuple[str, bytes]]:
     """Draw all figures of a table and yield each as name of its file and content."""
     styles = styles_of(dict.fromkeys(row["policy"] for row in table.rows))
     with style.context(["default", _STYLE]):
-        for of in table.overall:
-            figure = _figure(f"over {len(of.scenarios)} scenarios", of.policies, OVERALL, styles)
-            yield f"overall-{of.kind}.{form}", saved(figure, form)
+        for overall in table.overall:
+            figure = _figure(f"over {len(overall.scenarios)} scenarios", overall.policies, OVERALL, styles)
+            yield f"overall-{overall.kind}.{form}", saved(figure, form)
         for name, rows in grouped(table.rows).items():
             policies = table.estimates[name]
             columns = dict.fromkeys((task_score(table.scenarios[name]), WORST_CASE, COLLISIONS, SENSED))
-            columns = (*columns, *brought_in(policies.values()), IMPROVEMENT)
+            columns = (*columns, *added_columns(policies.values()), IMPROVEMENT)
             title = f"{name}, compared with {table.references[name]}" if name in table.references else name
             yield f"scores-{name}.{form}", saved(_figure(title, policies, columns, styles, rows), form)
 
@@ -89,14 +89,14 @@ def _figure(
         axes.set_yticks(range(len(policies)), list(policies) if k % across == 0 else [""] * len(policies))
         axes.set_ylim(len(policies) - 0.5, -0.5)
         drawn = []
-        for place, (policy, of) in enumerate(policies.items()):
+        for place, (policy, estimates) in enumerate(policies.items()):
             if episodes is not None and column.name not in DERIVED:
                 drawn += _dots(axes, place, episodes[policy], column, styles[policy].colour)
-            drawn += _interval(axes, place, of[column.name], styles[policy], policy, episodes is None)
+            drawn += _interval(axes, place, estimates[column.name], styles[policy], policy, episodes is None)
         _scale(axes, column, np.array(drawn))
-        counted = max(of[column.name].known for of in policies.values())
+        most = max(estimates[column.name].known for estimates in policies.values())
         heading = column.heading.replace("T_max", "$T_{max}$")
-        axes.set_title(heading + (f"\nlargest of {counted}" if column.summary == LARGEST else ""))
+        axes.set_title(heading + (f"\nlargest of {most}" if column.summary == LARGEST else ""))
     return figure
 
 
@@ -112,21 +112,22 @@ def _dots(axes: Axes, place: int, rows: Rows, column: Column, colour: str) -> li
     return values.tolist()
 
 
-def _interval(axes: Axes, place: int, of: Estimate, style: PlotStyle, policy: str, in_words: bool) -> list[float]:
-    """Draw an estimate with its interval, or perhaps words if it has no bound; return its finite numbers."""
-    if of.at_least or not math.isfinite(of.value):
-        words = "no bound" if of.known and in_words else ""
+def _interval(axes: Axes, place: int, estimate: Estimate, style: PlotStyle, policy: str, in_words: bool) -> list[float]:
+    """Draw an estimate with its interval, and return its finite numbers; without a number, draw words if `in_words`."""
+    if estimate.at_least or not math.isfinite(estimate.value):
+        words = "no bound" if estimate.summary == LARGEST else "infinite"
+        words = words if estimate.known and in_words else ""
         axes.text(0.98, place, words, transform=axes.get_yaxis_transform(), ha="right", va="center", fontsize=6)
         return []
-    ends = (of.median, of.value) if of.summary == LARGEST else (of.low, of.high)
+    ends = (estimate.median, estimate.value) if estimate.summary == LARGEST else (estimate.low, estimate.high)
     axes.plot(ends, [place, place], color=style.colour, lw=4, alpha=0.35, solid_capstyle="butt")
-    face = "white" if unwrapped(policy)[1] else style.colour
-    axes.plot([of.value], [place], color=style.colour, marker=style.mark, ms=4, mew=0.9, mfc=face)
-    return [number for number in (of.value, *ends) if math.isfinite(number)]
+    face = "white" if split_suffix(policy)[1] else style.colour
+    axes.plot([estimate.value], [place], color=style.colour, marker=style.mark, ms=4, mew=0.9, mfc=face)
+    return [number for number in (estimate.value, *ends) if math.isfinite(number)]
 
 
 def _scale(axes: Axes, column: Column, values: np.ndarray) -> None:
-    """Set the scale of an axis: logarithmic for positive numbers that differ widely, nearly so for large counts."""
+    """Set the scale of an axis: logarithmic for positive numbers that differ widely, and above 1 for large counts."""
     if column.summary == SHARE_OF_SEEDS or column.rule is SHARE:
         axes.set_xlim(min(0.5, values.min(initial=1.0)) - 0.03, 1.03)
         if column.summary == SHARE_OF_SEEDS:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from baselines.benchmark.types import POLICIES
-from baselines.policies.registry import unwrapped
+from baselines.policies.registry import split_suffix
 
 BLUE, ORANGE, GREEN, PINK, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00"
 SKY, DARK = "#56B4E9", "#333333"
@@ -69,7 +69,7 @@ def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
 
     The standard policies always have the same style; the others have the next ones, in the order of their names.
     """
-    plain = {policy: unwrapped(policy)[0] for policy in played}
-    standard = dict.fromkeys(unwrapped(policy)[0] for policy in POLICIES)
+    plain = {policy: split_suffix(policy)[0] for policy in played}
+    standard = dict.fromkeys(split_suffix(policy)[0] for policy in POLICIES)
     places = {name: place for place, name in enumerate([*standard, *sorted(set(plain.values()) - standard.keys())])}
     return {policy: style_at(places[name] % _STYLES) for policy, name in plain.items()}

@@ -15,13 +15,13 @@ from baselines.benchmark.statistics import (
     OVERALL,
     SHOWN,
     Estimate,
-    brought_in,
+    added_columns,
     shown_columns,
     with_numbers,
 )
 from baselines.benchmark.table import Overall, Row, Rows, Table, grouped, numbers
 from baselines.benchmark.types import Failure
-from baselines.policies.registry import unwrapped
+from baselines.policies.registry import split_suffix
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay import contents
 from lissajous_env.replay.bundle import as_json, bundled
@@ -55,8 +55,8 @@ Key = tuple[str, str, int]
 _HALF = 0.5
 
 
-class Kind(NamedTuple):
-    """A way to fail."""
+class FailureMode(NamedTuple):
+    """A way in which an episode can fail."""
 
     name: str
     words: str
@@ -67,28 +67,28 @@ class Kind(NamedTuple):
     """Function that tests a score row."""
 
 
-KINDS = (
-    Kind(
+FAILURE_MODES = (
+    FailureMode(
         "unseen",
         "missed more than half",
         "Less than half of the targets were detected, or less than half of the cells were covered.",
         lambda row: row[DETECTED.name] < _HALF or row[SENSED.name] < _HALF,
     ),
-    Kind(
+    FailureMode(
         "open",
         "lost the guarantee",
         "The worst-case undetected time was still growing when the episode ended and was at least half of the episode, "
         "or no robot was left.",
         lambda row: row[OPEN.name] == 1,
     ),
-    Kind("collided", "collided", "Two robots collided.", lambda row: row[COLLISIONS.name] > 0),
+    FailureMode("collided", "collided", "Two robots collided.", lambda row: row[COLLISIONS.name] > 0),
 )
 """The gravest first."""
 
 
 def failed(row: Row) -> list[bool]:
-    """Return for each of `KINDS` whether an episode failed in that way; NaN is no failure."""
-    return [kind.applies(row) for kind in KINDS]
+    """Return for each of `FAILURE_MODES` whether an episode failed in that way; NaN is no failure."""
+    return [mode.applies(row) for mode in FAILURE_MODES]
 
 
 def headline(scenario: Scenario) -> Column:
@@ -99,7 +99,7 @@ def headline(scenario: Scenario) -> Column:
 def badness(row: Row, scenario: Scenario) -> tuple[float, ...]:
     """Return a key by which episodes are sorted, larger being worse.
 
-    It is the number of ways in which the episode failed, then the headline of its scenario, the collisions, and the
+    It is the number of failure modes of the episode, then the headline of its scenario, the collisions, and the
     score of its task; times are in units of T_max. A missing number counts as 0.
     """
     parts = []
@@ -141,9 +141,9 @@ def page(
     data = {
         "format": FORMAT,
         "made": dict(origin),
-        "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
+        "kinds": [{"name": mode.name, "words": mode.words, "about": mode.about} for mode in FAILURE_MODES],
         "policies": _policies(policies),
-        "overall": [_overall(of, number_of) for of in table.overall],
+        "overall": [_overall(overall, number_of) for overall in table.overall],
         "scenarios": [_scenario(table, name, number_of, by.get(name, {}), notes.get(name, ())) for name in scenario_of],
         "failures": [[failure.scenario, failure.policy, failure.error] for failure in failures],
         "columns": columns,
@@ -151,8 +151,8 @@ def page(
         "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
         "replays": {name: [scenario_of[s], number_of[p], seed] for name, (s, p, seed) in replayed.items()},
     }
-    of, on = counted(len(policies), "policy", "policies"), counted(len(scenario_of), "scenario")
-    words = {"title": "Benchmark", "counted": f"{counted(len(ranked), 'episode')} of {of} on {on}"}
+    played = f"{counted(len(ranked), 'episode')} of {counted(len(policies), 'policy', 'policies')}"
+    words = {"title": "Benchmark", "counted": f"{played} on {counted(len(scenario_of), 'scenario')}"}
     viewer, blocks = "", {name: replays[key] for name, key in replayed.items()}
     if replays:  # the replay page without episodes, in a frame
         empty = {"format": contents.FORMAT, "at": "@at@", "episodes": [_EPISODES]}
@@ -164,7 +164,7 @@ def page(
 def _columns(table: Table) -> list[dict[str, Any]]:
     """Return the columns by which episodes can be sorted, the most important first."""
     scores = dict.fromkeys(task_score(scenario) for scenario in table.scenarios.values())
-    listed = [*scores, *brought_in(table.rows), *MAIN]
+    listed = [*scores, *added_columns(table.rows), *MAIN]
     return [
         {
             "name": column.name,
@@ -198,12 +198,12 @@ def _scenario(
         "policies": [
             {
                 "policy": number_of[policy],
-                "episodes": len(of),
-                "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
-                "collisions": _rounded(float(numbers(of, COLLISIONS).mean())),
-                "cells": {column.name: _cell(cells[policy][column.name], column, of) for column in shown},
+                "episodes": len(episodes),
+                "failed": np.sum([failed(row) for row in episodes], axis=0).tolist(),
+                "collisions": _rounded(float(numbers(episodes, COLLISIONS).mean())),
+                "cells": {column.name: _cell(cells[policy][column.name], column, episodes) for column in shown},
             }
-            for policy, of in ((policy, rows[policy]) for policy in cells)
+            for policy, episodes in ((policy, rows[policy]) for policy in cells)
         ],
     }
 
@@ -215,7 +215,7 @@ def _policies(names: Sequence[str]) -> list[dict[str, Any]]:
             "name": name,
             "colour": COLOURS.index(styles[name].colour),
             "mark": styles[name].mark,
-            "hollow": bool(unwrapped(name)[1]),
+            "hollow": bool(split_suffix(name)[1]),
         }
         for name in names
     ]
@@ -274,19 +274,19 @@ def _values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> lis
     return [(value, words) for value, words in lines if math.isfinite(value)]
 
 
-def _words(of: Estimate) -> dict[str, Any]:
+def _words(estimate: Estimate) -> dict[str, Any]:
     """Return an estimate in words, and the number that sorts it; None comes last."""
-    words, beside = in_words(of)
-    return {"words": words, "between": beside, "value": _rounded(of.value)}
+    words, beside = in_words(estimate)
+    return {"words": words, "between": beside, "value": _rounded(estimate.value)}
 
 
-def _cell(of: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
+def _cell(estimate: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
     """Return what the page shows of a column of one policy: an estimate, and the quartiles of the episodes."""
     values = numbers(rows, column)
     known = values[np.isfinite(values)]
-    return _words(of) | {
-        "interval": _rounded([of.low, of.high]),
-        "known": of.known,
+    return _words(estimate) | {
+        "interval": _rounded([estimate.low, estimate.high]),
+        "known": estimate.known,
         "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if len(known) else None,
     }
 
@@ -297,7 +297,7 @@ def _episodes(
     scenario_of: Mapping[str, int],
     number_of: Mapping[str, int],
 ) -> dict[str, list[Any]]:
-    """Return the columns of the episodes; `failed` has a bit for each of `KINDS`."""
+    """Return the columns of the episodes; `failed` has a bit for each of `FAILURE_MODES`."""
     return {
         "scenario": [scenario_of[row["scenario"]] for row in rows],
         "policy": [number_of[row["policy"]] for row in rows],

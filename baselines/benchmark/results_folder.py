@@ -26,7 +26,7 @@ from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
 
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
 FILES = (SETTINGS, EPISODES)
-"""Files that are preserved."""
+"""Files from which all others are derived."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
@@ -83,7 +83,7 @@ class Results:
         for line, row in enumerate(self._journal.entries, start=1):
             scenario = row.get("scenario")
             extensions = scenarios.get(str(scenario), {}).get("extensions", ())
-            wrong = refusal_of(row, [of["name"] for of in extensions if of["kind"] == "score column"])
+            wrong = refusal_of(row, [entry["name"] for entry in extensions if entry["kind"] == "score column"])
             if not wrong and row["policy"] not in policies.get(scenario, []):
                 wrong = f"is an episode of {row['policy']!r} on {scenario!r}, which {SETTINGS} does not name"
             elif not wrong and not (row["episode"] < count and row["seed"] == first + row["episode"]):
@@ -103,10 +103,10 @@ class Results:
         both = wanted["played"].keys() & stored["played"].keys()
         code = {name for name in both if name in begun or name.startswith((_ROBOTS, _ROGUES))}
         before, now = (
-            {name: of[name] for name in _FIXED}
-            | {"scenarios": {name: fields for name, fields in of["scenarios"].items() if name in other["scenarios"]}}
-            | {"played": {name: of["played"][name] for name in code}}
-            for of, other in ((stored, wanted), (wanted, stored))
+            {name: one[name] for name in _FIXED}
+            | {"scenarios": {name: fields for name, fields in one["scenarios"].items() if name in other["scenarios"]}}
+            | {"played": {name: one["played"][name] for name in code}}
+            for one, other in ((stored, wanted), (wanted, stored))
         )
         if differing := _differences(before, now):
             raise ValueError(_refusal(folder, differing))
@@ -118,7 +118,7 @@ class Results:
             "episodes": max(stored["episodes"], wanted["episodes"]),
             **{name: stored[name] for name in _FIXED},
             "scenarios": wanted["scenarios"] | stored["scenarios"],
-            "played": stored["played"] | {name: of for name, of in wanted["played"].items() if name not in code},
+            "played": stored["played"] | {name: parts for name, parts in wanted["played"].items() if name not in code},
         }
 
     def missing(self, cell: Cell, episodes: int) -> list[int]:
@@ -181,14 +181,14 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in ("lissajous-env", "warp-lang")}
 
 
-def refusal_of(row: Mapping[str, Any], brought: Sequence[str] = ()) -> str | None:
+def refusal_of(row: Mapping[str, Any], added: Sequence[str] = ()) -> str | None:
     """Return the rule that a score row violates, as JSON represents one; None for a valid row.
 
     Args:
         row: the row to check.
-        brought: names of the columns that the scenario adds, in their order.
+        added: names of the columns that the scenario adds, in their order.
     """
-    if tuple(row) != (*NAMES, *brought):
+    if tuple(row) != (*NAMES, *added):
         return "must have the columns of a score row"
     for name in ("scenario", "policy"):
         if not isinstance(row[name], str):
@@ -196,7 +196,7 @@ def refusal_of(row: Mapping[str, Any], brought: Sequence[str] = ()) -> str | Non
     for name in ("episode", "seed"):
         if not WHOLE.accepts(row[name]):
             return f"{name} must be {WHOLE.words}, got {shown(row[name])}"
-    for name in (*COLUMNS, *brought):
+    for name in (*COLUMNS, *added):
         if wrong := column_of(name).refusal(row[name]):
             return f"{name} {wrong}, got {shown(row[name])}"
     return None

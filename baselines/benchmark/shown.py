@@ -15,7 +15,7 @@ from baselines.benchmark.statistics import (
     SHARE_OF_SEEDS,
     WORST_CASE_OVER_BEST,
     Estimate,
-    numbers_of,
+    score_names,
     shown_columns,
     with_numbers,
 )
@@ -35,11 +35,11 @@ _MOST_NAMED = 12
 
 
 class Entry(NamedTuple):
-    """Entry of a table: what it shows of an estimate."""
+    """Entry of a table: an estimate in words."""
 
     value: str = ""
     beside: str = ""
-    """Interval, or what else is beside the value."""
+    """Interval, or median and counts, in brackets after the value."""
     is_best: bool = False
 
     def __str__(self) -> str:
@@ -69,12 +69,12 @@ def lines_of(
         best_known: `Bounds.best_known`.
         failed: Policies that raised.
     """
-    best = [best_of([*policies.values()], column) for column in columns]
+    best = [best_number([*policies.values()], column) for column in columns]
     lines = []
     for name in dict.fromkeys((*policies, *failed)):
-        of = policies.get(name)
+        estimates = policies.get(name)
         entries = [
-            Entry() if of is None else _entry(of.get(column.name), mark)
+            Entry() if estimates is None else _entry(estimates.get(column.name), mark)
             for column, mark in zip(columns, best, strict=True)
         ]
         lines.append(Line(name, entries, has_failed=name in failed))
@@ -84,22 +84,25 @@ def lines_of(
     return lines
 
 
-def _entry(of: Estimate | None, best: str) -> Entry:
-    if of is None:
+def _entry(estimate: Estimate | None, best: str) -> Entry:
+    if estimate is None:
         return Entry(DASH)
-    value, beside = in_words(of)
-    counted = f"{of.known}/{of.n}" if 0 < of.known < of.n else ""
+    value, beside = in_words(estimate)
+    counted = f"{estimate.known}/{estimate.n}" if 0 < estimate.known < estimate.n else ""
     return Entry(value, ", ".join(filter(None, (beside, counted))), value == best)
 
 
-def best_of(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
-    """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
-    numbers = [of[column.name] for of in policies if column.name in of]
-    most = max((of.known / of.n for of in numbers), default=0)
-    if not most or not column.better or len({in_words(of)[0] for of in numbers}) == 1:
+def best_number(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
+    """Return the best number of a column as a table shows it; "" if all policies have the same.
+
+    Only policies compete of which most episodes have a number, and whose estimate is not a lower bound.
+    """
+    estimates = [of_policy[column.name] for of_policy in policies if column.name in of_policy]
+    most = max((estimate.known / estimate.n for estimate in estimates), default=0)
+    if not most or not column.better or len({in_words(estimate)[0] for estimate in estimates}) == 1:
         return ""
-    fit = [of for of in numbers if of.known / of.n == most and not of.at_least]
-    return in_words(max(fit, key=lambda of: column.better * of.value))[0] if fit else ""
+    fit = [estimate for estimate in estimates if estimate.known / estimate.n == most and not estimate.at_least]
+    return in_words(max(fit, key=lambda estimate: column.better * estimate.value))[0] if fit else ""
 
 
 def number(value: float) -> str:
@@ -115,22 +118,24 @@ def number(value: float) -> str:
     return f"{value:#.3g}".removesuffix(".") if abs(value) >= 0.9995 else f"{value:.3f}"
 
 
-def in_words(of: Estimate) -> tuple[str, str]:
+def in_words(estimate: Estimate) -> tuple[str, str]:
     """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
 
-    Beside a largest value is instead the median of the sample, unless half of it are open, and the number of its
-    episodes or scenarios and of the open ones. A lower bound is written `> 59.9`, and a share of seeds in percent.
+    A largest value has no interval: beside it are the median of the sample, unless half of it is open, and the number
+    of its episodes or scenarios, or of the open ones. A lower bound is written `> 59.9`, a share of seeds in percent.
     """
-    if not of.known:
+    if not estimate.known:
         return DASH, ""
-    if of.summary == SHARE_OF_SEEDS:
-        return f"{100 * of.value:.0f} %", between(of.low, of.high, 100)
-    if of.summary != LARGEST:
-        return number(of.value), between(of.low, of.high)
-    value = ("> " if of.at_least else "") + number(of.value) if math.isfinite(of.value) else "no bound"
-    median = f"median {number(of.median)}" if math.isfinite(of.median) else ""
-    counted = f"{of.open} of {of.known} open"
-    return value, ", ".join(filter(None, (median, counted))) if of.open else f"{median}, {of.known} {of.sample}"
+    if estimate.summary == SHARE_OF_SEEDS:
+        return f"{100 * estimate.value:.0f} %", between(estimate.low, estimate.high, 100)
+    value = number(estimate.value)
+    if estimate.summary != LARGEST:
+        return value, between(estimate.low, estimate.high)
+    value = ("> " if estimate.at_least else "") + value if math.isfinite(estimate.value) else "no bound"
+    median = f"median {number(estimate.median)}" if math.isfinite(estimate.median) else ""
+    if not estimate.open:
+        return value, f"{median}, {estimate.known} {estimate.sample}"
+    return value, ", ".join(filter(None, (median, f"{estimate.open} of {estimate.known} open")))
 
 
 def between(low: float, high: float, times: float = 1.0) -> str:
@@ -175,10 +180,12 @@ def print_outcome(console: Console, outcome: "Outcome", note: str = "") -> None:
         words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
         title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
         print_lines(console, title, shown, lines_of(policies, shown, bounds.best_known, failed), where)
-    for of in table.overall:
-        count, shown = len(of.scenarios), with_numbers(of.policies, OVERALL)
-        title = Text(f"over {', '.join(of.scenarios) if count <= _MOST_NAMED else f'all {count} scenarios'}", "bold")
-        print_lines(console, title, shown, lines_of(of.policies, shown), where)
+    for overall in table.overall:
+        count, shown = len(overall.scenarios), with_numbers(overall.policies, OVERALL)
+        title = Text(
+            f"over {', '.join(overall.scenarios) if count <= _MOST_NAMED else f'all {count} scenarios'}", "bold"
+        )
+        print_lines(console, title, shown, lines_of(overall.policies, shown), where)
     for words in legend(table, outcome.stored["episodes"]):
         print_line(console, words, "dim")
     print_theorem(console, outcome.theorem)
@@ -203,7 +210,7 @@ def print_outcome(console: Console, outcome: "Outcome", note: str = "") -> None:
 def print_lines(
     console: Console, title: Text, columns: Sequence[Column], lines: Sequence[Line], where: str = "--json has them"
 ) -> None:
-    """Print a table, the references below a rule; `where` tells the place of columns for which there is no room."""
+    """Print a table, the references below a rule; `where` names the place of the columns that do not fit."""
     rows = []
     for line in lines:
         label = Text(line.name, "italic" if line.is_reference else "")
@@ -230,14 +237,15 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
     # A policy that is alone is the best one.
     alone = {SCORE_OVER_BEST.name, WORST_CASE_OVER_BEST.name}
     for name in dict.fromkeys((task_score(scenario).name, *columns)):
-        of = columns[name]
-        if not of.known or name in alone:
+        estimate = columns[name]
+        if not estimate.known or name in alone:
             continue
-        counted = str(of.n) if of.known == of.n else f"{of.known}/{of.n}"
-        counted += f", {of.open} open" if of.open else ""
-        worst = DASH if of.worst is None else str(of.worst)
-        others = (between(of.low, of.high) or DASH, counted, worst, *map(number, (of.median, of.min, of.max)))
-        rows.append([name, of.summary, Text(in_words(of)[0], "bold"), *others])
+        counted = str(estimate.n) if estimate.known == estimate.n else f"{estimate.known}/{estimate.n}"
+        counted += f", {estimate.open} open" if estimate.open else ""
+        worst = DASH if estimate.worst is None else str(estimate.worst)
+        spread = map(number, (estimate.median, estimate.min, estimate.max))
+        others = (between(estimate.low, estimate.high) or DASH, counted, worst, *spread)
+        rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])
     print_table(console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows)
     console.print()
 
@@ -247,7 +255,7 @@ def print_row(console: Console, row: dict[str, Any], scenario: Scenario) -> None
     _print_title(
         console, Text.assemble((row["policy"], "bold"), " on ", (row["scenario"], "bold"), f", seed {row['seed']}")
     )
-    names = dict.fromkeys((task_score(scenario).name, *numbers_of(row)))
+    names = dict.fromkeys((task_score(scenario).name, *score_names(row)))
     rows = [[name, number(row[name])] for name in names if row[name] == row[name]]
     print_table(console, [terminal.Column("score", left=True, style="cyan"), terminal.Column("value")], rows)
 
@@ -270,7 +278,7 @@ def _broken(title: str) -> str:
 
 def legend(table: Table, episodes: int) -> list[str]:
     """Return sentences that explain the numbers of a table."""
-    of = [of for policies in table.estimates.values() for of in policies.values()]
+    of_policies = [estimates for policies in table.estimates.values() for estimates in policies.values()]
     words = [
         f"Interquartile mean over {counted(episodes, 'episode')}, below it the 95 % bootstrap interval; for collisions "
         "and over lower bound, the mean. * best; k/n: k of n episodes had a number."
@@ -278,12 +286,12 @@ def legend(table: Table, episodes: int) -> list[str]:
     if table.references:
         names = ", ".join(dict.fromkeys(table.references.values()))
         words.append(f"Better: share of seeds on which the first column is better than with {names}; ties count half.")
-    if any(estimates[WORST_CASE.name].known for estimates in of):
+    if any(estimates[WORST_CASE.name].known for estimates in of_policies):
         words.append(
             "Guaranteed: worst-case undetected time, the largest of n episodes; >: a lower bound, because the worst "
             "case was still growing at the end of open episodes."
         )
-    if any(estimates[OVER_LOWER_BOUND.name].known for estimates in of):
+    if any(estimates[OVER_LOWER_BOUND.name].known for estimates in of_policies):
         words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
     if table.overall:
         words.append(

@@ -93,10 +93,10 @@ def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
     finite = np.isfinite(samples)
     means = counted[:, finite] @ samples[finite] / (n - 2 * outside)
     means[counted[:, ~finite].any(axis=1)] = np.inf
-    return middle_of(means)
+    return middle_95_percent(means)
 
 
-def middle_of(values: np.ndarray) -> tuple[float, float]:
+def middle_95_percent(values: np.ndarray) -> tuple[float, float]:
     """Return the ends of the middle 95 % of some values."""
     # Between two infinite values there is no point, so an end is then one of the values.
     method = "linear" if np.isfinite(values).all() else "inverted_cdf"
@@ -135,13 +135,13 @@ def summarize_largest(
     is_open, last = (np.broadcast_to(flags, worst.shape)[known] for flags in (without_bound, growing))
     worst = worst[known]
     is_open = is_open | np.isinf(worst)
-    of = Estimate(LARGEST, len(known), len(worst))
+    estimate = Estimate(LARGEST, len(known), len(worst))
     if not len(worst):
-        return of
+        return estimate
     finite = worst[np.isfinite(worst)]
     largest = float(finite.max()) if len(finite) else np.inf
     return replace(
-        of,
+        estimate,
         value=largest,
         min=float(worst.min()),
         median=float(np.median(np.where(is_open, np.inf, worst))),
@@ -152,7 +152,7 @@ def summarize_largest(
 
 
 def wins(own: Values, other: Values) -> np.ndarray:
-    """Return for each seed whether a policy has less than another: 1 if it has, 0 if not, 1/2 in a tie.
+    """Return for each seed 1 if a policy has a smaller number than another, 0 if it has not, 1/2 in a tie.
 
     Both play the same seeds, so the difficulty of a seed cancels. The result is NaN where one of the two has no number.
 
@@ -226,12 +226,12 @@ def column_of(name: str) -> Column:
     return COLUMNS.get(name) or DERIVED.get(name) or Column(name, about, rule=FINITE, empty="none")
 
 
-def numbers_of(row: Mapping[str, Any]) -> tuple[str, ...]:
+def score_names(row: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the names of the numbers of a score row, those that its scenario adds among them."""
     return tuple(name for name in row if name not in IDENTITY)
 
 
-def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
+def added_columns(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
     """Return the columns that scenarios add, from score rows or from estimates by column.
 
     A scenario that was read from a folder no longer has its extensions, but their columns are in its rows.
@@ -245,7 +245,7 @@ def main_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimat
 
     `policies` has estimates by policy and column.
     """
-    columns = dict.fromkeys((task_score(scenario), *MAIN, *brought_in(policies.values())))
+    columns = dict.fromkeys((task_score(scenario), *MAIN, *added_columns(policies.values())))
     return with_numbers(policies, columns)
 
 
@@ -257,6 +257,5 @@ def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estima
 
 def with_numbers(policies: Mapping[Any, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:
     """Return the columns of which some policy has a number."""
-    return [
-        column for column in columns if any(column.name in of and of[column.name].known for of in policies.values())
-    ]
+    known = {name for estimates in policies.values() for name, estimate in estimates.items() if estimate.known}
+    return [column for column in columns if column.name in known]

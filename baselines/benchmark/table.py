@@ -19,7 +19,7 @@ from baselines.benchmark.statistics import (
     WORST_CASE_OVER_BEST,
     Estimate,
     column_of,
-    numbers_of,
+    score_names,
     summarize,
     summarize_largest,
     wins,
@@ -88,10 +88,10 @@ class Table:
             for name, policies in played.items()
         }
         estimates = {
-            name: ranked({policy: estimates_of(of) for policy, of in policies.items()}, scores[name])
+            name: ranked({policy: estimates_of(of_policy) for policy, of_policy in policies.items()}, scores[name])
             for name, policies in played.items()
         }
-        derived = [row for policies in played.values() for of in policies.values() for row in of]
+        derived = [row for policies in played.values() for of_policy in policies.values() for row in of_policy]
         return cls(derived, dict(scenarios), bounds, references, estimates, overall(played, scenarios))
 
 
@@ -102,10 +102,10 @@ def numbers(rows: Iterable[Row], column: Column) -> np.ndarray:
 
 def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, list[dict[str, Any]]]]:
     """Return rows by scenario and policy."""
-    by: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    by_scenario: dict[str, dict[str, list[dict[str, Any]]]] = {}
     for row in rows:
-        by.setdefault(row["scenario"], {}).setdefault(row["policy"], []).append(row)
-    return by
+        by_scenario.setdefault(row["scenario"], {}).setdefault(row["policy"], []).append(row)
+    return by_scenario
 
 
 def reference_of(policies: Iterable[str], against: str | None = None) -> str:
@@ -118,8 +118,8 @@ def ranked(policies: Policies, column: Column) -> Policies:
     """Return estimates with the best policy by a column first; those without a number come last."""
 
     def place(policy: str) -> float:
-        of = policies[policy].get(column.name)
-        return -column.better * of.value if of is not None and of.known else math.inf
+        estimate = policies[policy].get(column.name)
+        return -column.better * estimate.value if estimate is not None and estimate.known else math.inf
 
     return {policy: policies[policy] for policy in sorted(policies, key=place)}
 
@@ -139,10 +139,10 @@ def with_derived(
         reference: Policy with which the others are compared.
     """
     best: dict[int, tuple[float, float]] = {}
-    fmost = np.fmin if score.better < 0 else np.fmax
+    better = np.fmin if score.better < 0 else np.fmax
     for row in (row for rows in policies.values() for row in rows):
-        most, worst_case = best.get(row["seed"], (math.nan, math.inf))
-        best[row["seed"]] = fmost(most, row[score.name]), np.fmin(worst_case, _worst_case(row))
+        value, worst_case = best.get(row["seed"], (math.nan, math.inf))
+        best[row["seed"]] = better(value, row[score.name]), np.fmin(worst_case, _worst_case(row))
     others = {row["seed"]: row for row in policies[reference]} if reference is not None else {}
     derived: dict[str, list[dict[str, Any]]] = {}
     for policy, rows in policies.items():
@@ -179,19 +179,19 @@ def is_growing(row: Row) -> bool:
 
 def estimates_of(rows: Rows) -> dict[str, Estimate]:
     """Return the estimate of each column from the episodes of a policy on a scenario."""
-    return {name: _estimate(column_of(name), rows) for name in numbers_of(rows[0])}
+    return {name: _estimate(column_of(name), rows) for name in score_names(rows[0])}
 
 
 def _estimate(column: Column, rows: Rows) -> Estimate:
     values = numbers(rows, column)
     if column.summary == LARGEST:
         is_open, growing = [row[OPEN.name] == 1 for row in rows], [is_growing(row) for row in rows]
-        of, values = summarize_largest(values, is_open, growing), np.where(is_open, np.inf, values)
+        estimate, values = summarize_largest(values, is_open, growing), np.where(is_open, np.inf, values)
     else:
-        of = summarize(values, column.summary)
+        estimate = summarize(values, column.summary)
     if not column.better or np.isnan(values).all():
-        return of
-    return replace(of, worst=rows[int(np.nanargmin(column.better * values))]["seed"])
+        return estimate
+    return replace(estimate, worst=rows[int(np.nanargmin(column.better * values))]["seed"])
 
 
 def overall(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[str, Scenario]) -> list[Overall]:
@@ -204,21 +204,21 @@ def overall(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[str, Sc
         played: Rows with derived columns, by scenario and policy.
         scenarios: Scenarios by name.
     """
-    of = []
+    by_kind = []
     for kind in dict.fromkeys(scenario.actuation for scenario in scenarios.values()):
         names = tuple(name for name, scenario in scenarios.items() if name in played and scenario.actuation == kind)
         policies = [p for p in played[names[0]] if all(p in played[name] for name in names)] if len(names) > 1 else []
         if policies:
             by = {p: {c.name: _over_scenarios(c, [played[n][p] for n in names]) for c in OVERALL} for p in policies}
             columns = with_numbers(by, OVERALL)
-            of.append(Overall(kind, names, ranked(by, columns[0]) if columns else by))
-    return of
+            by_kind.append(Overall(kind, names, ranked(by, columns[0]) if columns else by))
+    return by_kind
 
 
-def _over_scenarios(column: Column, strata: Sequence[Rows]) -> Estimate:
-    known = [values[~np.isnan(values)] for values in (numbers(rows, column) for rows in strata)]
+def _over_scenarios(column: Column, by_scenario: Sequence[Rows]) -> Estimate:
+    known = [values[~np.isnan(values)] for values in (numbers(rows, column) for rows in by_scenario)]
     if column.summary == LARGEST:
-        of = summarize_largest([values.max(initial=-np.inf) if len(values) else np.nan for values in known])
+        estimate = summarize_largest([values.max(initial=-np.inf) if len(values) else np.nan for values in known])
     else:
-        of = summarize([values.mean() if len(values) else np.nan for values in known], column.summary)
-    return replace(of, sample="scenarios")
+        estimate = summarize([values.mean() if len(values) else np.nan for values in known], column.summary)
+    return replace(estimate, sample="scenarios")

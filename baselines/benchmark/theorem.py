@@ -15,7 +15,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import counted
 from lissajous_env.world.simulation import Simulation
 
-SUFFIX = "-proved"
 _MOST_SEEDS = 1024
 """Limit on the episodes whose starts are checked."""
 _TOGETHER = 64
@@ -49,8 +48,8 @@ def about_theorem(
 def _theorem_of(cell: Cell, seeds: Sequence[int], device: Any) -> str:
     """Return whether the theorem applies to a policy, in words; "" for a policy without the filter."""
     scenario, parameters = cell.scenario, ProvedParameters().of(cell.scenario)
-    if registry.unwrapped(cell.policy)[1] != SUFFIX:
-        if registry.ships(cell.policy) and registry.is_classical(cell.policy):
+    if registry.split_suffix(cell.policy)[1] != Proved.suffix:
+        if registry.is_included(cell.policy) and registry.is_classical(cell.policy):
             return ""
         try:
             policy = cell.factory(scenario, 1, device)

@@ -101,7 +101,7 @@ class Benchmark:
 
     @property
     def worlds(self) -> int:
-        """Episodes that are played together."""
+        """Return the number of episodes that are played together."""
         # This never depends on what is left to do: a policy may round otherwise in another batch.
         return min(self.batch, self.episodes)
 
@@ -128,7 +128,7 @@ class Failure:
 
     @property
     def word(self) -> str:
-        """Return what happened in a word."""
+        """Return "refused" or "failed"."""
         return "refused" if self.is_refusal else "failed"
 
 
@@ -191,7 +191,7 @@ def cells_of(
         ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
     """
     settings.check()
-    own = {name: factories.named(name) for name in settings.policies if factories.is_ones_own(name)}
+    own = {name: factories.as_factory(name) for name in settings.policies if factories.is_unregistered(name)}
     own |= {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     others = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
@@ -201,15 +201,17 @@ def cells_of(
         raise ValueError("scenarios must contain at least one scenario, got none")
     for name in others:
         if not any(name in registry.names(scenario) for scenario in played):
-            registry.make(name, played[0])  # names the defect
+            registry.make(name, played[0])  # raises the reason
     cells = []
     for scenario in played:
         chosen = [name for name in others if name in registry.names(scenario)]
         if not own and not others:
             chosen = _default(scenario, settings.policies == (ALL,))
         before = len(cells)
-        cells += [Cell(scenario, name, factories.named(name)) for name in chosen]
-        cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, scenario.actuation)]
+        cells += [Cell(scenario, name, factories.as_factory(name)) for name in chosen]
+        cells += [
+            Cell(scenario, name, make) for name, make in own.items() if kinds.get(name) in (None, scenario.actuation)
+        ]
         if len(cells) == before and not (own and len(played) > 1):
             kind, got = f"robots of kind {scenario.actuation}", few_of((*others, *own))
             raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
@@ -219,7 +221,8 @@ def cells_of(
         names = few_of((cell.policy for cell in cells), settings.against)
         raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
-        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in played)}")
+        names = few_of(scenario.name for scenario in played)
+        raise ValueError(f"scenarios must differ in name, got {names}; set `name` in the file of one of them")
     if settings.engine == "local":
         as_device(settings.device)
     return cells
@@ -242,8 +245,8 @@ def _default(scenario: Scenario, everything: bool) -> list[str]:
     fitting = registry.names(scenario)
     chosen = [name for name in POLICIES if name in fitting]
     for name in fitting:
-        is_added = registry.made_for(name, scenario.name) and (everything or not registry.ships(name))
-        is_plain = not registry.unwrapped(name)[1] or (everything and registry.describe(name)["made_for"])
+        is_added = registry.is_default_on(name, scenario.name) and (everything or not registry.is_included(name))
+        is_plain = not registry.split_suffix(name)[1] or (everything and registry.describe(name)["made_for"])
         if is_added and is_plain and name not in chosen:
             chosen.append(name)
     return chosen

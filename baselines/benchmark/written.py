@@ -51,7 +51,7 @@ def summarized(outcome: Outcome) -> dict[str, Any]:
         "elapsed_s": outcome.elapsed,
         "seeds": sorted({row["seed"] for row in table.rows}),
         "settings": stored,
-        "bounds": {name: of._asdict() for name, of in table.bounds.items()},
+        "bounds": {name: bounds._asdict() for name, bounds in table.bounds.items()},
         "references": table.references,
         "statistics": table.estimates,
         "overall": table.overall,
@@ -86,8 +86,8 @@ def table_of(table: Table) -> dict[str, list]:
     """
     rows: list[list[str]] = []
     scores = map(task_score, table.scenarios.values())
-    every = {(name, policy): of for name, policies in table.estimates.items() for policy, of in policies.items()}
-    columns = with_numbers(every, dict.fromkeys((*scores, *MAIN)))
+    of_policies = dict(enumerate(of for policies in table.estimates.values() for of in policies.values()))
+    columns = with_numbers(of_policies, dict.fromkeys((*scores, *MAIN)))
     for name, policies in table.estimates.items():
         where = f"`{name}`{bounds_in_words(table.bounds[name])}"
         for line in lines_of(policies, columns, table.bounds[name].best_known):

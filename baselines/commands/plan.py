@@ -10,7 +10,7 @@ from rich import progress as bars
 from baselines.benchmark.progress import bar
 from baselines.commands.playing import progress_console
 from baselines.planning import report
-from baselines.planning.plans import top_speed
+from baselines.planning.plans import robots_top_speed
 from baselines.planning.request import Request
 from baselines.planning.search import Outcome
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions, print_line
@@ -109,7 +109,7 @@ def _asked(outcome: Outcome) -> str:
     """Return a phrase with the rectangle and the robots."""
     numbers, (scenario, *_) = list(outcome.scenarios), list(outcome.scenarios.values())
     team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"
-    curve, speed = scenario.curve, top_speed(scenario)
+    curve, speed = scenario.curve, robots_top_speed(scenario)
     return (
         f"{2 * curve.half_width:g} m x {2 * curve.half_height:g} m, {team} robots of {scenario.robot.radius:g} m and "
         f"{speed:.3g} m/s, sensors of {scenario.sensing_radius:.3g} m, targets of {scenario.rogue_speed:g} m/s"

@@ -14,7 +14,7 @@ from baselines.commands.playing import (
     scenarios_and_policy,
     show,
 )
-from baselines.policies.factories import named
+from baselines.policies.factories import as_factory
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     Device,
@@ -62,7 +62,9 @@ def run(
     recording = record_one(settings, output, own)
     row = recording.score
     shown.print_row(output.console(), row, recording.scenario)
-    shown.print_theorem(output.console(), about_theorem([Cell(recording.scenario, name, named(name))], [row], device))
+    shown.print_theorem(
+        output.console(), about_theorem([Cell(recording.scenario, name, as_factory(name))], [row], device)
+    )
     output.print_json(row)
     if out is not None or has_display():
         show(recording, out, output)

@@ -1,9 +1,9 @@
-"""The families of plans: the included policies, the best known plans, partitions, lines, loops, and formations.
+"""The families of plans: the included policies, the best known plans, partitions, lines, formations and loops.
 
-The included policies with their defaults and the best known plans are played on the scenario as it is, so that no
-printed plan is worse than they are. Of formations, curves with a + b = N are the paper's, with its bounds (6), (7) and
-(8). Other curves are tried too where N equally spaced robots of the undisturbed formation neither collide nor leave a
-gap, by `lissajous_env.theory.geometry`.
+The included policies with their defaults and the best known plans are played on the scenario as it is, so that the
+best printed plan is at least as good as they are. Of formations, curves with a + b = N are the paper's, with its bounds
+(6), (7) and (8). Other curves are tried too where N equally spaced robots of the undisturbed formation neither collide
+nor leave a gap, by `lissajous_env.theory.geometry`.
 """
 
 import itertools
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
-from baselines.planning.plans import Choices, Family, Plan, Settings, absolute, top_speed
-from baselines.planning.request import paper_design, turning_radius_of
+from baselines.planning.plans import Choices, Family, Plan, Settings, absolute, robots_top_speed
+from baselines.planning.request import paper_design, tightest_radius
 from baselines.policies import registry
 from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
@@ -37,7 +37,7 @@ _FILTERS = "", "-safe"
 _STARTS = [0.0, 0.5, 0.7, 0.9]
 """Speeds of a start on an ellipse where it is fastest, over the top speed; 0 for the start of the scenario."""
 _LATE = 1.2
-"""Clearance for which a partition is planned, over the one that is asked for: cars are not exactly on their loops."""
+"""Clearance for which a partition is planned, over the requested one: cars are not exactly on their loops."""
 _STABLE = "kuramoto", "arc"
 """Coordinators that require a stable equilibrium (2) with a place for each robot, which 4 and 6 robots do not have."""
 _COORDINATORS = *_STABLE, "consensus", "open-loop", "tracked-reference"
@@ -53,15 +53,15 @@ _ROOM = 1.05
 
 def families_of(scenario: Scenario, clearance: float = 0.0) -> list[Family]:
     """Return the families of plans for a scenario, with partitions whose bodies are a clearance apart [m]."""
-    of_cars = partitions(scenario, clearance), lines(scenario), patrols(scenario)
-    return [defaults(scenario), best_known(scenario), *of_cars[:2], formations(scenario), of_cars[2]]
+    families = defaults(scenario), best_known(scenario), partitions(scenario, clearance)
+    return [*families, lines(scenario), formations(scenario), patrols(scenario)]
 
 
 def defaults(scenario: Scenario) -> Family:
     """Return the policies that drive the robots, first those that are usually the best."""
     names = sorted(default_policies(scenario), key=lambda name: not name.startswith(_FIRST))
-    starts = [{"policy": name} for name in names]
-    return Family(DEFAULTS, lambda given: Plan(DEFAULTS, scenario, PolicySettings(given["policy"]), "defaults"), starts)
+    first = [{"policy": name} for name in names]
+    return Family(DEFAULTS, lambda given: Plan(DEFAULTS, scenario, PolicySettings(given["policy"]), "defaults"), first)
 
 
 def default_policies(scenario: Scenario) -> list[str]:
@@ -69,9 +69,9 @@ def default_policies(scenario: Scenario) -> list[str]:
 
     Of those with a collision filter, the paper's method alone. Policies that are played on request alone are left out.
     """
-    names = [name for name in registry.names(scenario) if registry.is_classical(name) and registry.ships(name)]
-    names = [name for name in names if registry.made_for(name, scenario.name)]
-    return [name for name in names if not registry.unwrapped(name)[1] or registry.unwrapped(name)[0] == _FILTERED]
+    names = [name for name in registry.names(scenario) if registry.is_classical(name) and registry.is_included(name)]
+    names = [name for name in names if registry.is_default_on(name, scenario.name)]
+    return [name for name in names if not registry.split_suffix(name)[1] or registry.split_suffix(name)[0] == _FILTERED]
 
 
 def best_known(scenario: Scenario) -> Family:
@@ -84,8 +84,8 @@ def as_family(scenario: Scenario, plans: Sequence[BestKnown]) -> Family:
     if not plans:
         return Family(BEST_KNOWN, refusal="none is stored for this scenario")
     settings = {plan.name: plan.settings for plan in plans}
-    starts = [{"stored": name} for name in settings]
-    return Family(BEST_KNOWN, lambda given: Plan(BEST_KNOWN, scenario, settings[given["stored"]], "best known"), starts)
+    first = [{"stored": name} for name in settings]
+    return Family(BEST_KNOWN, lambda given: Plan(BEST_KNOWN, scenario, settings[given["stored"]], "best known"), first)
 
 
 def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
@@ -96,10 +96,11 @@ def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
         clearance: Least distance of two bodies [m]; partitions have a body's radius between them in any case.
     """
     apart = {"clearance": float(f"{_LATE * clearance:.4g}")} if _LATE * clearance > scenario.robot.radius else {}
-    first = {"speed": 0.9}, {"speed": 0.9, "start": 0.7}, {"speed": 0.6}, {"speed": 0.97}, {"speed": 0.8}
+    speeds = {"speed": 0.9}, {"speed": 0.9, "start": 0.7}, {"speed": 0.6}, {"speed": 0.97}, {"speed": 0.8}
+    first = [apart | settings for settings in speeds]
     extents: list[Any] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9]
     wider: dict[str, Choices] = {"turning": (1.0, 8.0)} if scenario.robot.kind == "differential" else {}
-    return timed(scenario, "partition", ("partition", "partition-repair"), [apart | settings for settings in first], {
+    return with_parameters(scenario, "partition", ("partition", "partition-repair"), first, {
         "speed": (0.3, 1.0),
         "rows": list(range(1, scenario.num_robots + 1)),
         "extent_x": extents,
@@ -111,7 +112,7 @@ def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
 def lines(scenario: Scenario) -> Family:
     """Return lines of cars side by side, by the speed and the number of lines."""
     first = ({"lines": 1}, {"lines": 2}, {"speed": 0.6}, {"lines": 3}, {"speed": 0.8})
-    return timed(scenario, "lines", ("line-abreast",), first, {
+    return with_parameters(scenario, "lines", ("line-abreast",), first, {
         "speed": (0.3, 0.98),
         "lines": list(range(1, min(scenario.num_robots, 4) + 1)),
     })  # fmt: skip
@@ -123,7 +124,7 @@ def patrols(scenario: Scenario) -> Family:
         {"cruise": 0.8, "lanes": lanes, "inset": inset, "start": start}
         for lanes, inset, start in ((2, 0.5, 0.9), (4, 0.5, 0.9), (2, 0.1, 0.9), (6, 0.5, 0.9), (2, 0.5, 0.0))
     ]
-    return timed(scenario, "loops", ("sweep", "laps"), first, {
+    return with_parameters(scenario, "loops", ("sweep", "laps"), first, {
         "policy": [policy + suffix for policy in ("sweep", "laps") for suffix in _FILTERS],
         "cruise": (0.3, 1.0),
         "lanes": [2, 4, 6, 8],
@@ -131,7 +132,7 @@ def patrols(scenario: Scenario) -> Family:
     })  # fmt: skip
 
 
-def timed(
+def with_parameters(
     scenario: Scenario,
     name: str,
     policies: Sequence[str],
@@ -150,15 +151,15 @@ def timed(
     if like_cars(scenario) is None:
         kind = f"the robots are of kind {scenario.robot.kind} (give a turning radius)"
         return Family(name, refusal=f"{' and '.join(policies)} drive cars, and {kind}")
-    starts = [{"policy": policy, **settings} for settings in first for policy in policies]
-    space = {"policy": list(policies), "start": _STARTS, **parameters}
-    return Family(name, partial(_changed, scenario, name), starts, space)
+    of_each = [{"policy": policy, **settings} for settings in first for policy in policies]
+    choices = {"policy": list(policies), "start": _STARTS, **parameters}
+    return Family(name, partial(_plan_of, scenario, name), of_each, choices)
 
 
-def _changed(scenario: Scenario, name: str, settings: Settings) -> Plan:
-    """Return the policy with the parameters, on the scenario with another start if one is given."""
+def _plan_of(scenario: Scenario, name: str, settings: Settings) -> Plan:
+    """Return the plan of a policy with parameters, on the scenario or, if settings name a start, on one with that."""
     shares = {key: value for key, value in settings.items() if key not in ("policy", "start")}
-    start = settings.get("start", 0.0) * top_speed(scenario)
+    start = settings.get("start", 0.0) * robots_top_speed(scenario)
     policy = absolute(PolicySettings(settings["policy"], shares), scenario, digits=4)
     about = ", ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in policy.parameters.items())
     about += f", start on an ellipse at {start:.3g} m/s" if start else ""
@@ -171,28 +172,28 @@ def _short(value: Any) -> str:
 
 def formations(scenario: Scenario) -> Family:
     """Return formations by curve, coordinator, and shares of the largest phase rate and of the default coupling."""
-    policies = _policies(scenario)
+    policies = _formation_policies(scenario)
     if not policies:
         return Family(FORMATIONS, refusal=f"no coordinator drives robots of kind {scenario.robot.kind}")
     curves, (paper, *others) = curves_of(scenario), policies
     if not curves:
         return Family(FORMATIONS, refusal=_violation(scenario))
     # Every curve with the paper's method, then the best ones with other coordinators.
-    starts = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
-    starts += [{"curve": k, "policy": policy, "rate": 1.0} for k in range(len(curves))[:2] for policy in others]
-    space = {
+    first = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
+    first += [{"curve": k, "policy": policy, "rate": 1.0} for k in range(len(curves))[:2] for policy in others]
+    choices = {
         "curve": list(range(len(curves))),
         "policy": policies,
         "rate": (0.3, 1.3),
         "coupling": (0.2, 5.0),
     }
-    return Family(FORMATIONS, partial(_formation, scenario), starts, space)
+    return Family(FORMATIONS, partial(_formation, scenario), first, choices)
 
 
 def _violation(scenario: Scenario) -> str:
     """Return the conditions that the best curve with a + b = N violates."""
     half, sensor = (scenario.curve.half_width, scenario.curve.half_height), scenario.sensing_radius
-    best = paper_design(half, scenario.robot, sensor, top_speed(scenario), scenario.num_robots, scenario.inset)
+    best = paper_design(half, scenario.robot, sensor, robots_top_speed(scenario), scenario.num_robots, scenario.inset)
     violated = best.violations(scenario.robot.radius, sensor) or ["robots collide or leave a gap on every curve"]
     return f"the paper's best curve is a = {best.curve.a}, b = {best.curve.b}: {'; '.join(violated)}"
 
@@ -206,15 +207,15 @@ def _formation(scenario: Scenario, settings: Settings) -> Plan:
         fields["formation.coupling"] = settings["coupling"] * rate / (0.3 * fields["formation.alpha"])
     coordinator, pace = {}, f"omega = {rate:.3g} rad/s"
     if policy.startswith("arc"):
-        cruise = min(settings["rate"] * (1 - HEADROOM), 1.0) * top_speed(scenario)
+        cruise = min(settings["rate"] * (1 - HEADROOM), 1.0) * robots_top_speed(scenario)
         coordinator = {"speed": float(f"{cruise:.6g}")}
         pace = f"{coordinator['speed']:.3g} m/s"
     about = f"a:b = {curve.a}:{curve.b}, p = {fields['formation.p']}, {pace}"
     return Plan(FORMATIONS, named.build(scenario, **fields), PolicySettings(policy, {}, coordinator), about)
 
 
-def _policies(scenario: Scenario) -> list[str]:
-    """Return the policies, the paper's method first if the robots have a stable formation."""
+def _formation_policies(scenario: Scenario) -> list[str]:
+    """Return the policies of formations, the paper's method first if the robots have a stable formation."""
     has_stable = closed_forms.has_unclustered_equilibrium(scenario.num_robots)
     fitting = [name for name in _COORDINATORS if has_stable or name not in _STABLE]
     if scenario.robot.kind == "curve":
@@ -244,7 +245,7 @@ def _may_work(scenario: Scenario, curve: Curve) -> bool:
         return False
     if geometry.smallest_distance(curve, n) < apart:
         return False
-    if geometry.tight_share(curve, turning_radius_of(robot)) > _TIGHT:
+    if geometry.tight_share(curve, tightest_radius(robot)) > _TIGHT:
         return False
     gap = geometry.measured_coverage_radius(curve, 1e-2) + math.sqrt(2) * scenario.inset
     return gap * _ROOM < scenario.sensing_radius
@@ -254,7 +255,7 @@ def _largest_rate(scenario: Scenario, curve: Curve) -> float:
     """Return the largest phase rate at which the robots can drive a curve, less the headroom [rad/s]."""
     robot = (like_cars(scenario) or scenario).robot
     grip = robot.lateral_acceleration_max if robot.kind == "car" else math.inf
-    return largest_phase_rate(curve, top_speed(scenario), turning_radius_of(robot), grip)
+    return largest_phase_rate(curve, robots_top_speed(scenario), tightest_radius(robot), grip)
 
 
 def formation_overrides(scenario: Scenario, curve: Curve, rate: float) -> dict[str, Any]:
@@ -265,7 +266,7 @@ def formation_overrides(scenario: Scenario, curve: Curve, rate: float) -> dict[s
         p, alpha = 1, 1  # equally spaced, though no stable equilibrium of (1)
     there = scenario.alpha * geometry.curve_length(scenario.driven)
     noise = scenario.formation.start_noise * there / (alpha * geometry.curve_length(curve))
-    point = {"robot.phase_rate_max": top_speed(scenario) / (alpha * geometry.largest_speed(curve))}
+    point = {"robot.phase_rate_max": robots_top_speed(scenario) / (alpha * geometry.largest_speed(curve))}
     return {
         "curve.a": curve.a, "curve.b": curve.b, "curve.harmonics": (), "curve.half_depth": 0.0,
         "formation.phase_rate": rate, "formation.coupling": rate / (0.3 * alpha),

@@ -15,10 +15,11 @@ from baselines.benchmark.statistics import bootstrap_interval
 from baselines.policies.as_cars import like_cars
 from baselines.policies.loops import SweepParameters, corner_radius, lookahead
 from baselines.policies.settings import PolicySettings
-from baselines.policies.transit import turning_radius_of
+from baselines.policies.transit import radius_for_all_cars
 from baselines.similarity import motion_scale
 from lissajous_env.episodes.lower_bounds import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import counted
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
 
 LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "beyond_edge"
@@ -26,7 +27,7 @@ LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "be
 the episode [s], whether the worst case is that of the last moment and longer than any before it, and the largest
 distance of any part of a body beyond the edge of the rectangle [m]."""
 MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
-"""Contents of messages, those that are the least to communicate first; any other comes last."""
+"""Contents of messages, the smallest first; any other content comes last."""
 Settings = Mapping[str, Any]
 """The settings of a plan within its family, by name."""
 Choices = tuple[float, float] | list[Any]
@@ -48,7 +49,7 @@ class Plan:
 
     @property
     def key(self) -> tuple:
-        """Return what distinguishes it from every other plan."""
+        """Return values by which two plans are the same."""
         given = self.settings
         return self.scenario.digest(), given.policy, repr(sorted(given.parameters.items())), repr(given.coordinator)
 
@@ -111,17 +112,17 @@ class Planned:
     """Score rows of the episodes with failures."""
 
 
-def top_speed(scenario: Scenario) -> float:
-    """Return the top speed of the robots of a scenario [m/s]; NaN for models that do not define it."""
+def robots_top_speed(scenario: Scenario) -> float:
+    """Return the top speed of the robots of a scenario, or of the cars that they move like [m/s]; NaN if undefined."""
     cars = like_cars(scenario)
     return robot_speed_limit(scenario) if cars is None else cars.robot.top_speed
 
 
 UNITS: dict[str, Callable[[Scenario, float], float]] = {
-    **dict.fromkeys(("cruise", "speed", "slowest"), lambda scenario, cruise: top_speed(scenario)),
+    **dict.fromkeys(("cruise", "speed", "slowest"), lambda scenario, cruise: robots_top_speed(scenario)),
     **dict.fromkeys(("inset", "bow"), lambda scenario, cruise: scenario.sensing_radius),
     "corner": corner_radius,
-    "turning": lambda scenario, cruise: turning_radius_of(like_cars(scenario) or scenario),
+    "turning": lambda scenario, cruise: radius_for_all_cars(like_cars(scenario) or scenario),
     "lookahead": lambda scenario, cruise: lookahead(scenario, cruise, SweepParameters()),
     "gather": lambda scenario, cruise: motion_scale(scenario).time,
 }
@@ -138,7 +139,7 @@ def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = 
         scenario: The scenario.
         digits: Significant digits of the parameters; all by default.
     """
-    cruise = relative.parameters.get("cruise", 1.0) * top_speed(scenario)
+    cruise = relative.parameters.get("cruise", 1.0) * robots_top_speed(scenario)
     given = dict(relative.parameters)
     for name in given.keys() & UNITS.keys():
         value = given[name] * UNITS[name](scenario, cruise)
@@ -170,7 +171,7 @@ def figures_of(
     collisions_failed = sum(_of(COLLISIONS, failed))
     return Figures(
         worst_case=worst_case(rows),
-        settled=max(bounds_of(rows, SETTLED_TIME)),
+        settled=max(worst_cases(rows, SETTLED_TIME)),
         worst_case_failed=math.inf if collisions_failed else worst_case(failed),
         detection_time=_mean(_of(DETECTION_TIME, rows)),
         collisions=sum(_of(COLLISIONS, rows)),
@@ -187,11 +188,11 @@ def figures_of(
 
 def worst_case(rows: Sequence[dict[str, Any]]) -> float:
     """Return the worst-case undetected time of some episodes [s]; infinite if one shows no bound, NaN for none."""
-    return max(bounds_of(rows), default=math.nan)
+    return max(worst_cases(rows), default=math.nan)
 
 
-def bounds_of(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> list[float]:
-    """Return a worst-case undetected time of each episode [s]; infinite if an episode shows no bound.
+def worst_cases(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> list[float]:
+    """Return the worst-case undetected time of each episode [s]; infinite if an episode shows no bound.
 
     An episode whose time was still growing in its last step shows none, even if it is not open.
     """
@@ -219,7 +220,9 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
         if plan.figures.collisions == 0:
             by_objectives.setdefault((*plan.figures.objectives, float(plan.plan.scenario.num_robots)), plan)
     table = np.array(list(by_objectives))
-    best = [one for one in by_objectives if (table <= one).all(axis=1).sum() == 1]  # it alone is nowhere worse
+    best = [
+        one for one in by_objectives if (table <= one).all(axis=1).sum() == 1
+    ]  # only the plan itself is nowhere worse
     return [by_objectives[objectives] for objectives in sorted(best)]
 
 
@@ -250,41 +253,41 @@ class Family:
     name: str
     plan: Callable[[Settings], Plan] = _no_plan
     """Function that returns the plan of some settings, or raises ValueError if there is no such plan."""
-    starts: Sequence[Settings] = ()
+    first: Sequence[Settings] = ()
     """Settings that are tried first, the most promising ones first; none if the family does not fit the scenario."""
-    space: Mapping[str, Choices] = field(default_factory=dict)
+    choices: Mapping[str, Choices] = field(default_factory=dict)
     """Values that the settings may have; empty for a family whose plans are not changed."""
     refusal: str = ""
     """Reason why the family has no plan for the scenario; "" if it may have some."""
     looks: list[tuple[Settings, Planned]] = field(default_factory=list)
     """Plans that were looked at."""
-    unmade: list[str] = field(default_factory=list)
-    """Reasons of settings of which there is no plan."""
+    refused: list[str] = field(default_factory=list)
+    """Reasons for which settings did not become plans."""
 
     @property
-    def alive(self) -> list[tuple[Settings, Planned]]:
+    def without_collisions(self) -> list[tuple[Settings, Planned]]:
         """Return the plans that were looked at and did not collide."""
         return [look for look in self.looks if not look[1].figures.collisions]
 
     @property
     def best(self) -> float:
         """Return the least worst-case undetected time [s]."""
-        return min((look.figures.worst_case for _, look in self.alive), default=math.inf)
+        return min((look.figures.worst_case for _, look in self.without_collisions), default=math.inf)
 
     def elite(self) -> list[Settings]:
         """Return the settings of the best plans, alternately without and with failures."""
-        by_worst = sorted(self.alive, key=lambda look: look[1].figures.objectives)
-        by_failed = sorted(self.alive, key=lambda look: look[1].figures.by_failures)
+        by_worst = sorted(self.without_collisions, key=lambda look: look[1].figures.objectives)
+        by_failed = sorted(self.without_collisions, key=lambda look: look[1].figures.by_failures)
         return [settings for settings, _ in itertools.islice(in_turn([by_worst, by_failed]), 2 * _ELITE)]
 
     def changed(self, settings: Settings, random: np.random.Generator) -> dict[str, Any]:
-        """Return settings of which about a third differ, by a factor of about 1.25 where they are numbers."""
-        child, names = dict(settings), list(self.space)
+        """Return changed settings: about a third are drawn anew, numbers within a factor of about 1.25."""
+        child, names = dict(settings), list(self.choices)
         for name in random.permutation(names)[: 1 + random.binomial(len(names) - 1, 0.33)]:
-            child[str(name)] = _drawn(self.space[name], child.get(name), random)
+            child[str(name)] = _drawn(self.choices[name], child.get(name), random)
         return child
 
-    def why(self, collided_later: int = 0) -> str:
+    def reason(self, collided_later: int = 0) -> str:
         """Return the reason why the family has no plan, with numbers.
 
         Args:
@@ -292,22 +295,22 @@ class Family:
         """
         if self.refusal:
             return self.refusal
-        if not (self.looks or self.unmade):
+        if not (self.looks or self.refused):
             return "the search ended before it tried one"
-        words = [f"{len(self.looks)} plans were looked at"]
+        words = [f"{counted(len(self.looks), 'plan')} tried"]
         if collided := [look for _, look in self.looks if look.figures.collisions]:
             fewest = min(collided, key=lambda look: look.figures.collisions).plan
-            words.append(f"{len(collided)} collide, for example {fewest.settings.policy} ({fewest.about})")
-        if self.unmade:
-            words.append(f"{len(self.unmade)} cannot be made: {self.unmade[0]}")
-        if self.alive:
+            words.append(f"{len(collided)} with collisions, for example {fewest.settings.policy} ({fewest.about})")
+        if self.refused:
+            words.append(f"{len(self.refused)} cannot be made: {self.refused[0]}")
+        if self.without_collisions:
             ends = f"{collided_later} of them collided in simulations" if collided_later else "none was simulated"
-            words.append(f"{len(self.alive)} remain, but {ends} to the end")
+            words.append(f"{len(self.without_collisions)} without collisions, but {ends} to the end")
         return "; ".join(words)
 
 
 def _drawn(choices: Choices, near: Any, random: np.random.Generator) -> Any:
-    """Draw a value; a number of a range is drawn near another one if there is one."""
+    """Draw a value from choices; in a range, one near the given number if there is one."""
     if isinstance(choices, list):
         return choices[int(random.integers(len(choices)))]
     low, high = choices

@@ -1,10 +1,10 @@
 """Portfolios: policies that rehearse some classical patrols for their scenario, and drive the best one of them.
 
-A prior determines which patrols are rehearsed, those that are probably good on a scenario of cars. Its network reads
-dimensionless numbers of the scenario and predicts the cost of each patrol. Lengths are compared with the robots'
+A prior determines which patrols are rehearsed: those that are probably good on a scenario of cars. Its network reads
+dimensionless features of the scenario and predicts the cost of each patrol. Lengths are compared with the robots'
 spacing, which is the side of a square as large as a robot's share of the rectangle, and speeds with the robots' top
 speed. So the order of the patrols does not depend on the units of length and time. `benchmarks/prior.py` fits the
-included priors. All robots read the same numbers and play the same episodes, so they choose the same patrol without
+included priors. All robots read the same features and play the same episodes, so they choose the same patrol without
 messages, on processors of one kind.
 """
 
@@ -37,7 +37,7 @@ NAMES = {
 }
 """Descriptions of the portfolios, by name."""
 REHEARSED = 5
-"""Number of patrols that are rehearsed, twice as many for a scenario with a number that the prior has not seen."""
+"""Number of patrols that are rehearsed, twice as many for a scenario with a feature outside of the range of the fit."""
 
 FEW, FIRST_SEED = 4, 800_000
 """Episodes of a rehearsal, and the seed of the first; no published results are from these seeds."""
@@ -53,13 +53,13 @@ _COLLISION, MOST_COLLISIONS = 0.1, 20
 """Cost of a collision in an episode, and the largest number of collisions that counts."""
 
 
-class Number(NamedTuple):
-    """A number of a scenario of cars, which is not negative."""
+class Feature(NamedTuple):
+    """A feature that the network reads of a scenario of cars: a number that is not negative."""
 
     meaning: str
     of: Callable[[Scenario], float]
     as_logarithm: bool = False
-    """True if the network reads the logarithm of the number."""
+    """True if the network reads the logarithm of the feature."""
 
     def read(self, scenario: Scenario) -> float:
         """Return what the network reads."""
@@ -82,71 +82,71 @@ def _standstill(scenario: Scenario) -> float:
     return min(faults.rate * faults.mean_duration + scheduled / (scenario.num_robots * duration), 1.0)
 
 
-NUMBERS = (
-    Number("1 over the number of robots", lambda scenario: 1 / scenario.num_robots),
-    Number(
+FEATURES = (
+    Feature("1 over the number of robots", lambda scenario: 1 / scenario.num_robots),
+    Feature(
         "width of the rectangle over its height",
         lambda scenario: scenario.curve.half_width / scenario.curve.half_height,
         True,
     ),
-    Number(
+    Feature(
         "sensing radius over the robots' spacing", lambda scenario: scenario.sensing_radius / spacing(scenario), True
     ),
-    Number(
+    Feature(
         "sensing radius over half of the height",
         lambda scenario: scenario.sensing_radius / scenario.curve.half_height,
         True,
     ),
-    Number(
+    Feature(
         "radius of a body over the robots' spacing", lambda scenario: scenario.robot.radius / spacing(scenario), True
     ),
-    Number(
+    Feature(
         "turning radius over the robots' spacing",
         lambda scenario: turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max) / spacing(scenario),
         True,
     ),
-    Number(
+    Feature(
         "distance that a robot can drive in an episode over the robots' spacing",
         lambda scenario: scenario.robot.top_speed * scenario.task.duration / spacing(scenario),
         True,
     ),
-    Number(
+    Feature(
         "targets' top speed over that of the robots",
         lambda scenario: min(scenario.rogue_speed / scenario.robot.top_speed, 2.0),
     ),
-    Number("share of targets that wander", lambda scenario: scenario.targets.wandering),
-    Number("share of targets that flee", lambda scenario: scenario.targets.fleeing),
-    Number(
+    Feature("share of targets that wander", lambda scenario: scenario.targets.wandering),
+    Feature("share of targets that flee", lambda scenario: scenario.targets.fleeing),
+    Feature(
         "distance at which targets flee over the sensing radius, times the share of those that do",
         lambda scenario: scenario.targets.fleeing * scenario.targets.flee_radius / scenario.sensing_radius,
     ),
-    Number("1 if targets enter at the boundary", lambda scenario: scenario.targets.entry == "boundary"),
-    Number("1 if targets enter where no robot senses them", lambda scenario: scenario.targets.entry == "unseen"),
-    Number("1 if robots do not start in the equilibrium", lambda scenario: scenario.formation.start != "equilibrium"),
-    Number(
+    Feature("1 if targets enter at the boundary", lambda scenario: scenario.targets.entry == "boundary"),
+    Feature("1 if targets enter where no robot senses them", lambda scenario: scenario.targets.entry == "unseen"),
+    Feature("1 if robots do not start in the equilibrium", lambda scenario: scenario.formation.start != "equilibrium"),
+    Feature(
         "failures of a robot in an episode",
         lambda scenario: (
             scenario.faults.rate * scenario.task.duration + len(scenario.faults.schedule) / scenario.num_robots
         ),
     ),
-    Number("share of the time for which a robot has failed", _standstill),
-    Number(
+    Feature("share of the time for which a robot has failed", _standstill),
+    Feature(
         "share of robots that fail for good",
         lambda scenario: (scenario.faults.lost + len(scenario.faults.removed)) / scenario.num_robots,
     ),
-    Number(
+    Feature(
         "noise of measured positions over the radius of a body",
         lambda scenario: scenario.noise.position / scenario.robot.radius,
     ),
-    Number("noise of measured headings [rad]", lambda scenario: scenario.noise.heading),
-    Number("share of messages that are lost", lambda scenario: scenario.noise.message_loss),
+    Feature("noise of measured headings [rad]", lambda scenario: scenario.noise.heading),
+    Feature("share of messages that are lost", lambda scenario: scenario.noise.message_loss),
 )
-"""Numbers that a network reads, in its order."""
+"""Features in the order in which the network reads them."""
 
 
-def numbers_of(scenario: Scenario) -> np.ndarray:
-    """Return what a network reads (F,) of a scenario of cars, in the order of `NUMBERS`."""
-    return np.array([number.read(scenario) for number in NUMBERS])
+def features_of(scenario: Scenario) -> np.ndarray:
+    """Return the features (F,) of a scenario of cars as the network reads them."""
+    return np.array([feature.read(scenario) for feature in FEATURES])
 
 
 class Layer(NamedTuple):
@@ -160,7 +160,7 @@ class Layer(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """A network that predicts the cost of each patrol of a portfolio from the numbers of a scenario."""
+    """A network that predicts the cost of each patrol of a portfolio from the features of a scenario."""
 
     about: Mapping[str, Any]
     """The command that made it, with its seed, and the scenarios that it played."""
@@ -169,9 +169,9 @@ class Prior:
     patrols: tuple[PolicySettings, ...]
     """K policies with parameters relative to the scenario (`baselines.planning.plans.absolute`)."""
     limits: np.ndarray
-    """(F, 2) smallest and largest value of each number that is accepted."""
+    """(F, 2) smallest and largest value of each feature that is accepted."""
     seen: np.ndarray
-    """(F, 2) smallest and largest value of each number in the fit; the network reads the nearest one in this range."""
+    """(F, 2) smallest and largest value of each feature in the fit; the network reads the nearest one in this range."""
     errors: np.ndarray
     """(E, K) costs of the patrols less the predicted ones, in scenarios that a fit did not use."""
     layers: tuple[Layer, Layer]
@@ -193,26 +193,26 @@ class Prior:
         """Return the predicted cost (K,) of each patrol.
 
         Raises:
-            UnsuitableScenarioError: the robots are not cars, or a number of the scenario is outside of the limits.
+            UnsuitableScenarioError: the robots are not cars, or a feature of the scenario is outside of the limits.
         """
         if scenario.robot.kind != "car":
             raise UnsuitableScenarioError(f"robot.kind must be car, got {scenario.robot.kind}")
-        values = numbers_of(scenario)
-        for number, value, (low, high) in zip(NUMBERS, values, self.limits, strict=True):
+        values = features_of(scenario)
+        for feature, value, (low, high) in zip(FEATURES, values, self.limits, strict=True):
             if not low <= value <= high:
-                least = f"from {number.written(low)} to" if number.as_logarithm else "at most"
-                rule = f"must be {least} {number.written(high)}, for which patrols are chosen"
-                raise UnsuitableScenarioError(f"{number.meaning} {rule}, got {number.written(value)}")
+                least = f"from {feature.written(low)} to" if feature.as_logarithm else "at most"
+                rule = f"must be {least} {feature.written(high)}, for which patrols are chosen"
+                raise UnsuitableScenarioError(f"{feature.meaning} {rule}, got {feature.written(value)}")
         return costs_of(self.layers, np.clip(values, *self.seen.T))
 
     def has_seen(self, scenario: Scenario) -> bool:
-        """Return whether every number of a scenario is in the range of the fit."""
-        values = numbers_of(scenario)
+        """Return whether every feature of a scenario is in the range of the fit."""
+        values = features_of(scenario)
         return bool(np.all((self.seen[:, 0] <= values) & (values <= self.seen[:, 1])))
 
 
 def costs_of(layers: tuple[Layer, Layer], values: np.ndarray) -> np.ndarray:
-    """Return the costs (K,) that a network predicts for the numbers (F,) of a scenario, in float64."""
+    """Return the costs (K,) that a network predicts for the features (F,) of a scenario, in float64."""
     hidden, last = layers
     return -(last.weight @ np.tanh(hidden.weight @ values + hidden.bias) + last.bias)
 

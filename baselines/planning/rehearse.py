@@ -1,6 +1,6 @@
-"""Rehearsals: how good a plan is, by playing it in simulation.
+"""Rehearsals: episodes of a plan in simulation, from which its figures follow.
 
-A search looks at a plan in a few short episodes on a coarse grid, and plays the best ones to the end.
+A look at a plan plays a few short episodes on a coarse grid; the best plans are played to the end.
 """
 
 import dataclasses
@@ -99,7 +99,7 @@ class _Run:
         remove_early(self.simulation, losses)
         self.settled = np.zeros(len(losses), dtype=int)
         """Longest undetected time since the middle of the episodes [steps]."""
-        self.grows = np.zeros(len(losses), dtype=bool)
+        self.still_growing = np.zeros(len(losses), dtype=bool)
         """True for an episode that has ended with its longest undetected time."""
         self.beyond = np.zeros(len(losses))
         """Largest distance of any part of a body beyond the edge of the rectangle so far [m]; 0 with walls."""
@@ -123,7 +123,7 @@ class _Run:
             before = self.longest.copy() if self.step == scenario.task.steps else None
             runner.step()
             if before is not None:
-                self.grows = self.longest > before
+                self.still_growing = self.longest > before
             if scenario.task.boundary != "wall":
                 over = np.abs(self.simulation.robots.position.numpy()[..., :2]) - half
                 np.maximum(self.beyond, over.max(axis=(1, 2)) + scenario.robot.radius, out=self.beyond)
@@ -135,7 +135,7 @@ class _Run:
     def rows(self) -> list[dict[str, Any]]:
         """Return the score rows of the episodes, with what `plans` adds to these."""
         step = self.simulation.scenario.task.step
-        more = zip(self.simulation.score(), self._losses, self.settled, self.grows, self.beyond, strict=True)
+        more = zip(self.simulation.score(), self._losses, self.settled, self.still_growing, self.beyond, strict=True)
         return [
             {"policy": self.plan.settings.policy}
             | row
@@ -212,8 +212,8 @@ def cells(scenario: Scenario, longest: int, cells_in_a_sensor: float = 0.0) -> t
 
 def on_coarse_grid(scenario: Scenario) -> Scenario:
     """Return a scenario whose contamination is computed on the grid of a first look."""
-    printed = scenario.task.contamination or (1, 1)
-    coarse = min(cells(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), printed)
+    full = scenario.task.contamination or (1, 1)
+    coarse = min(cells(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
     return named.build(scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
 
 

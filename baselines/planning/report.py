@@ -10,7 +10,7 @@ from typing import Any
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.shown import between
-from baselines.planning.plans import SETTLED_TIME, Figures, Planned, bounds_of
+from baselines.planning.plans import SETTLED_TIME, Figures, Planned, worst_cases
 from baselines.planning.rehearse import Episodes
 from baselines.planning.search import Outcome
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
@@ -175,7 +175,7 @@ def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WOR
     words = _time(worst)
     if math.isinf(worst) and rows and not any(row[OPEN.name] for row in rows):
         words = f"> {_number(max(row[name] for row in rows))}"
-    median = _time(statistics.median(bounds_of(rows, name))) if rows else words
+    median = _time(statistics.median(worst_cases(rows, name))) if rows else words
     return words if median in (words, "no bound") else f"{words} (median {median})"
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 from baselines.benchmark.bounds import GRIDS
-from baselines.planning.plans import top_speed
+from baselines.planning.plans import robots_top_speed
 from baselines.planning.rehearse import Episodes, cells
 from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
@@ -46,7 +46,7 @@ _LAST_SEED, _LONGEST = 2**31 - 1000, 1e6
 PLANS = 200
 """Default number of plans that are tried: about a minute on two cores for five cars in a hall of 40 m x 25 m."""
 _NEEDED = {"width": "m", "height": "m", "robots": "", "robot_radius": "m", "sensor_radius": "m", "speed": "m/s"}
-"""Units of what must be given without a scenario."""
+"""Units of what must be given if no scenario is named."""
 _RANGES = {
     **{name: (_LEAST, _MOST, unit) for name, unit in _NEEDED.items() if unit},
     "turning_radius": (_LEAST, _MOST, "m"),
@@ -119,7 +119,7 @@ class Request:
     def __post_init__(self) -> None:
         for name, unit in _NEEDED.items():
             if self.scenario is None and getattr(self, name) is None:
-                rule = f"{name} must be given without a scenario"
+                rule = f"{name} must be given if no scenario is named"
                 raise ValueError(f"{rule}{f' [{unit}]' if unit else ''}, got None")
         for name, (least, most, unit) in _RANGES.items():
             value = getattr(self, name)
@@ -132,7 +132,7 @@ class Request:
             if self.seconds is not None:
                 rule = "plans must be omitted if seconds is given"
                 raise ValueError(f"{rule}, got {self.plans} and {self.seconds:g} s")
-        most = max(self.numbers[0] - 1 - (0 if self.base is None else self.base.faults.lost), 0)
+        most = max(self.team_sizes[0] - 1 - (0 if self.base is None else self.base.faults.lost), 0)
         if not isinstance(self.failures, int) or not 0 <= self.failures <= most:
             rule = f"failures must be a whole number from 0 to {most}, so that a robot remains"
             raise ValueError(f"{rule}, got {shown(self.failures)}")
@@ -167,7 +167,7 @@ class Request:
         return _CLEARANCE * 2 * radius
 
     @cached_property
-    def numbers(self) -> range:
+    def team_sizes(self) -> range:
         """Return the numbers of robots that plans are made for."""
         if self.robots is None:
             assert self.base is not None
@@ -195,7 +195,7 @@ class Request:
                 scenario = self._rectangle(num_robots, inset)
                 changed |= walls | _times(named.build(scenario, **{"curve.inset": inset}))
         else:
-            scenario = self._changed(self.base, num_robots)
+            scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
             changed["task.contamination"] = GRIDS.get(scenario.name) or cells(scenario, CELLS, 4.0)
         return named.build(scenario.without_extensions(), **changed)
@@ -229,8 +229,8 @@ class Request:
             robot = dataclasses.replace(robot, speed_max=None, phase_rate_max=fastest)
         return named.build(base, **chosen.overrides, robot=robot, **{"sensing.radius": radius})
 
-    def _changed(self, scenario: Scenario, num_robots: int) -> Scenario:
-        """Return the given scenario with what the request changes."""
+    def _with_changes(self, scenario: Scenario, num_robots: int) -> Scenario:
+        """Return the given scenario with the changes of the request."""
         robot = _robot(scenario.robot, self)
         changed: dict[str, Any] = {}
         if robot != scenario.robot:
@@ -251,7 +251,7 @@ class Request:
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
         if halves != (curve.half_width, curve.half_height) or num_robots != scenario.num_robots:
             is_resized, inset = True, 0.0 if self.open else scenario.inset
-            speed = robot.top_speed if robot.kind != "curve" else self.speed or top_speed(scenario)
+            speed = robot.top_speed if robot.kind != "curve" else self.speed or robots_top_speed(scenario)
             sensor = self.sensor_radius or scenario.sensing_radius
             changed |= paper_design(halves, robot, sensor, speed, num_robots, inset).overrides
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
@@ -264,7 +264,7 @@ class Request:
 
 
 def _robot(robot: Robot, request: Request) -> Robot:
-    """Return a robot with what the request changes."""
+    """Return a robot with the changes of the request."""
     changed: dict[str, Any] = {}
     if request.robot_radius is not None:
         changed["radius"] = request.robot_radius
@@ -282,18 +282,18 @@ def _robot(robot: Robot, request: Request) -> Robot:
 def paper_design(
     half: tuple[float, float], robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
 ) -> Design:
-    """Return the design of the paper's formation that meets the bounds best, with a place for each robot at the start.
+    """Return the design of the paper's formation that meets the bounds best, with its own place for each robot.
 
     Four and six robots share places in every stable equilibrium (2) (Lemma 1). They begin equally spaced instead.
     """
-    turning, grip = turning_radius_of(robot), robot.lateral_acceleration_max
+    turning, grip = tightest_radius(robot), robot.lateral_acceleration_max
     best = best_design(*half, num_robots, robot.radius, sensor, speed, turning, grip, inset)
     if closed_forms.cluster_size(num_robots, best.p, best.alpha) > 1:
         return dataclasses.replace(best, p=1, alpha=1)
     return best
 
 
-def turning_radius_of(robot: Robot) -> float:
+def tightest_radius(robot: Robot) -> float:
     """Return the radius of the tightest circle of a car, or of one that a robot moves like [m]; 0 for points."""
     if robot.kind == "car":
         return turning_radius(robot.wheelbase, robot.steering_max)
@@ -308,7 +308,7 @@ def _times(scenario: Scenario) -> dict[str, Any]:
     some sweeps of the rectangle by a team that never covers a place twice.
     """
     width, height, robots = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height, scenario.num_robots
-    radius, speed, like = scenario.sensing_radius, top_speed(scenario), like_cars(scenario) or scenario
+    radius, speed, like = scenario.sensing_radius, robots_top_speed(scenario), like_cars(scenario) or scenario
     limits = [0.1 * motion_scale(like).time, _REACH_STEP * radius / speed]
     step = float(f"{min(limits + ([1 / like.robot.drag] if like.robot.kind == 'car' else [])):.3g}")
     sweep = (width * height / (2 * radius) + width + height) / (robots * speed)

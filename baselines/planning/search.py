@@ -1,6 +1,6 @@
-"""Planning: a search that looks at plans of all families, plays the best ones to the end, and the very best more often.
+"""The search for plans, which looks at plans of all families, and plays the best ones to the end and then more often.
 
-It is done for each number of robots, and its result has the plans that no other dominates.
+There is a search for each number of robots; the outcome of a request has the plans that no other dominates.
 """
 
 import dataclasses
@@ -32,7 +32,7 @@ _FINALS, _FEWEST_FINALS = 5, 3
 _LOOKING = 0.7
 """Share of the time after which no plan is looked at."""
 _CUTOFF = 3.0
-"""Looks end where the worst case is beyond that of the best plan by this factor, and worse defaults are not played."""
+"""Factor of the best plan's worst case beyond which looks end, and default policies are not played to the end."""
 _FRUITLESS = 200
 """Changed plans in a row that cannot be made or are known already, after which the search stops."""
 _LEAST = 1.0
@@ -70,7 +70,7 @@ class Search:
         """Reasons of plans whose final episodes failed."""
         self._random = np.random.default_rng(seed)
         self._known: set[tuple] = set()
-        """Plans of which the looks were begun."""
+        """Keys of the plans that were looked at, or are being looked at."""
 
     @property
     def looks(self) -> list[Planned]:
@@ -86,11 +86,12 @@ class Search:
         """Return the reason for each family without a final plan that does not collide."""
         good = {final.plan.family for final in self.finals if final.figures.collisions == 0}
         collided = Counter(final.plan.family for final in self.finals)
-        return {family.name: family.why(collided[family.name]) for family in self.families if family.name not in good}
+        others = [family for family in self.families if family.name not in good]
+        return {family.name: family.reason(collided[family.name]) for family in others}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
-        return [family.name for family in self.families if family.starts and not (family.looks or family.unmade)]
+        return [family.name for family in self.families if family.first and not (family.looks or family.refused)]
 
     def run(
         self,
@@ -139,7 +140,7 @@ class Search:
             if self._seconds is None:
                 return len(self._known) >= self._plans_max
             # Without a plan that may be played to the end there is nothing to print.
-            return bool(self.looks) and self._is_late(_LOOKING if self._alive() else 1.0)
+            return bool(self.looks) and self._is_late(_LOOKING if self._without_collisions() else 1.0)
 
         calls = (
             ((family, settings), partial(look_at, plan, self.episodes, self._cutoff()))
@@ -149,23 +150,24 @@ class Search:
             try:
                 family.looks.append((settings, ended.result()))
             except Exception as error:  # one policy that fails must not end the search
-                family.unmade.append(_reason_of(error))
+                family.refused.append(_reason_of(error))
 
-    def _alive(self) -> list[Planned]:
-        """Return the plans that were looked at and did not collide."""
-        return [look for family in self.families for _, look in family.alive]
+    def _without_collisions(self) -> list[Planned]:
+        """Return the looks of all families without collisions."""
+        return [look for family in self.families for _, look in family.without_collisions]
 
     def _cutoff(self) -> float:
         """Return the worst case beyond which a plan is not among the best ones [s]."""
         return _CUTOFF * min(family.best for family in self.families)
 
     def _plans(self) -> Iterator[tuple[Family, Settings, Plan]]:
-        """Yield what to look at: the starts of all families in turn, then changed copies of the best."""
-        for family, settings in in_turn([[(family, start) for start in family.starts] for family in self.families]):
+        """Yield plans to look at: the first ones of all families in turn, then changed copies of the best."""
+        firsts = [[(family, settings) for settings in family.first] for family in self.families]
+        for family, settings in in_turn(firsts):
             yield from self._new(family, settings)
         fruitless = 0
         while fruitless < _FRUITLESS:
-            growing = [family for family in self.families if family.space and family.elite()]
+            growing = [family for family in self.families if family.choices and family.elite()]
             if not growing:
                 return
             # The family with the best plan is searched about as much as all others together.
@@ -179,14 +181,14 @@ class Search:
             yield from plans
 
     def _new(self, family: Family, settings: Settings) -> Iterator[tuple[Family, Settings, Plan]]:
-        """Yield the plan of some settings with these, unless there is none or it is known."""
+        """Yield the plan of some settings of a family, unless there is none or it was looked at."""
         try:
             plan = family.plan(settings)
         except ValueError as error:
-            family.unmade.append(str(error))
+            family.refused.append(str(error))
             return
         if self.fixed_start and plan.scenario.digest() != self.scenario.digest():
-            family.unmade.append("robots would begin elsewhere")
+            family.refused.append("robots would begin elsewhere")
         elif plan.key not in self._known:
             self._known.add(plan.key)
             yield family, settings, plan
@@ -261,13 +263,13 @@ class Search:
         These are the best without and with failures, the best of each family and of each policy, then all by their
         worst-case undetected time.
         """
-        alive = sorted(self._alive(), key=lambda look: look.figures.objectives)
-        by_failed = sorted(alive, key=lambda look: look.figures.by_failures)
-        known = [look for look in alive if look.plan.family == BEST_KNOWN]
-        families = {look.plan.family: look for look in reversed(alive)}
-        policies = {look.plan.settings.policy: look for look in reversed(alive)}
-        order = [*alive[:1], *known, *alive[1:2], *by_failed[:2], *reversed(families.values())]
-        order += in_turn([alive, by_failed, list(reversed(policies.values()))])
+        collision_free = sorted(self._without_collisions(), key=lambda look: look.figures.objectives)
+        by_failed = sorted(collision_free, key=lambda look: look.figures.by_failures)
+        known = [look for look in collision_free if look.plan.family == BEST_KNOWN]
+        families = {look.plan.family: look for look in reversed(collision_free)}
+        policies = {look.plan.settings.policy: look for look in reversed(collision_free)}
+        order = [*collision_free[:1], *known, *collision_free[1:2], *by_failed[:2], *reversed(families.values())]
+        order += in_turn([collision_free, by_failed, list(reversed(policies.values()))])
         return list({look.plan.key: look for look in order}.values())
 
 
@@ -278,7 +280,7 @@ def _reason_of(error: Exception) -> str:
 
 @dataclass
 class Outcome:
-    """The result of a planning."""
+    """The result of a search for plans."""
 
     request: Request
     scenarios: dict[int, Scenario] = field(default_factory=dict)
@@ -300,7 +302,7 @@ class Outcome:
             ValueError: a value that a field of the scenario forbids.
         """
         with quietly():
-            scenarios = {number: request.scenario_of(number) for number in request.numbers}
+            scenarios = {number: request.scenario_of(number) for number in request.team_sizes}
             bounds = {number: worst_case_lower_bound(scenario) for number, scenario in scenarios.items()}
         return cls(request, scenarios, bounds)
 

@@ -1,4 +1,4 @@
-"""Policies of cars that drive robots of other models, which move like cars (`lissajous_env.AsCar`)."""
+"""Policies of cars for robots of other models that move like cars (`lissajous_env.AsCar`)."""
 
 import dataclasses
 import math
@@ -45,7 +45,7 @@ def to_twists(
 class AsCars(Policy):
     """Robots of a model that move as a policy would drive cars of the same top speed, turning radius and acceleration.
 
-    In each control step, a robot keeps the speed and the yaw rate that its car would reach at the end of the step.
+    In each control step, a robot moves at the speed and the yaw rate that its car would reach at the end of the step.
 
     Args:
         make: Function `make(scenario, num_worlds, device)` that returns the policy of cars.
@@ -86,14 +86,14 @@ class AsCars(Policy):
 
 
 def like_cars(scenario: Scenario) -> Scenario | None:
-    """Return a scenario with the cars that its robots are, or are like; None if they do not move like cars."""
+    """Return the scenario if its robots are cars, else `scenario_of_cars`; None if they do not move like cars."""
     if scenario.robot.kind == "car":
         return scenario
     return None if model_of(scenario.robot.kind).as_car is None else scenario_of_cars(scenario)
 
 
 def scenario_of_cars(scenario: Scenario) -> Scenario:
-    """Return a scenario with the cars that are like its robots: a motor without dead zone, and their grip.
+    """Return a scenario with cars that move like its robots: their motor has no dead zone, their grip is the same.
 
     Raises:
         ValueError: the model has no `as_car`, a top speed, turning radius or acceleration is not above 0, or the

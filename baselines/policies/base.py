@@ -1,7 +1,7 @@
 """The base classes of policies and of filters.
 
 A policy receives the observation and nothing else. The action of a robot depends only on its own row, its own memory
-and the scenario, but under the filter `-proved`, whose robots exchange plans within a step. Any policy could therefore
+and the scenario; only the robots under the filter `-proved` also exchange plans within a step. So every policy could
 run on a robot, and classical and learned ones are compared fairly.
 """
 
@@ -35,18 +35,18 @@ def clear_worlds(memory: wp.array, mask: np.ndarray) -> None:
 
 
 def parameters_for(kind: Any, scenario: Scenario, **changed: Any) -> Any:
-    """Return an instance of a dataclass of parameters; those that are not given are scaled, if it has a method `of`."""
+    """Return parameters of a class: the changed ones as given, the others scaled if the class has a method `of`."""
     if kind is None:
         return None
     return kind.of(scenario, **changed) if hasattr(kind, "of") else kind(**changed)
 
 
 class UnsuitableScenarioError(ValueError):
-    """Error for a scenario that a policy cannot play, such as a rectangle that its motion does not fit in."""
+    """Error for a scenario that a policy cannot play, such as a rectangle that is too small for its motion."""
 
 
 class Remembering:
-    """Base class of what remembers something of W worlds from step to step: policies, filters and coordinators."""
+    """Base class of policies, filters and coordinators, which may have a memory for each of W worlds."""
 
     remembers: tuple[str, ...] = ()
     """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
@@ -67,8 +67,7 @@ class Remembering:
     def forget(self, mask: np.ndarray) -> None:
         """Reset the memory of the worlds in a mask (W,), whose episodes begin anew.
 
-        By default the arrays of `remembers` become zero, and whatever remembers something among the attributes is
-        reset.
+        By default the arrays that `remembers` names become zero, and attributes that are `Remembering` are reset.
         """
         for name in self.remembers:
             clear_worlds(getattr(self, name), mask)
@@ -102,9 +101,9 @@ class Filter(Copyable, Remembering):
     """True if the filter also serves robots of other models that move like cars."""
     communicates: str = "nothing"
     """Content of the messages that the filter uses."""
-    stays_inside: bool = False
-    """True if the filter itself prevents contacts with walls; after others, the rule of `baselines.policies.inside`
-    decides, as it does before all of them."""
+    wall_rule: bool = True
+    """True if the wall rule changes the filter's actions, as it changes those of the policy before the filter; False
+    for a filter that prevents contacts with walls itself."""
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         if scenario.actuation != "car":
@@ -155,8 +154,9 @@ class Policy(Copyable, Remembering):
     communicates: str = "nothing"
     """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
     wall_rule: bool = True
-    """True if actions are changed where they would leave a car (`baselines.policies.inside`) or a differential drive
-    (`baselines.policies.stopping`) no way to stay inside walls; False for a policy that stays inside by itself."""
+    """True if the wall rule of cars (`baselines.policies.inside`) or of differential drives
+    (`baselines.policies.stopping`) changes actions after which a robot could not stay inside walls; False for a policy
+    that ensures this itself."""
 
     Parameters: type[Checked] | None = None
     """Dataclass of its parameters; None for none. With a method `of(scenario, **overrides)`, the defaults are those
@@ -177,18 +177,19 @@ class Policy(Copyable, Remembering):
         self.observation_shape = (*self.shape, layout(self.scenario).size)
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
-        self._inside: Inside | Stopping | None = None
-        for rule in (Inside, Stopping):
-            if self.wall_rule and rule.suits(self.scenario):
-                self._inside = rule(self.scenario, self.num_worlds, self.device)
+        self._stay_inside: Inside | Stopping | None = None
+        for rule in (Inside, Stopping) if self.wall_rule else ():
+            if rule.suits(self.scenario):
+                self._stay_inside = rule(self.scenario, self.num_worlds, self.device)
         self._compiled = False
         self.launch = launcher(self.device)
         """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
 
     def reset(self, worlds: Any = None) -> None:  # noqa: D102 -- see the base class
         super().reset(worlds)
-        if isinstance(self._inside, Stopping):
-            clear_worlds(self._inside.yaw_rate, world_mask(worlds, self.num_worlds))
+        if isinstance(self._stay_inside, Stopping):
+            for memory in (self._stay_inside.yaw_rate, self._stay_inside.heading):
+                clear_worlds(memory, world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D); a subclass implements this.
@@ -239,12 +240,12 @@ class Policy(Copyable, Remembering):
         if isinstance(observation, Mapping):
             return self._act_by_agent(observation)
         with self._on_torch_stream(observation):
-            given = self._taken(observation)
+            given = self._as_warp(observation)
             if self._compiled:
-                self._let_decide(given)
+                self._write_action(given)
             else:
                 with compile_quietly():
-                    self._let_decide(given)
+                    self._write_action(given)
                 self._compiled = True
             if isinstance(observation, wp.array):
                 return self.action
@@ -262,8 +263,8 @@ class Policy(Copyable, Remembering):
         actions = self.act(self._observation.numpy())[0]
         return dict(item for item in zip(agents, actions, strict=True) if item[0] in rows)
 
-    def _taken(self, observation: Any) -> wp.array:
-        """Return the observation as a Warp array on the device, without non-finite numbers from the host."""
+    def _as_warp(self, observation: Any) -> wp.array:
+        """Return the observation as a Warp array on the device; refuse numbers on the host that are not finite."""
         given, on_host = self._observation, not isinstance(observation, wp.array) and not is_torch(observation)
         if isinstance(observation, wp.array) and observation.device == self.device:
             given = observation
@@ -280,8 +281,8 @@ class Policy(Copyable, Remembering):
                 raise ValueError(f"observation must be finite, got {rows[w, i, k]} for {at}")
         return given
 
-    def _let_decide(self, given: wp.array) -> None:
-        """Let the subclass decide on an array of its type, and store the result in `action`."""
+    def _write_action(self, given: wp.array) -> None:
+        """Write `action`: convert the observation for `decide`, store its result, and apply the wall rule."""
         observation: Any = given
         if self.arrays == "numpy":
             observation = np.array(given.numpy())
@@ -290,11 +291,11 @@ class Policy(Copyable, Remembering):
         decided = self.decide(observation)
         if decided is not self.action and not (decided is None and self.arrays == "warp"):
             copy_in(f"actions of {self.name}", decided, self.action)
-        if self._inside is not None:
-            self._inside(given, self.action)
+        if self._stay_inside is not None:
+            self._stay_inside(given, self.action)
 
     def _on_torch_stream(self, observation: Any) -> AbstractContextManager:
-        """On a GPU, queue what Warp launches for torch, and for a policy in torch, on torch's own stream."""
+        """Return a context in which Warp launches on torch's stream if torch also computes on the GPU."""
         if self.device.is_cpu or not (is_torch(observation) or self.arrays == "torch"):
             return nullcontext()
         import torch
@@ -318,7 +319,7 @@ class Filtered(Policy):
     arrays = "warp"
 
     def __init__(self, policy: Policy, filter: type[Filter], parameters: Any = None):
-        self.wall_rule = not filter.stays_inside
+        self.wall_rule = filter.wall_rule
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
         self.policy = policy
         self.filter = filter(self.scenario, self.num_worlds, self.device, parameters)

@@ -1,4 +1,4 @@
-"""Driving of classical cars: towards a place, at a desired speed."""
+"""Control laws by which classical policies drive cars: towards a place, at a desired speed."""
 
 import warp as wp
 
@@ -10,9 +10,9 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.car import car_rate, car_step, motor_push
 
 SPREAD_MAX = 3.0
-"""Deviations at which the spread of a car's constants is clipped."""
-EAGERNESS = 4.0
-"""Rate at which a car of the paper's experiment that drives towards a place makes up for a wrong speed [1/s]."""
+"""Standard deviations at which the spread of a car's constants is clipped."""
+SPEED_GAIN = 4.0
+"""Gain of the speed error of a car of the paper's experiment that drives towards a place [1/s]."""
 
 
 def slowest_top_speed(scenario: Scenario) -> float:
@@ -22,9 +22,9 @@ def slowest_top_speed(scenario: Scenario) -> float:
     return max((drive * robot.full_throttle - robot.offset) / robot.drag, 0.0)
 
 
-def motor_rate(scenario: Scenario, rate: float) -> float:
-    """Return a rate that suits the motor of the experiment, scaled to the scenario's [1/s]; at most one per step."""
-    return min(rate * (scenario.robot.drag / EXPERIMENT.robot.drag), 1 / scenario.task.step)
+def scaled_gain(scenario: Scenario, gain: float) -> float:
+    """Return a gain for the motor of the experiment, scaled to that of the scenario [1/s], at most 1 over the step."""
+    return min(gain * (scenario.robot.drag / EXPERIMENT.robot.drag), 1 / scenario.task.step)
 
 
 @wp.func
@@ -34,15 +34,15 @@ def steady_speed(robot: RobotStruct) -> float:
 
 
 @wp.func
-def throttle_for(robot: RobotStruct, speed: float, wanted_speed: float, rate: float) -> float:
-    """Return (c wanted + beta + rate (wanted - v)) / alpha, a throttle by (12): a proportional law, `rate` in [1/s]."""
-    return (robot.drag * wanted_speed + robot.model_offset + rate * (wanted_speed - speed)) / robot.drive
+def throttle_for(robot: RobotStruct, speed: float, wanted_speed: float, gain: float) -> float:
+    """Return (c wanted + beta + gain (wanted - v)) / alpha, a throttle by (12): a proportional law, `gain` in [1/s]."""
+    return (robot.drag * wanted_speed + robot.model_offset + gain * (wanted_speed - speed)) / robot.drive
 
 
 @wp.func
 def drive_towards(
     robot: RobotStruct,
-    eagerness: float,
+    speed_gain: float,
     position: wp.vec2,
     heading: float,
     speed: float,
@@ -56,7 +56,7 @@ def drive_towards(
     steering = wp.atan(2.0 * robot.wheelbase * wp.sin(bearing) / distance)
     if wp.abs(bearing) > 1.5707963:
         steering = wp.sign(bearing) * robot.steering_max
-    return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, eagerness))
+    return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, speed_gain))
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""Policies by the words with which a user names them: a name, a folder, `module:factory`, or an object of Python."""
+"""Factories of policies, from what a user gives: a name, a folder, `module:factory`, or an object of Python."""
 
 import contextlib
 import inspect
@@ -15,7 +15,7 @@ from lissajous_env.plugins import import_attribute
 from lissajous_env.wording import few_of, shown
 
 Factory = Callable[[Scenario, int, Any], ActingPolicy]
-"""Makes a policy: `factory(scenario, num_worlds, device)`."""
+"""Function that makes a policy: `factory(scenario, num_worlds, device)`."""
 
 
 def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
@@ -40,30 +40,33 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
     return tuple(scenarios), policy
 
 
-def as_factory(policy: Any, name: str) -> Factory:
-    """Return a factory for a word, for a factory (class, function, partial), or for a policy that exists already.
+def as_factory(policy: Any, name: str = "") -> Factory:
+    """Return the factory of a policy.
 
-    A function of one argument is the policy itself: `act(observation)` on NumPy arrays (W, N, D).
+    Args:
+        policy: A registered name, a folder, `module:factory`, a factory (class, function or partial), or a policy that
+            was made already. A function of one argument is a policy: `act(observation)` on NumPy arrays (W, N, D).
+        name: Name of a policy that is given as an object, for errors.
 
     Raises:
-        ValueError: it is none of these, or the word is unknown.
+        ValueError: it is none of these, the name is unknown, or a module or a factory cannot be loaded.
     """
-    return named(os.fspath(policy)) if isinstance(policy, (str, os.PathLike)) else _factory_of(policy, name)
-
-
-def _factory_of(policy: Any, name: str) -> Factory:
-    """Return what makes a policy, of an object that is no word."""
+    if isinstance(policy, (str, os.PathLike)):
+        name = os.fspath(policy)
+        if not is_imported(name):
+            return registry.find(name)
+        policy = import_attribute(name, "policy must be module:factory")
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
-        with contextlib.suppress(Exception):  # an error that its play will raise again
-            made_already.reset()  # its memory of earlier episodes does not make it another policy
-        return _of(policy, lambda *_: made_already)
+        with contextlib.suppress(Exception):  # playing the policy raises the error again
+            made_already.reset()  # so that memory of earlier episodes does not change its identity
+        return _identified_by(policy, lambda *_: made_already)
     if not callable(policy):
         raise ValueError(
             f"policy {name} must be a policy or factory(scenario, num_worlds, device), got {shown(policy)}"
         )
     if inspect.isfunction(policy) and _takes_one(policy):
-        return _of(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
+        return _identified_by(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         acting: Any = policy(scenario, num_worlds, device)
@@ -71,28 +74,17 @@ def _factory_of(policy: Any, name: str) -> Factory:
             raise ValueError(f"policy {name} must be made with reset, act and num_worlds, got {shown(acting)}")
         return acting
 
-    return _of(policy, make)
+    return _identified_by(policy, make)
 
 
-def _of(policy: Any, factory: Factory) -> Factory:
-    """Note in a factory the object by which `parts` identifies it."""
+def _identified_by(policy: Any, factory: Factory) -> Factory:
+    """Return a factory that `parts` identifies by the object of a user."""
     factory.__wrapped__ = policy  # type: ignore[attr-defined]
     return factory
 
 
-def named(name: str) -> Factory:
-    """Return what makes the policy of a registered name, of a checkpoint's folder, or of `module:factory`.
-
-    Raises:
-        ValueError: an unknown name, or a module or a factory that cannot be loaded.
-    """
-    if is_imported(name):
-        return _factory_of(import_attribute(name, "policy must be module:factory"), name)
-    return registry.find(name)
-
-
 def parts(factory: Factory) -> dict[str, str]:
-    """Name the parts that identify a policy's factory: `lissajous_env.identity.parts_of`."""
+    """Return the parts that identify a factory: `lissajous_env.identity.parts_of`."""
     if isinstance(factory, registry.Entry):
         return registry.parts(factory.name)
     return parts_of(getattr(factory, "__wrapped__", factory))
@@ -103,8 +95,8 @@ def is_imported(name: str) -> bool:
     return ":" in name and not denotes_scenario(name) and name not in registry.names() and not registry.is_folder(name)
 
 
-def is_ones_own(name: str) -> bool:
-    """Return whether a name is not registered but is a folder or `module:factory`."""
+def is_unregistered(name: str) -> bool:
+    """Return whether a name is that of a folder or `module:factory`."""
     return is_imported(name) or registry.is_folder(name)
 
 

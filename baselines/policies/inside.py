@@ -49,7 +49,7 @@ nothing.
 The rule is part of every policy that drives cars (`baselines.Policy`), classical or learned, also of one that drives
 other robots as if they were cars; the argument is about cars, though, and not about robots that move like them only
 roughly. Differential drives have one more rule after it (`baselines.policies.stopping`). A filter decides after the
-rule; if the filter does not prevent contacts with walls itself (`Filter.stays_inside`), the rule is applied once more
+rule; if the filter does not prevent contacts with walls itself (`Filter.wall_rule`), the rule is applied once more
 to its actions. An action that no policy computes, as that of a function or of an agent in training, is not changed.
 """
 
@@ -59,7 +59,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.driving import EAGERNESS, SPREAD_MAX, motor_rate, throttle_for
+from baselines.policies.driving import SPEED_GAIN, SPREAD_MAX, scaled_gain, throttle_for
 from baselines.policies.own_row import own_heading, own_position, own_speed, own_works
 from lissajous_env.device.car_input import action_of_throttle, steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
@@ -112,8 +112,8 @@ class Walls:
     """Acceleration per throttle of the strongest motor [m/s^2]."""
     creep: wp.float32
     """Lowest speed of a way out [m/s]."""
-    eagerness: wp.float32
-    """Gain of its speed error [1/s]."""
+    speed_gain: wp.float32
+    """Gain of the speed error [1/s]."""
     speed_unit: wp.float32
     """Unit of an observed speed [m/s]."""
     step: wp.float32
@@ -274,7 +274,7 @@ def creeping(walls: Walls, robot: RobotStruct, speed: float, direction: float) -
     """Return the action of the throttle that leads to `CREEP` in a direction, 1 or -1; with the motor off if faster."""
     tau = float(0.0)
     if direction * speed < walls.creep:
-        tau = direction * throttle_for(robot, direction * speed, walls.creep, walls.eagerness)
+        tau = direction * throttle_for(robot, direction * speed, walls.creep, walls.speed_gain)
     return action_of_throttle(robot, tau)
 
 
@@ -376,7 +376,7 @@ def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     walls.fastest_turn = math.sqrt(robot.lateral_acceleration_max * walls.turning)
     walls.strongest = robot.drive * noise.most_drive * float(np.max(scenario.drive_factors))
     walls.creep = CREEP * min(robot.top_speed, walls.fastest_turn)
-    walls.eagerness = motor_rate(scenario, EAGERNESS)
+    walls.speed_gain = scaled_gain(scenario, SPEED_GAIN)
     walls.speed_unit = robot.top_speed
     walls.step, walls.substeps = scenario.task.step, scenario.task.substeps
     # A differential drive gains the yaw rate of its tightest turn steadily, so it is late by half of the time.

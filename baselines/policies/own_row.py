@@ -72,7 +72,7 @@ def own_key(w: int, i: int, observation: Observation) -> int:
 
 
 @wp.func
-def has_heard(w: int, i: int, observation: Observation) -> bool:
+def has_ever_heard(w: int, i: int, observation: Observation) -> bool:
     """Return whether the row contains a message of a ring neighbour, of any age; that of a removed robot has none."""
     return observation[w, i, OWN_SIZE + HEARD] > 0.5 or observation[w, i, OWN_SIZE + LINK_SIZE + HEARD] > 0.5
 
@@ -149,11 +149,17 @@ class Rows:
     Args:
         observation: Observation as a policy receives it, of float32.
         scenario: Scenario of the observation.
+
+    Raises:
+        ValueError: the rows are not as long as those of the scenario.
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
         self.scenario, self._places = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
+        if self.values.shape[-1:] != (len(self._places),):
+            rule = f"observation must have rows of {len(self._places)} numbers for {self.scenario.name}"
+            raise ValueError(f"{rule}, got shape {self.values.shape}")
         self._half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
 
     def entry(self, name: str) -> np.ndarray:

@@ -36,13 +36,14 @@ from baselines.policies.transit import (
     Transit,
     arrival_steps,
     planned_transit,
+    radius_for_all_cars,
     required_distance,
     start_is_known,
-    turning_radius_of,
 )
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.wording import outside
 
 _SPARSE = 0.1
 """Most distance of two places on a loop that are compared with those of stopped robots, in required distances."""
@@ -128,7 +129,7 @@ def _with_ways(
         if start_is_known(scenario):
             rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
             rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
-            got = f"no ways for cars that turn on {turning_radius_of(scenario):.3g} m, and loops that overlap"
+            got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
             raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
     return plans[0], None, 0
 
@@ -265,7 +266,7 @@ def _warn_of_open_cells(scenario: Scenario) -> None:
             f"scenario {scenario.name}: robots can fail, and in partition-repair only ring neighbours learn of a "
             "failure, so the cell of a failed robot may stay uncovered; another number of rows may avoid this"
         )
-        warnings.warn(words, AssumptionWarning, stacklevel=3)
+        warnings.warn(words, AssumptionWarning, stacklevel=outside())
 
 
 def _avoided_distance(scenario: Scenario) -> float:

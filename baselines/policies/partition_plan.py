@@ -17,7 +17,7 @@ import numpy as np
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.ideal_motion import unvisited_and_gap, worst_undetected_time
 from baselines.policies.loops import closed_loop, divisions, evenly_spaced, length_of
-from baselines.policies.transit import RESERVE, TURN, required_distance, slowest_speed, turning_radius_of
+from baselines.policies.transit import RESERVE, TURN, radius_for_all_cars, required_distance, slowest_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
 
@@ -262,7 +262,7 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
         driven=(scenario.driven.half_width / unit, scenario.driven.half_height / unit),
         sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
         apart=required_distance(scenario, parameters.clearance) / unit,
-        turning=max(turning_radius_of(scenario), parameters.turning or 0.0) / unit,
+        turning=max(radius_for_all_cars(scenario), parameters.turning or 0.0) / unit,
         speed=(parameters.speed or RESERVE * robot.top_speed) * step / unit,
         slowest=slowest_speed(scenario) * step / unit,
         grip=RESERVE * robot.lateral_acceleration_max * step**2 / unit,

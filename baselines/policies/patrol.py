@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.policies.driving import EAGERNESS, drive_towards, motor_rate, steady_speed
+from baselines.policies.driving import SPEED_GAIN, drive_towards, scaled_gain, steady_speed
 from baselines.policies.loops import (
     SweepParameters,
     cruising_speed,
@@ -96,7 +96,7 @@ def agreed_phase(
 def follow_loop(
     curve: CurveStruct,
     robot: RobotStruct,
-    eagerness: float,
+    speed_gain: float,
     alpha: float,
     equilibrium: wp.array(dtype=float),
     displaced: wp.array(dtype=float),
@@ -150,7 +150,7 @@ def follow_loop(
         ahead = (turns - wp.floor(turns + 0.5)) * float(size) * spacing
         wanted = wp.max(cruise * ahead / lookahead, slowest)
         goal = loop[(here + int(lookahead / spacing)) % size]
-    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, goal, wanted)
+    action = drive_towards(robot, speed_gain, position, own_heading(w, i, observation), speed, goal, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -159,7 +159,7 @@ def follow_loop(
 def go_around(
     curve: CurveStruct,
     robot: RobotStruct,
-    eagerness: float,
+    speed_gain: float,
     loop: wp.array(dtype=wp.vec2),
     cruise: float,
     ahead: int,
@@ -182,7 +182,7 @@ def go_around(
     memory[w, i] = here + 1
     goal = loop[(here + ahead) % size]
     speed = own_speed(w, i, steady_speed(robot), observation)
-    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, goal, cruise)
+    action = drive_towards(robot, speed_gain, position, own_heading(w, i, observation), speed, goal, cruise)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -191,7 +191,7 @@ def go_around(
 def wander(
     curve: CurveStruct,
     robot: RobotStruct,
-    eagerness: float,
+    speed_gain: float,
     near: float,
     goals: wp.array2d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
@@ -213,7 +213,7 @@ def wander(
     to = wp.vec2(goal[0], goal[1])
     # Slow down where the car would otherwise circle around a near goal.
     wanted = speed_max * wp.min(1.0, wp.length(to - position) / near)
-    action = drive_towards(robot, eagerness, position, own_heading(w, i, observation), speed, to, wanted)
+    action = drive_towards(robot, speed_gain, position, own_heading(w, i, observation), speed, to, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -247,7 +247,7 @@ class _Patrol(Policy):
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
         robot = to_struct(RobotStruct, self.scenario.robot)
-        self._inputs = [curve_struct(self.scenario.curve, self.device), robot, motor_rate(self.scenario, EAGERNESS)]
+        self._inputs = [curve_struct(self.scenario.curve, self.device), robot, scaled_gain(self.scenario, SPEED_GAIN)]
 
 
 class Sweep(_Patrol):

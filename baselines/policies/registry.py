@@ -1,7 +1,6 @@
 """The registry of policies: entries by name, filters by the suffix of a name, and loaders of policies in folders.
 
-A registry is a dictionary. A name is that of an entry or of a folder, with or without the suffix of a filter, which
-makes another policy of a policy.
+A policy is named by its entry or by its folder. The suffix of a filter, such as `-safe`, may follow either.
 """
 
 import os
@@ -28,8 +27,8 @@ from lissajous_env.wording import few_of, nearest, shown
 class Entry:
     """Entry of the registry: a registered policy or that of a folder, with or without a filter.
 
-    `entry(scenario, num_worlds, device)` makes the policy, also in another process, to which the factory travels by
-    value. `register` describes the other fields.
+    `entry(scenario, num_worlds, device)` makes the policy. An entry can be pickled with factories of notebooks.
+    `register` describes the fields without a description.
     """
 
     name: str
@@ -40,19 +39,19 @@ class Entry:
     learned: bool = False
     on_request: bool = False
     filter: type[Filter] | None = None
-    """Class of its filter; None for none."""
+    """Class of the filter; None for none."""
 
     def __reduce__(self) -> tuple:
         return Entry, (self.name, self.kind, ByValue(self.factory), *list(vars(self).values())[3:])
 
     def __call__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-        """Make the policy; one of cars drives the robots of another model as if they were cars."""
+        """Make the policy; a policy of cars drives robots of another model through `AsCars`."""
         self.check(scenario)
         if self.kind not in (None, scenario.actuation):
             policy: Policy = AsCars(self, scenario, num_worlds, device)
         else:
             policy = self.factory(scenario, num_worlds, device)
-            policy.name = unwrapped(self.name)[0]
+            policy.name = split_suffix(self.name)[0]
             if self.filter is not None:
                 policy = Filtered(policy, self.filter)
         policy.name = self.name
@@ -63,24 +62,27 @@ class Entry:
         if not self.drives(scenario.actuation):
             rule = f"policy for {scenario.name} must drive robots of kind {scenario.actuation}"
             if not self.drives(None):
-                rule = f"policy must drive robots of kind car to be wrapped by {unwrapped(self.name)[1]}"
+                rule = f"policy must drive robots of kind car to be wrapped by {split_suffix(self.name)[1]}"
             hint = nearest(self.name, names(scenario))
             raise ValueError(f"{rule}, got {self.name}, which drives kind {self.kind}{hint}")
 
     def filtered(self, suffix: str) -> "Entry":
-        """Return the entry with the filter of a suffix; with it, a policy that drives any robot drives cars."""
+        """Return the entry with the filter of a suffix; a policy for all kinds of robots then drives cars alone."""
         filter = _FILTERS[suffix]
         about = f"{self.name} {filter.about}."
         return replace(self, name=self.name + suffix, kind=self.kind or "car", about=about, filter=filter)
 
     def drives(self, kind: str | None) -> bool:
-        """Return whether it suits its filter and drives robots of a kind (None: any), maybe as if they were cars."""
+        """Return whether the policy drives robots of a kind, as they are or through `AsCars`.
+
+        Without a kind, return whether it drives any robots: a filter requires cars.
+        """
         if self.filter is not None and self.kind != "car":
             return False
         if kind is None or self.kind in (None, kind):
             return True
-        as_cars = self.kind == "car" and kind != _VELOCITY and model_of(kind).as_car is not None
-        return as_cars and not self.learned and (self.filter is None or self.filter.as_car)
+        are_like_cars = self.kind == "car" and kind != _VELOCITY and model_of(kind).as_car is not None
+        return are_like_cars and not self.learned and (self.filter is None or self.filter.as_car)
 
 
 class Loader(NamedTuple):
@@ -98,8 +100,8 @@ _REGISTRY: dict[str, Entry] = {}
 _FILTERS: dict[str, type[Filter]] = {kind.suffix: kind for kind in (Safe, Proved)}
 """Filters, by the suffix that adds them to the name of a policy."""
 LOADERS: dict[str, Loader] = {}
-"""Loaders of policies in folders, by the file that such a folder contains; the last one takes any other folder."""
-_BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
+"""Loaders of policies in folders, by the file by which they recognise a folder; the last one is for all others."""
+_PLUGINS = EntryPoints("lissajous_env.policies", "policies", lambda plugin: plugin())
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
 
@@ -162,21 +164,21 @@ def _origin(factory: Any) -> tuple:
     return (factory.func, *factory.args, *factory.keywords.items()) if isinstance(factory, partial) else (factory,)
 
 
-def unwrapped(name: str) -> tuple[str, str]:
-    """Return the name of a policy, or its folder, without the suffix of a filter, and the suffix ("" for none)."""
+def split_suffix(name: str) -> tuple[str, str]:
+    """Split the name or the folder of a policy into the part before the suffix of a filter, and the suffix or ""."""
     name = str(name)
     suffix = next(filter(name.endswith, _FILTERS), "")
     return (name, "") if os.path.isdir(name) else (name.removesuffix(suffix), suffix)
 
 
 def _entries() -> dict[str, Entry]:
-    _BROUGHT.load()
+    _PLUGINS.load()
     return _REGISTRY
 
 
 def entry_of(name: str) -> Entry | None:
     """Return the entry of a registered policy, with or without the suffix of a filter; None if there is none."""
-    plain, suffix = unwrapped(name)
+    plain, suffix = split_suffix(name)
     entry = _entries().get(plain)
     return entry.filtered(suffix) if entry is not None and suffix else entry
 
@@ -210,18 +212,18 @@ def find(name: str) -> Entry:
         raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
     if (entry := entry_of(name)) is not None:
         return entry
-    plain, suffix = unwrapped(name)
+    plain, suffix = split_suffix(name)
     if is_folder(name):
         kind = "car" if suffix else None
         return Entry(str(name), kind, partial(_loader_of(plain).make, plain), filter=_FILTERS.get(suffix))
     known = names()
     words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}"
-    raise ValueError("; ".join([words + nearest(name, known), *_BROUGHT.broken]))
+    raise ValueError("; ".join([words + nearest(name, known), *_PLUGINS.broken]))
 
 
 def is_folder(name: str) -> bool:
-    """Return whether a name is that of a folder that a policy may be in, with or without the suffix of a filter."""
-    return bool(LOADERS) and entry_of(name) is None and os.path.isdir(unwrapped(name)[0])
+    """Return whether a name, without the suffix of a filter, is that of a folder and of no registered policy."""
+    return bool(LOADERS) and entry_of(name) is None and os.path.isdir(split_suffix(name)[0])
 
 
 def _loader_of(folder: str) -> Loader:
@@ -235,20 +237,20 @@ def own_scenario(folder: str) -> Scenario:
     Raises:
         ValueError: there is no policy in it, or its scenario cannot be made.
     """
-    inside = unwrapped(folder)[0]
-    return _loader_of(inside).own_scenario(inside)
+    plain = split_suffix(folder)[0]
+    return _loader_of(plain).own_scenario(plain)
 
 
 def parts(name: str) -> dict[str, str]:
-    """Return the parts that identify a policy among those of the same name: `lissajous_env.identity.parts_of`."""
-    plain, suffix = unwrapped(name)
-    inside = _loader_of(plain).parts(plain) if is_folder(name) else parts_of(_entries()[plain].factory)
+    """Return the parts that identify a policy, its code or its file: `lissajous_env.identity.parts_of`."""
+    plain, suffix = split_suffix(name)
+    of_policy = _loader_of(plain).parts(plain) if is_folder(name) else parts_of(_entries()[plain].factory)
     of_filter = parts_of(_FILTERS[suffix]) if suffix else {}
-    return inside | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
+    return of_policy | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
 
 
 def describe(name: str) -> dict[str, Any]:
-    """Return a registered policy in plain values: name, robot kind (None: any), made_for, learned, description."""
+    """Return a registered policy in plain values; its kind is None if it drives all kinds of robots."""
     entry: Any = entry_of(name)
     return {
         "name": name, "kind": entry.kind, "made_for": list(entry.made_for), "learned": entry.learned,
@@ -256,14 +258,14 @@ def describe(name: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def made_for(name: str, scenario: str) -> bool:
+def is_default_on(name: str, scenario: str) -> bool:
     """Return whether a benchmark plays a policy on a scenario by default."""
     entry = entry_of(name)
     return entry is None or (not entry.on_request and (not entry.made_for or scenario in entry.made_for))
 
 
-def ships(name: str) -> bool:
-    """Return whether a policy is included, and not one that a user or another package registered."""
+def is_included(name: str) -> bool:
+    """Return whether this package registered a policy, and not a user or another package."""
     entry = entry_of(name)
     origin = _origin(entry.factory)[0] if entry is not None else None
     return getattr(origin, "__module__", "").partition(".")[0] in OURS

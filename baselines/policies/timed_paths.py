@@ -330,8 +330,10 @@ class TimedPaths(Policy):
         self.variant = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self.shift = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
-        if self._inside is not None and tables.filtered_until == 0:  # paths that are planned from the start turn early
-            self._inside = Inside(self.scenario, self.num_worlds, self.device, turns_early=True)
+        if (
+            self._stay_inside is not None and tables.filtered_until == 0
+        ):  # paths that are planned from the start turn early
+            self._stay_inside = Inside(self.scenario, self.num_worlds, self.device, turns_early=True)
         self._tolerance, self._filter = math.inf, None
         if tables.filtered_until > 0:
             self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))

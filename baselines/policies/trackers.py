@@ -58,7 +58,7 @@ from baselines.policies.coordinators import (
     ReferenceParameters,
     TrackedReference,
 )
-from baselines.policies.driving import motor_rate, steady_speed, throttle_for
+from baselines.policies.driving import scaled_gain, steady_speed, throttle_for
 from baselines.policies.own_row import Actions, Observation, own_heading, own_phase, own_position, own_speed, own_works
 from baselines.similarity import motion_scale
 from lissajous_env.device.car_input import car_action
@@ -205,7 +205,7 @@ class FieldParameters(Checked):
         scaled = {
             "pull": cls.pull / scale.length,
             "turn": min(cls.turn / scale.time, 1 / scenario.task.step),
-            "speed": motor_rate(scenario, cls.speed),
+            "speed": scaled_gain(scenario, cls.speed),
         }
         return cls(**scaled | overrides)
 

@@ -42,8 +42,8 @@ _LONGEST = 6.0
 """Longest planned transit, in the time in which a car drives a quarter of the rectangle's perimeter."""
 
 
-def turning_radius_of(scenario: Scenario) -> float:
-    """Return the radius that all cars of a scenario can turn on, the one of the longest wheelbase included [m]."""
+def radius_for_all_cars(scenario: Scenario) -> float:
+    """Return the radius of a turn that all cars of a scenario can drive, also that of the longest wheelbase [m]."""
     spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
     return _ROOM * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 
@@ -82,7 +82,7 @@ class Car:
     @classmethod
     def of(cls, scenario: Scenario, speed: float | None) -> "Car":
         """Return the limits of the cars of a scenario; the largest speed is a share of the top speed by default."""
-        robot, turning, driven = scenario.robot, turning_radius_of(scenario), scenario.driven
+        robot, turning, driven = scenario.robot, radius_for_all_cars(scenario), scenario.driven
         speed = speed or RESERVE * robot.top_speed
         grip = math.sqrt(RESERVE * robot.lateral_acceleration_max * turning)
         speed = min(speed, TURN * turning / scenario.task.step, grip)

@@ -1,7 +1,7 @@
-"""The batch behind every environment: worlds of one scenario or of a space, with agents in padded places.
+"""The batch behind every environment: worlds of one scenario, or of a space of scenarios with padded teams.
 
 An environment for another library is a shell around a `Batch`. It declares the spaces of `Batch.sides`, calls `reset`
-and `step`, and converts the arrays of `rows` into what the library expects.
+and `step`, and converts the arrays of `rows` to those of the library.
 """
 
 import itertools
@@ -31,9 +31,9 @@ from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import ENDED, RUNNING
 
 FIRST_SCENARIOS = 64
-"""Number of scenarios at the beginning of a split among which a batch finds the largest team and the most targets."""
+"""Number of scenarios at the beginning of a split whose largest team and most target slots are those of a batch."""
 _FROM_SYSTEM, _NEXT = -2, -1
-"""In place of the seed of a world's next episode: the operating system draws it, or it follows from the latest one."""
+"""Codes for the seed of a world's next episode: the operating system draws it, or it follows from the latest one."""
 _DRIVER = "driver."
 """Prefix of the arrays of the policy that drives the robots."""
 
@@ -43,11 +43,11 @@ class Batch:
 
     Without a space all worlds are one group. With a space, each group draws its first scenario at its first reset, and
     the next one whenever all of its worlds are reset together. Scenarios, and the episodes in them, depend on the seed
-    and on the number of the group alone. Scenarios with more robots or more target slots than the first
-    `FIRST_SCENARIOS` of the split have are skipped.
+    and on the number of the group alone. Scenarios with more robots or more target slots than any of the first
+    `FIRST_SCENARIOS` of the split are skipped.
 
     Attributes:
-        sides: Sides whose agents act.
+        sides: The sides whose actions `step` requires.
         simulations: The simulation of each group.
         space: Space of scenarios, or None.
 
@@ -93,7 +93,7 @@ class Batch:
         if rest or self.group_size == 0:
             raise ValueError(f"num_worlds must be a multiple of num_groups ({num_groups}), got {num_worlds}")
         self._device, self._cores = device, cores() if threads is None else whole_number("threads", threads)
-        # One thread steps each of many groups; all threads share the worlds of few groups.
+        # With many groups, each is stepped by one thread; with few, all threads share the worlds of each.
         self._threads = 1 if 1 < num_groups >= self._cores else threads
         self._joined: Work | None = None
         self._max_cycles = max_cycles
@@ -115,7 +115,7 @@ class Batch:
                 self._check(sample)
         self._most_robots = largest.num_robots
         self.sides = sides_of(first, largest.num_robots, discrete_actions, roles)
-        # Of a space, the first scenario of the split is shown until the first reset.
+        # Until the first reset, a space is represented by the first scenario of its split.
         self.simulations = [self._simulation(first)] * num_groups
         self.driver = None if robots is None else driver_of(robots, self.scenario, num_worlds, device)
         self._draws: Draws | None = None
@@ -134,7 +134,7 @@ class Batch:
         return self.simulations[0]
 
     def worlds_of(self, group: int) -> slice:
-        """Return the worlds of a group."""
+        """Return the slice of the worlds of a group."""
         return slice(group * self.group_size, (group + 1) * self.group_size)
 
     def seed(self, seed: Any, worlds: Any = slice(None)) -> None:
@@ -156,7 +156,7 @@ class Batch:
             return
         chosen = np.arange(self.num_worlds)[worlds]
         if not np.ndim(seed):
-            fold_seed(seed)  # refuses what is no number
+            fold_seed(seed)  # raises an error if it is not a whole number
             seed = [int(seed) + int(k) for k in chosen]
         self._seeds[chosen] = [fold_seed(number) for number in seed]
 
@@ -184,10 +184,14 @@ class Batch:
             self.driver.reset(chosen)
 
     def _reset_groups(self, chosen: np.ndarray) -> None:
-        """Begin episodes in the worlds of a space; groups that are reset as a whole draw their next scenario."""
+        """Begin episodes in the worlds of a space; groups that are reset as a whole draw their next scenario.
+
+        The first reset after a seed resets all worlds.
+        """
         if self._draws is None:
             seed = int(drawn_seeds(1)[0]) if self._seeds[0] == _FROM_SYSTEM else int(self._seeds[0])
-            self._draws, chosen = Draws(self.space, self.split, seed, self._resolved, self._fits), np.ones_like(chosen)  # type: ignore[arg-type]
+            self._draws = Draws(self.space, self.split, seed, self._resolved, self._fits)  # type: ignore[arg-type]
+            chosen = np.ones_like(chosen)
         for group, simulation in enumerate(self.simulations):
             of_group = chosen[self.worlds_of(group)]
             if of_group.all():
@@ -202,8 +206,8 @@ class Batch:
         """Advance every world whose episode is running by one control step.
 
         Args:
-            actions: For each side, by its name `robot` or `rogue`, actions (W, N, action_size) that `Side.read`
-                returned, or a tensor on the device; those of places without an agent have no effect.
+            actions: For each side, by its name `robot` or `rogue`, actions (W, N, action_size) that `Side.read_actions`
+                returned, or a tensor on the device; those of slots without an agent have no effect.
 
         Raises:
             ResetNeeded: the worlds of a space have not been reset yet.
@@ -231,11 +235,11 @@ class Batch:
                 simulation.advance()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without views and launches: a copy has memory of its own, and records launches anew."""
+        """Return the state without views and launches, which a copy makes for its own memory."""
         return self.__dict__ | {"_views": {}, "_joined": None}
 
     def views(self, group: int, side: Side, library: Any = np) -> Rows:
-        """Return the rows of a side of a group, without padding; on the CPU, and for `torch`, as views."""
+        """Return the rows of a side of a group, without padding; they are views, except NumPy arrays on a GPU."""
         key = group, side.agent, library.__name__
         if key not in self._views:
             rows = side.rows(self.simulations[group], library)
@@ -248,14 +252,14 @@ class Batch:
         """Return the rows of a side; `library` is `numpy`, or `torch` for tensors on the device."""
         parts = [self.views(group, side, library) for group in range(len(self.simulations))]
         for k, part in enumerate(parts):
-            if missing := side.places - part.observation.shape[1]:
+            if missing := side.slots - part.observation.shape[1]:
                 parts[k] = Rows(*(padded(array, missing, library) for array in part))
                 parts[k].terminated[:, -missing:] = True
         return parts[0] if len(parts) == 1 else Rows(*map(library.concatenate, zip(*parts, strict=True)))
 
     @property
     def over(self) -> np.ndarray:
-        """(W,) True on the host for worlds whose episode has ended; if only rogues act, also when none is left."""
+        """(W,) bool on the host: worlds whose episode has ended or, if only rogues act, that have no rogue left."""
         over = self._status() != int(RUNNING)
         if self.driver is not None:
             over = over | self.simulation.rogues.terminated.numpy().astype(bool).all(axis=1)
@@ -263,22 +267,21 @@ class Batch:
 
     @property
     def just_ended(self) -> np.ndarray:
-        """(W,) True on the host for worlds whose episode the latest step ended."""
+        """(W,) bool on the host: worlds whose episode the latest step ended."""
         return self._status() == int(ENDED)
 
     def _status(self) -> np.ndarray:
         return np.concatenate([simulation.clock.status.numpy() for simulation in self.simulations])
 
     def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
-        """Return the score rows so far of the episodes of the masked worlds (W,)."""
+        """Return the score rows, so far, of the worlds of a mask (W,)."""
         scores = (sim.score(worlds[self.worlds_of(group)]) for group, sim in enumerate(self.simulations))
         return [row for rows in scores for row in rows]
 
     def state(self, library: Any = np) -> Any:
-        """Return (W, S) the true state of each world; see `lissajous_env.envs.sides.state_names`.
+        """Return the true state (W, S) of each world; see `lissajous_env.envs.sides.state_names`.
 
-        It contains the numbers of the largest team and of the largest number of target slots; those of robots and
-        target slots that a scenario does not have are 0.
+        It has room for the largest team and the most target slots; the numbers of those that a scenario lacks are 0.
         """
         most = self._most_robots, self._most_targets
         parts = [state_rows(simulation, library, *most) for simulation in self.simulations]
@@ -304,14 +307,14 @@ class Batch:
 
     @property
     def state_size(self) -> int:
-        """S."""
+        """S, the size of a world's true state."""
         return state_size(self._most_robots, self._most_targets, self.scenario.messages.size)
 
     def _simulation(self, scenario: Scenario, seed: int = 0) -> Simulation:
         return Simulation(scenario, self.group_size, device=self._device, seed=seed, threads=self._threads)
 
     def _resolved(self, scenario: Scenario) -> Scenario:
-        """Return a scenario with the number of steps of an episode, and every derived field."""
+        """Return a scenario with `max_cycles` as its number of steps, and with all derived fields."""
         return named.with_cycles(scenario, self._max_cycles).resolve()
 
     def _fits(self, scenario: Scenario) -> bool:
@@ -335,8 +338,8 @@ def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "c
         ValueError: the policy is unknown, or is for another number of worlds.
     """
     if isinstance(robots, (str, os.PathLike)):
-        factories = import_module("baselines.policies.factories")  # which imports this package
-        return factories.named(os.fspath(robots))(scenario, num_worlds, device)
+        factories = import_module("baselines.policies.factories")  # not at the top, because it imports this package
+        return factories.as_factory(robots)(scenario, num_worlds, device)
     if hasattr(robots, "act"):
         if robots.num_worlds != num_worlds:
             raise ValueError(f"robots must be driven by a policy for {num_worlds} worlds, got {robots.num_worlds}")

@@ -82,7 +82,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         rows = self.batch.rows(self._side)
         if self.render_mode == "human":
             self.render()
-        return rows.observation[0].copy(), self._info(np.zeros(self._side.places, np.float32), rows)
+        return rows.observation[0].copy(), self._info(np.zeros(self._side.slots, np.float32), rows)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Take one control step with the actions of the team; numbers outside [-1, 1] are clipped.
@@ -91,7 +91,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
             ResetNeeded: before the first reset, or after the end of an episode.
             ValueError: an action has a wrong shape or is not finite; the state is unchanged.
         """
-        given = self._side.read(action, self.action_space.shape)  # type: ignore[arg-type]
+        given = self._side.read_actions(action, self.action_space.shape)  # type: ignore[arg-type]
         if not self._running:
             raise ResetNeeded(NEEDS_RESET)
         self.batch.step({self._side.agent: given})

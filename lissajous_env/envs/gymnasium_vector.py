@@ -31,9 +31,9 @@ class LissajousVectorEnv(Timed, VectorEnv):
     ends, when it is reported as terminated again and restarts with its world.
 
     Infos also contain `invalid`, True if an action in the row's episode was not finite and replaced by zero, and
-    `score`, the numbers that `score_names` names of the episodes that ended in this step: these rows are True in its
+    `score`, the numbers, named by `score_names`, of the episodes that ended in this step: these rows are True in its
     mask `_score`, and the others are infinite. With SAME_STEP, `final_obs` and `final_info` follow
-    Gymnasium: they are there in the steps in which rows are done, and the latter contains `score`, too.
+    Gymnasium: infos contain them in the steps in which rows are done, and the latter contains `score`, too.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`.
@@ -76,17 +76,17 @@ class LissajousVectorEnv(Timed, VectorEnv):
             variant = named.with_cycles(variant, max_episode_steps)
         self._steps = variant.task.steps
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
-        self.batch = Batch(variant, num_envs, roles="robots", **settings)
+        self.batch = Batch(variant, whole_number("num_envs", num_envs), roles="robots", **settings)
         (self._side,) = self.batch.sides
         self.simulation, self.scenario = self.batch.simulation, self.batch.scenario
-        self._rows_each, self._agents_as_rows = self._side.places if agents_as_rows else 1, agents_as_rows
+        self._rows_each, self._agents_as_rows = self._side.slots if agents_as_rows else 1, agents_as_rows
         self.num_envs = num_envs * self._rows_each
         self.metadata = {"autoreset_mode": self.autoreset_mode}
         spaces = self._side.spaces() if agents_as_rows else self._side.team_spaces()
         self.single_observation_space, self.single_action_space = spaces
         self.observation_space, self.action_space = (batch_space(space, self.num_envs) for space in spaces)
         self._ended, self._begun = np.zeros((2, num_envs), dtype=bool)
-        self._gone = np.zeros((num_envs, self._side.places), dtype=bool)
+        self._gone = np.zeros((num_envs, self._side.slots), dtype=bool)
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -123,7 +123,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
             raise ResetNeeded(f"{NEEDS_RESET}, for every world")
         begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
         # An action that is not finite is replaced by zero, and reported in the infos.
-        self.batch.step({"robot": self._side.read(actions, self.action_space.shape, finite=False)})  # pyright: ignore
+        self.batch.step({"robot": self._side.read_actions(actions, self.action_space.shape, finite=False)})  # pyright: ignore
         if begins.any():
             # A world that ended did not move in the step above; it returns its first observation.
             self.batch.reset(begins)
@@ -144,7 +144,11 @@ class LissajousVectorEnv(Timed, VectorEnv):
         return self.simulation.score_names
 
     def _masked(self, options: Any) -> np.ndarray:
-        """Return the indices of the worlds that the options of a reset select."""
+        """Return the indices of the worlds that the options of a reset select.
+
+        Raises:
+            ValueError: invalid options or an invalid mask.
+        """
         if options is not None and not isinstance(options, Mapping):
             raise ValueError(f"options must be a dict, got {shown(options)}")
         mask = (options or {}).get("reset_mask")

@@ -1,4 +1,4 @@
-"""Parts of the environments of one world: drawing, scores, and their specification for Gymnasium."""
+"""Base classes of the environments of one world: drawing, scores, and the specification for Gymnasium."""
 
 import copy
 from typing import Any
@@ -23,7 +23,7 @@ METADATA = {
 
 
 class OneWorld:
-    """Part of an environment of a batch of one world.
+    """Base of an environment whose batch has one world.
 
     Attributes:
         batch: The batch.
@@ -35,7 +35,7 @@ class OneWorld:
     render_mode: str | None
 
     def _start(self, batch: Batch, render_mode: str | None) -> None:
-        """Use a batch, and check the setting of drawing."""
+        """Set the batch, and check `render_mode`; subclasses call it at the end of `__init__`."""
         known = isinstance(render_mode, str) and render_mode in METADATA["render_modes"]
         if render_mode is not None and not known:
             raise ValueError(f"render_mode must be None, rgb_array or human, got {shown(render_mode)}")
@@ -89,7 +89,7 @@ class OneWorld:
 
 
 class Timed:
-    """Part of a Gymnasium environment: its `spec` states the number of steps of an episode, which ends by itself."""
+    """Base of a Gymnasium environment that ends its episodes itself: its `spec` states their number of steps."""
 
     _steps: int | None = None
     """Number of steps of an episode; None if it varies."""

@@ -36,10 +36,10 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     `lissajous_env.world.rogues.acting` describes its observation. Its reward is the time of the step for which it was
     undetected [s], so that its return is its detection time. Its info is empty.
 
-    **Of a space of scenarios**, each reset draws one. A reset with a seed draws the same scenario and the same episode
-    whatever came before; later resets without a seed draw a sequence that depends only on that seed. `possible_agents`
-    are those of the largest team among the first 64 scenarios of the split, and `agents` the robots of the scenario. A
-    drawn scenario with more robots or more target slots than all of these is skipped.
+    **With a space of scenarios**, each reset draws one. A reset with a seed always draws the same scenario and episode;
+    later resets without a seed draw a sequence that depends only on that seed. `possible_agents` are those of the
+    largest team among the first 64 scenarios of the split, and `agents` the robots of the scenario. A drawn scenario
+    with more robots or more target slots than all of these is skipped.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`; a space of scenarios, or SPACE:SPLIT, where SPLIT is a split or a
@@ -82,7 +82,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self._begun = False
         self._sides: list[Side] = batch.sides
         self._live: list[list[int]] = []
-        """Places of the agents that act in the next step, for each side."""
+        """Indices of the agents that act in the next step, for each side."""
         self._start(batch, render_mode)
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
@@ -129,9 +129,9 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         if type(actions) is not dict or len(actions) != len(self.agents):
             check_agents(actions, self.agents)
         try:
-            self._sides[0].read_agents(actions, self._live[0], self._actions[0])
+            self._sides[0].read_agent_actions(actions, self._live[0], self._actions[0])
             if len(self._sides) > 1:
-                self._sides[1].read_agents(actions, self._live[1], self._actions[1])
+                self._sides[1].read_agent_actions(actions, self._live[1], self._actions[1])
         except KeyError:
             check_agents(actions, self.agents)
             raise
@@ -142,7 +142,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         return self._results()
 
     def _results(self) -> tuple[dict, dict, dict, dict, dict]:
-        """Return the results of the agents that acted, and of those that act in the next step, which are `agents`."""
+        """Return the results of the agents that acted or that act in the next step; store the latter in `agents`."""
         if self._on_device:
             self._fetch()
         live, agents = self._live[0], self._names
@@ -174,7 +174,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         return results
 
     def _add_rogues(self, side: Side, rows: Rows, results: Sequence[dict]) -> None:
-        """Add the rogues that acted in a step, and those that act in the next one, to its results."""
+        """Add the rogues that acted in the step, or that act in the next one, to its results and to `agents`."""
         live = np.flatnonzero(rows.mask).tolist()
         shown = sorted({*self._live[1], *live})
         names, self._live[1] = [side.names[t] for t in shown], live

@@ -23,49 +23,49 @@ from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import PRESENT, WORKING
 
 LARGE = 1e30
-"""Sum of squares above which actions are checked one by one; it is not finite if any number is not."""
+"""Sum of squares of all actions above which each is checked: the sum is not finite if a number is not."""
 _OF_ROBOT = ("x", "y", "cos_heading", "sin_heading", "speed", "cos_phase", "sin_phase", "works")
 _OF_TARGET = ("waiting", "x", "y")
 
 
 class Rows(NamedTuple):
-    """One side of W worlds with N places: NumPy arrays, or torch tensors on the device.
+    """Results of a step for a side of W worlds, with N slots for agents: NumPy arrays, or torch tensors on the device.
 
-    Places that a scenario does not have are terminated, with rows and rewards of zeros. The arrays are copies, or views
-    of the simulation's memory that the next step overwrites.
+    Slots without an agent, as in scenarios with smaller teams, are terminated, with rows and rewards of zeros. The
+    arrays are copies, or views of the simulation's memory that the next step overwrites.
     """
 
     observation: Any
     """(W, N, D) rows."""
     mask: Any
-    """(W, N) True for robots that the scenario has, and for rogues that act in the next step."""
+    """(W, N) True for each robot of the scenario, also if it was removed, and each rogue that acts in the next step."""
     reward: Any
     """(W, N) rewards."""
     terminated: Any
-    """(W, N) True from the end of an agent on: a robot was removed, a rogue detected."""
+    """(W, N) True from the step on in which a robot was removed or a rogue detected."""
     truncated: Any
-    """(W, N) True where the time is over."""
+    """(W, N) True where the episode has reached its time limit."""
     terms: Any
     """(W, N, terms) the terms of a robot's reward, whose names are `simulation.reward_term_names`; a rogue has one."""
 
 
 class Side:
-    """One side: `robot` or `rogue` agents, which share their spaces.
+    """One side of a batch: `robot` or `rogue` agents, which share their spaces.
 
     Args:
-        agent: `robot` or `rogue`, which begins the names of the agents.
+        agent: `robot` or `rogue`, the prefix of the agents' names.
         scenario: A scenario of the batch.
-        places: Number of agents for which arrays have room, N: those of the largest team, or the target slots.
+        slots: N, the number of robots of the largest team, or of target slots.
         discrete: True for actions that are indices of a table.
     """
 
-    def __init__(self, agent: str, scenario: Scenario, places: int, discrete: bool = False):
-        self.agent, self.places, self.is_robots = agent, places, agent == "robot"
-        self.names = [f"{agent}_{i}" for i in range(places)]
+    def __init__(self, agent: str, scenario: Scenario, slots: int, discrete: bool = False):
+        self.agent, self.slots, self.is_robots = agent, slots, agent == "robot"
+        self.names = [f"{agent}_{i}" for i in range(slots)]
         self.layout = layout(scenario) if self.is_robots else rogue_layout(scenario)
         self.action_size = scenario.action_size if self.is_robots else 2
-        self._sizes = [self.action_size] * places
-        self._pick_all = operator.itemgetter(*self.names) if places > 1 else None
+        self._sizes = [self.action_size] * slots
+        self._pick_all = operator.itemgetter(*self.names) if slots > 1 else None
         table = action_table(scenario) if self.is_robots else rogue_table()
         self.table = table if discrete else None
         """(K, action_size) actions from which a discrete action selects; None for continuous actions."""
@@ -79,7 +79,7 @@ class Side:
 
     def team_spaces(self) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
         """Return the spaces of all agents together: rows (N, D); actions (N, action_size), or indices (N,)."""
-        return tuple(batch_space(space, self.places) for space in self.spaces())  # type: ignore[return-value]
+        return tuple(batch_space(space, self.slots) for space in self.spaces())  # type: ignore[return-value]
 
     def rows(self, simulation: Simulation, library: Any = np) -> Rows:
         """Return the rows of this side of a simulation, as arrays of `numpy`, or of `torch` on its device."""
@@ -95,11 +95,16 @@ class Side:
         reward, ends = read(rogues.reward), (read(rogues.terminated), read(rogues.truncated))
         return Rows(read(rogues.observation), read(rogues.present), reward, *ends, reward[..., None])
 
-    def read(self, actions: Any, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
-        """Return actions of a shape, those of all places of some worlds, as float32 (W, N, action_size) in [-1, 1].
+    def read_actions(self, actions: Any, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
+        """Return actions as float32 (W, N, action_size), clipped to [-1, 1].
+
+        Args:
+            actions: Actions of all slots of W worlds: numbers or, with a table, indices, in an array of any library.
+            shape: Shape that they must have; any that can be reshaped to W, N and the rest.
+            finite: True if every number must be finite.
 
         Raises:
-            ValueError: another shape, an index outside the table or, if they must be `finite`, a number that is not.
+            ValueError: another shape, an index outside the table, or a number that is not finite.
         """
         given = np.asarray(on_host(actions))
         kinds, words = ("fiu", "numbers") if self.table is None else ("iu", "whole numbers")
@@ -108,8 +113,8 @@ class Side:
         if self.table is not None:
             last = len(self.table) - 1
             self._require(((given >= 0) & (given <= last)).reshape(-1), f"a whole number from 0 to {last}", given)
-            return self.table[given].reshape(-1, self.places, self.action_size)
-        rows = given.reshape(-1, self.places, self.action_size)
+            return self.table[given].reshape(-1, self.slots, self.action_size)
+        rows = given.reshape(-1, self.slots, self.action_size)
         if finite and not np.vdot(rows, rows) < LARGE:
             self._require(np.isfinite(rows).all(axis=2).reshape(-1), "finite", rows)
         return np.clip(rows, -1.0, 1.0).astype(np.float32, copy=False)
@@ -117,33 +122,33 @@ class Side:
     def _require(self, right: np.ndarray, rule: str, actions: np.ndarray) -> None:
         """Raise ValueError for the first agent whose action is not right."""
         if not right.all():
-            world, place = divmod(int(np.flatnonzero(~right)[0]), self.places)
-            action = actions.reshape(len(right), -1)[world * self.places + place].tolist()
+            world, slot = divmod(int(np.flatnonzero(~right)[0]), self.slots)
+            action = actions.reshape(len(right), -1)[world * self.slots + slot].tolist()
             got = action[0] if self.table is not None else action
-            raise ValueError(f"action of {self.names[place]} in world {world} must be {rule}, got {got}")
+            raise ValueError(f"action of {self.names[slot]} in world {world} must be {rule}, got {got}")
 
-    def read_agents(self, actions: Mapping[str, Any], places: Sequence[int], flat_out: np.ndarray) -> None:
-        """Write the actions of the agents in some places into the rows (N * action_size,); others are zeros.
+    def read_agent_actions(self, actions: Mapping[str, Any], slots: Sequence[int], flat_out: np.ndarray) -> None:
+        """Write the actions of the agents in `slots` into `flat_out` (N * action_size,), and zeros for the others.
 
         Raises:
             KeyError: an agent is missing.
             ValueError: an action has a wrong shape, is an index outside the table, or is not finite.
         """
-        if self._pick_all and len(places) == self.places:
+        if self._pick_all and len(slots) == self.slots:
             given = self._pick_all(actions)
         else:
-            given = [actions[self.names[place]] for place in places]
+            given = [actions[self.names[slot]] for slot in slots]
         if len(flat_out) == len(given) * self.action_size and self.table is None:
-            try:  # Regular actions, a float32 array for each agent, are copied together.
+            try:  # Actions that are all float32 arrays are copied together, which is faster.
                 np.concatenate(given, out=flat_out, casting="no")
                 if [*map(len, given)] == self._sizes and flat_out.dot(flat_out) < LARGE:
                     return
             except (TypeError, ValueError, RuntimeError):
                 pass
-        rows = [self._read_one(self.names[place], on_host(action)) for place, action in zip(places, given, strict=True)]
+        rows = [self._read_one(self.names[slot], on_host(action)) for slot, action in zip(slots, given, strict=True)]
         rows_out = flat_out.reshape(-1, self.action_size)
         rows_out[:] = 0.0
-        rows_out[list(places)] = np.reshape(rows, (len(rows), self.action_size))
+        rows_out[list(slots)] = np.reshape(rows, (len(rows), self.action_size))
 
     def _read_one(self, agent: str, action: Any) -> np.ndarray:
         """Return the row of an action."""
@@ -196,20 +201,20 @@ def check_agents(actions: Any, live: Sequence[str]) -> None:
 
 
 def action_table(scenario: str | Scenario) -> np.ndarray:
-    """Return (K, action_size) the actions from which a discrete action selects.
+    """Return the actions (K, action_size) from which a discrete action selects.
 
-    They are steering x throttle for cars, speed x yaw rate for differential drives, phase rates for points, or rest and
-    velocities in eight directions. With messages of k numbers, the table contains every motion with each of k + 1
-    messages: first zeros, then 1 in component 0 and zeros elsewhere, and so on.
+    They are steering x throttle for cars, speed x yaw rate for differential drives, phase rates for points, or, where
+    actions are velocities, rest and eight directions. With messages of k numbers, the table contains every motion with
+    each of k + 1 messages: first zeros, then 1 in component 0 and zeros elsewhere, and so on.
     """
     scenario = named.build(scenario)
     moves = np.array(scenario.model.table, dtype=np.float32)
-    words = np.eye(scenario.messages.size + 1, dtype=np.float32)[:, 1:]
-    return np.hstack([np.tile(moves, (len(words), 1)), np.repeat(words, len(moves), axis=0)])
+    messages = np.eye(scenario.messages.size + 1, dtype=np.float32)[:, 1:]
+    return np.hstack([np.tile(moves, (len(messages), 1)), np.repeat(messages, len(moves), axis=0)])
 
 
 def rogue_table() -> np.ndarray:
-    """Return (9, 2) the actions from which a rogue's discrete action selects: rest, and eight directions."""
+    """Return the actions (9, 2) from which a rogue's discrete action selects: rest, and eight directions."""
     angles = np.arange(8) * (np.pi / 4)
     return np.vstack([np.zeros((1, 2)), np.stack([np.cos(angles), np.sin(angles)], axis=1)]).astype(np.float32)
 
@@ -241,7 +246,7 @@ def state_names(scenario: str | Scenario) -> tuple[str, ...]:
 
 
 def state_size(num_robots: int, num_targets: int, message_size: int = 0) -> int:
-    """Return S = (8 + k) N + 3 T + 1, the number of numbers of a world's state."""
+    """Return S = (8 + k) N + 3 T + 1, the size of a world's state."""
     return (len(_OF_ROBOT) + message_size) * num_robots + len(_OF_TARGET) * num_targets + 1
 
 
@@ -251,24 +256,24 @@ def state_rows(simulation: Simulation, library: Any = np, num_robots: int = 0, n
     Args:
         simulation: The worlds.
         library: `numpy`, or `torch` for a tensor on the simulation's device, without a copy to the host.
-        num_robots: Number of robots in a row; the numbers of those that the scenario does not have are 0.
+        num_robots: Number of robots in a row, if it is larger than that of the scenario; the additional ones are 0.
         num_targets: Number of target slots in a row, likewise.
     """
     read = wp.array.numpy if library is np else wp.to_torch
     robots, targets, scenario = simulation.robots, simulation.targets, simulation.scenario
 
-    def columns(places: int, *numbers: Any) -> Any:
+    def columns(slots: int, *numbers: Any) -> Any:
         # The phase is float64.
         rows = library.stack([library.asarray(column, dtype=library.float32) for column in numbers], -1)
-        return padded(rows, max(places - rows.shape[1], 0), library).reshape(simulation.num_worlds, -1)
+        return padded(rows, max(slots - rows.shape[1], 0), library).reshape(simulation.num_worlds, -1)
 
-    def place(position: Any) -> tuple[Any, Any]:
+    def scaled(position: Any) -> tuple[Any, Any]:
         return position[..., 0] / scenario.curve.half_width, position[..., 1] / scenario.curve.half_height
 
     heading, phase = read(robots.heading), read(robots.phase)
     of_robots = columns(
         num_robots,
-        *place(read(robots.position)),
+        *scaled(read(robots.position)),
         library.cos(heading),
         library.sin(heading),
         read(robots.speed) / simulation.speed_unit,
@@ -278,14 +283,14 @@ def state_rows(simulation: Simulation, library: Any = np, num_robots: int = 0, n
         *(read(simulation.messages.sending)[..., m] for m in range(scenario.messages.size)),
     )
     waiting = read(targets.status) == PRESENT
-    position = place(read(targets.position))
+    position = scaled(read(targets.position))
     of_targets = columns(num_targets, waiting, *(waiting * coordinate for coordinate in position))
     elapsed = columns(1, (read(simulation.clock.step) / scenario.task.steps)[:, None])
     return library.concatenate([of_robots, of_targets, elapsed], 1)
 
 
 def padded(array: Any, missing: int, library: Any) -> Any:
-    """Return an array (W, n, ...) with more places (W, n + missing, ...), which are zero."""
+    """Return an array (W, n, ...) with `missing` more slots, which are zero: (W, n + missing, ...)."""
     if not missing:
         return array
     zeros = library.zeros((len(array), missing, *array.shape[2:]), dtype=array.dtype, device=array.device)

@@ -13,7 +13,7 @@ import warp as wp
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.columns import NAMES, brought_columns
+from lissajous_env.world.columns import NAMES, extension_columns
 from lissajous_env.world.simulation import Simulation
 
 _TOGETHER = 16
@@ -164,7 +164,8 @@ def evaluate(
     """
     seeds, variant = list(seeds), named.build(scenario, **overrides)
     if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
-        raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
+        hint = "; `baselines.make` makes a policy by its name" if isinstance(policy, str) else ""
+        raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}{hint}")
     acting: Any = policy
     if not hasattr(policy, "act"):
         acting = FunctionPolicy(acting, max(min(len(seeds), _TOGETHER), 1))
@@ -191,7 +192,7 @@ def episodes(
         padded = batch + batch[-1:] * (policy.num_worlds - len(batch))
         runner.play(padded, None if on_step is None else lambda taken: on_step(simulation) if taken else None)
         rows = simulation.score(np.arange(len(batch)))
-        columns = (*NAMES, *brought_columns(simulation.scenario))
+        columns = (*NAMES, *extension_columns(simulation.scenario))
         yield [
             {column: ({"policy": runner.name, "episode": first + k} | row)[column] for column in columns}
             for k, row in enumerate(rows)

@@ -1,5 +1,6 @@
 """A simulation whose robots follow given paths: everything else is as in any simulation."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,9 +16,12 @@ from lissajous_env.device.structs import allocate
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import FAILED, REMOVED, Clock, EpisodeTotals, Robots
+from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, Clock, EpisodeTotals, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
+
+COLLISION, EDGE = 1, 2
+"""Causes for which a robot is stopped or removed at the end of a step."""
 
 
 @wp.struct
@@ -34,6 +38,8 @@ class Paths:
     """(M, N) phases [rad]; NaN where the phase follows the curve from the one before."""
     hidden: wp.array2d(dtype=wp.int32)
     """(M, N) 1 where nothing is known of the robot in the step to a moment."""
+    ended: wp.array2d(dtype=wp.int32)
+    """(M, N) COLLISION or EDGE where one of them stops or removes the robot at the end of that step, else 0."""
 
 
 @stage(ROBOT, writes="robots: status")
@@ -50,6 +56,18 @@ def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: Ep
         robots.status[w, i] = FAILED
         tally.faulted[w] = 1
         tally.fault_end[w] = -1
+
+
+@stage(ROBOT, writes="latest: terminated; robots: sensor, status, failed_until")
+def end_paths(w: int, i: int, paths: Paths, cause: int, effect: int, clock: Clock, robots: Robots, latest: StepEvents):
+    """Let a collision or the edge stop or remove robots, `effect` FAILED or REMOVED, as the log has it."""
+    if paths.ended[clock.step[w], i] == cause:
+        robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+        robots.status[w, i] = effect
+        if effect == FAILED:
+            robots.failed_until[w, i] = NEVER
+        else:
+            latest.terminated[w, i] = True
 
 
 @stage(ROBOT, writes="robots: heading, path, phase, position, speed, status")
@@ -76,7 +94,7 @@ class PrescribedSimulation(Simulation):
     """A simulation whose robots follow given paths, whatever their actions are.
 
     Args:
-        scenario: The scenario, of at most M - 1 steps.
+        scenario: The scenario, of at most M - 1 steps. Whatever collisions and the edge did to robots, `paths` has it.
         paths: The fields of `Paths`.
         num_worlds: Number of worlds, which have the same paths and different targets.
     """
@@ -86,15 +104,21 @@ class PrescribedSimulation(Simulation):
         self._paths: Any = allocate(Paths, {"path": (m, n, places)}, (m, n), as_device("cpu"))
         for name, values in paths.items():
             getattr(self._paths, name).assign(values)
-        super().__init__(scenario, num_worlds)
+        self._collided = int(FAILED if scenario.task.on_collision == "stop" else REMOVED)
+        boundary = "wall" if scenario.task.boundary == "wall" else "open"  # contacts with walls are counted
+        task = dataclasses.replace(scenario.task, boundary=boundary, on_collision="count")
+        super().__init__(dataclasses.replace(scenario, task=task), num_worlds)
 
     def _own_stages(self, begins: bool) -> list[Stage]:
         """Return the stages in which robots follow their paths, and are hidden from the measurements to the score."""
         own = {"paths": self._paths}
         follow = Stage("motion", follow_paths, own=own)
         phase = Stage("phase", follow_curve, when=bool(np.isnan(self._paths.phase.numpy()).any()))
-        replaced = {"motion": [follow], "phase": [phase]}
-        after = {"robots": [follow], "measurement": [Stage("hiding", hide, own=own)]}
+        replaced, after = {"motion": [follow], "phase": [phase]}, {"robots": [follow]}
+        after["measurement"] = [Stage("hiding", hide, own=own)]
         after["score"] = [Stage("showing", unhide, own=own)]
+        ends = {COLLISION: Stage("collided", end_paths, own=own | {"cause": COLLISION, "effect": self._collided})}
+        ends[EDGE] = Stage("outside", end_paths, own=own | {"cause": EDGE, "effect": int(REMOVED)})
         stages = super()._own_stages(begins)
+        replaced["boundary"] = [ends[COLLISION], *(one for one in stages if one.name == "boundary"), ends[EDGE]]
         return [new for one in stages for new in (*replaced.get(one.name, [one]), *after.get(one.name, ()))]

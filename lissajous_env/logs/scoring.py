@@ -12,11 +12,12 @@ from lissajous_env.episodes.recording import Recorder, Recording, Unknown
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
 from lissajous_env.logs.log import Log
 from lissajous_env.logs.motion import Motion, motion_of
-from lissajous_env.logs.prescribed import PrescribedSimulation
+from lissajous_env.logs.prescribed import COLLISION, EDGE, PrescribedSimulation
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
+from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
@@ -29,6 +30,8 @@ _FAR = 5.0
 """Distance from the origin in sizes of the rectangle, from which on the log is in another frame."""
 _SAME = 1e-6
 """Share of a step by which a log may be shorter than a number of them."""
+_REACHED = 0.02
+"""Share of two radii by which the distance of robots that collide may exceed them, because ways are not straight."""
 _LATE_STATUS = 0.2
 """Share of a control step by which a status or a phase may be recorded after the pose that it belongs to."""
 OF_ACTIONS = ("return_mean", "smoothness", "blocked_time")
@@ -105,10 +108,13 @@ def score(
     before = np.maximum(times - scenario.task.step, times[0])
     hidden = np.stack([motion.unknown(before, times) for motion in motions], axis=1)
     status = _statuses(log, times, hidden)
-    scenario = _as_logged(scenario, times, status, motions)
+    places = np.stack([motion.at(times)[0] for motion in motions], axis=1)
+    ended = _ended(scenario, places, status) * ~hidden
+    scenario = _as_logged(scenario, times, status, ended, places)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    simulation = PrescribedSimulation(scenario, _paths(log, scenario, motions, times, hidden), len(seeds))
+    paths = _paths(log, scenario, motions, times, hidden) | {"ended": ended}
+    simulation = PrescribedSimulation(scenario, paths, len(seeds))
     simulation.reset(seeds=np.array(list(seeds)))
     actions, refused = _actions(log, scenario, times)
     notes = [*log.notes, *_remarks(log, scenario, motions, times, status), *refused]
@@ -120,6 +126,8 @@ def score(
         recorder.take()
         if on_step is not None:
             on_step()
+        if simulation.over.all():  # every robot was removed
+            break
     name = str((log.episode or {}).get("policy") or log.name)
     unknown = dict.fromkeys(OF_ACTIONS, float("nan")) if actions is None else {}
     if unknown:
@@ -129,7 +137,7 @@ def score(
     ]
     recording = recorder.recording(name)
     blanks = _unknown(motions, times, actions is None)
-    recording = dataclasses.replace(recording, score=recording.score | unknown, unknown=blanks)
+    recording = dataclasses.replace(recording, scenario=scenario, score=recording.score | unknown, unknown=blanks)
     return Scored(scenario, rows, recording, float(times[0]), tuple(notes))
 
 
@@ -175,7 +183,9 @@ def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
     flat, motions = scenario.curve.half_depth == 0, []
     for track, speed in zip(log.tracks, scenario.top_speeds, strict=True):
         place = track.position * (1, 1, 0) if flat else track.position
-        motions.append(motion_of(dataclasses.replace(track, position=place), gap, speed, scenario.robot.radius))
+        track = dataclasses.replace(track, position=place)
+        trusted = log.episode is not None and track.measured
+        motions.append(motion_of(track, gap, speed, scenario.robot.radius, trusted))
     return motions
 
 
@@ -202,25 +212,45 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     return status
 
 
-def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray, motions: Sequence[Motion]) -> Scenario:
+def _ended(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.ndarray:
+    """Return (M, N) COLLISION or EDGE where one of them stops or removes a robot at the end of a step, else 0.
+
+    A robot does not move in a step at whose beginning a fault removes it, and a collision has another robot in reach.
+    """
+    ended, reach = np.zeros(status.shape, int), 2 * (1 + _REACHED) * scenario.robot.radius
+    effect = {"stop": int(FAILED), "remove": int(REMOVED)}.get(scenario.task.on_collision)
+    for last, robot in np.argwhere(status[1:] != status[:-1]):
+        moment, (before, after) = last + 1, places[last : last + 2]
+        now = status[moment, robot]
+        begin = before - before[robot]
+        way = after - after[robot] - begin
+        share = np.clip(-(begin * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), 0, 1)
+        near = np.linalg.norm(begin + share[:, None] * way, axis=1) < reach
+        near[robot] = False
+        if now == effect and (near & (status[last] != int(REMOVED))).any():
+            ended[moment, robot] = COLLISION * bool((status[moment:, robot] != int(WORKING)).all())
+        elif now == int(REMOVED) and (before[robot] != after[robot]).any():
+            ended[moment, robot] = EDGE
+    return ended
+
+
+def _as_logged(
+    scenario: Scenario, times: np.ndarray, status: np.ndarray, ended: np.ndarray, places: np.ndarray
+) -> Scenario:
     """Return a scenario with the duration of a log and with the faults of its robots, and no others."""
     step, schedule, removed = scenario.task.step, [], []
-    for robot, motion in enumerate(motions):
-        moved = (np.diff(motion.at(times)[0], axis=0) != 0).any(axis=1)  # in the step after each moment
+    stood = (places[1:] == places[:-1]).all(axis=2)
+    failed = status[1:] == int(FAILED)
+    failed |= stood & (ended[1:] == COLLISION) & (status[:-1] == int(FAILED))  # it was hit, and removed
+    for robot in range(status.shape[1]):
         gone = np.flatnonzero(status[:, robot] == int(REMOVED))
         if len(gone):
-            # A robot moves in the step in which the edge or a collision removes it, and not where a fault does.
-            last = int(gone[0])
-            removed.append((robot, (last - 1 + bool(moved[last - 1]) if last else 0) * step))
-        failed = np.concatenate([[0], status[1:, robot] == int(FAILED), [0]]).astype(int)
-        for begin, end in np.flatnonzero(np.diff(failed)).reshape(-1, 2).tolist():
-            # Likewise, a robot that a collision stops moves until the end of that step.
-            is_stopped = end - begin > 1 and moved[begin] and not moved[begin + 1]
-            schedule.append((robot, (begin + is_stopped) * step, end * step))
+            removed.append((robot, max(int(gone[0]) - (ended[gone[0], robot] == 0), 0) * step))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], failed[:, robot], [0]]).astype(int)))
+        faults = [fault for fault in edges.reshape(-1, 2).tolist() if not ended[fault[0] + 1, robot]]
+        schedule += [(robot, *(edge * step for edge in fault)) for fault in faults]
     faults = dataclasses.replace(scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0)
-    # Whatever the edge or a collision did to the robots, the log shows it; contacts with walls are counted.
-    boundary = "wall" if scenario.task.boundary == "wall" else "open"
-    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * step, boundary=boundary, on_collision="count")
+    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * step)
     return dataclasses.replace(scenario, faults=faults, task=task)
 
 
@@ -240,6 +270,10 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
         _, heading, speed = motion.at(times)
         pose = np.column_stack([places[:, -1, :2], heading])
         phase = _phases(log, scenario, robot, times, pose, hidden[:, robot])
+        if model_of(scenario.robot.kind).keeps_to_curve and robot in log.phases:
+            turn = np.angle(np.exp(1j * np.diff(phase, prepend=phase[0])))
+            between = phase[:, None] + (np.linspace(0, 1, substeps + 1) - 1) * turn[:, None]
+            places[:, 1:-1] = closed_forms.curve_point_3d(scenario.driven, scenario.alpha * between[:, 1:-1])
         columns.append((places, heading, speed, phase, hidden[:, robot].astype(int)))
     names = ("path", "heading", "speed", "phase", "hidden")
     return {

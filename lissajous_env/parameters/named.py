@@ -59,7 +59,7 @@ _POLICY = "policy.toml"
 
 def scenarios() -> tuple[str, ...]:
     """Return the names of the included scenarios, then those of the registered ones in alphabetical order."""
-    _BROUGHT.load()
+    _PLUGINS.load()
     return (*_INCLUDED, *sorted(SCENARIOS))
 
 
@@ -175,7 +175,7 @@ def _unregistered(name: Any, others: Iterable[str] = ()) -> ValueError:
     known = scenarios()
     hint = nearest(name, [*known, *others])
     words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
-    return ValueError("; ".join([words, *_BROUGHT.broken]))
+    return ValueError("; ".join([words, *_PLUGINS.broken]))
 
 
 def denotes_scenario(name: str) -> bool:
@@ -285,7 +285,7 @@ def _known(name: Any) -> Scenario | None:
     if not isinstance(name, str) or is_file(name):
         return None
     if ":" not in name and name not in _INCLUDED and name not in SCENARIOS:
-        _BROUGHT.load()  # scenarios of other packages, at last
+        _PLUGINS.load()  # scenarios of other packages, at last
     entry = _INCLUDED.get(name) or SCENARIOS.get(name)
     space, part = (None, "") if entry else _split(name)
     seed = _SEED.fullmatch(part)
@@ -331,6 +331,6 @@ def _register_brought(brought: Any) -> None:
         brought()
 
 
-_BROUGHT = plugins.EntryPoints("lissajous_env.scenarios", "scenarios", _register_brought)
+_PLUGINS = plugins.EntryPoints("lissajous_env.scenarios", "scenarios", _register_brought)
 for _name in (*_INCLUDED, *_INCLUDED_SPACES):
     register_ids(_name, is_space=_name in _INCLUDED_SPACES)

@@ -323,14 +323,14 @@ def task_score(scenario: Scenario) -> Column:
     return DETECTION_RATE if scenario.targets.respawn else DETECTION_TIME
 
 
-def brought_columns(scenario: Scenario) -> tuple[str, ...]:
+def extension_columns(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the columns that a scenario's extensions add after `NAMES`."""
     return tuple(extension.name for extension in scenario.extensions if isinstance(extension, ScoreColumn))
 
 
 def number_names(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the numbers of a scenario's score rows, in their order: `seed`, then the columns."""
-    return ("seed", *(column.name for column in COLUMNS.values() if column.value), *brought_columns(scenario))
+    return ("seed", *(column.name for column in COLUMNS.values() if column.value), *extension_columns(scenario))
 
 
 def score_of(episode: Episode) -> dict[str, Any]:

@@ -213,12 +213,12 @@ class Simulation(Copyable):
         self.rogues: Any = self._structs.get("rogues")
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
-        self._limited_action = wp.zeros_like(self.action)
+        self._limited_action = wp.zeros_like(self.action)  # limited to [-1, 1], and `command` is that with noise
         # On a CPU, the same memory as `action`; elsewhere empty, so that no action has its shape.
         self._action_host = self.action.numpy() if self.device.is_cpu else np.empty(0, dtype=np.float32)
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
         self.final_observation = wp.zeros_like(self.observation)
-        self._seeds = wp.zeros(w, dtype=wp.int32, device=self.device)
+        self._seeds = wp.zeros(w, dtype=wp.int32, device=self.device)  # of a reset; -1 where it draws the seed
         self.reward, self.reward_terms = self.latest.reward, self.latest.terms
         self.terminated, self.truncated = self.latest.terminated, self.latest.truncated
         self.invalid, self.invalid_at = self.clock.invalid, self.clock.invalid_at
@@ -232,6 +232,7 @@ class Simulation(Copyable):
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         values["initial"] = initial_of(self._structs, self.device)
         shape = self.num_worlds, self.num_robots, self.scenario.sensing.most_seen
+        # Squared distance and index of the objects that a robot observes, the nearest first.
         values["nearest"] = wp.zeros(shape, dtype=wp.vec2, device=self.device)
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.status.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}

@@ -361,51 +361,32 @@ class EpisodeTotals:
 
 
 named(
-    # Indices: world, robot, other robot, target, row and column of a grid; slot of a ring buffer.
+    # Indices of a world, robot, other robot, target, row and column of a grid, and slot of a ring buffer.
     **dict.fromkeys(("w", "i", "j", "t", "row", "column", "slot"), int),
-    # The present step, the key of its random draws, the steps of an episode, and the cells of the coverage grid.
-    **dict.fromkeys(("now", "key", "steps", "cells_total"), int),
-    # Indices of the first policy message, track and cell in an observation row.
-    **dict.fromkeys(("message_start", "track_start", "cell_start"), int),
-    # A control step in units of the largest observed age of a message, and in units of T_max.
-    **dict.fromkeys(("age_per_step", "bounds_per_step"), float),
-    # Unit of the observed speeds [m/s]; radius of the circles that must fit between walls at the start [m], or 0.
-    **dict.fromkeys(("speed_unit", "turning_radius"), float),
-    # (W, N, A) actions as given, limited to [-1, 1], and those limited ones without the message and with noise.
-    **dict.fromkeys(("action", "limited_action", "command", "command_out"), wp.array3d(dtype=float)),
-    # (W, N, D) rows of the robots.
-    **dict.fromkeys(("observation", "observation_out", "final_observation_out"), wp.array3d(dtype=float)),
-    # (N,) displacement of a robot's phase at the start [rad], factor on its motor's drive, and top speed [m/s].
+    # The present step, and the key of its random draws.
+    **dict.fromkeys(("now", "key"), int),
+    # Constants of a scenario, which `lissajous_env.world.values` documents.
+    **dict.fromkeys(("steps", "cells_total", "message_start", "track_start", "cell_start"), int),
+    **dict.fromkeys(("age_per_step", "bounds_per_step", "speed_unit", "turning_radius"), float),
     **dict.fromkeys(("displacements", "drive_factors", "top_speeds"), wp.array(dtype=float)),
-    # (N,) `Scenario.places`, and the step after which the schedule removes a robot; (W,) seeds of a reset, -1 for none.
-    **dict.fromkeys(("places", "removals", "seeds"), wp.array(dtype=int)),
-    # (N, 2) ring neighbours, -1 for none; (F, 3) robot, start and end [step] of each scheduled fault.
+    **dict.fromkeys(("places", "removals"), wp.array(dtype=int)),
     **dict.fromkeys(("neighbours", "schedule"), wp.array2d(dtype=int)),
-    # (A, 2) value at rest of each component of an action, and the speed that it requests per unit [m/s].
     action_speeds=wp.array2d(dtype=float),
-    # (W, N, entries) squared distance, and index, of the objects that a robot observes, nearest first.
-    nearest=wp.array3d(dtype=wp.vec2),
-    # (N,) phases in the equilibrium [rad].
     equilibrium=wp.array(dtype=wp.float64),
+    # Arrays of a simulation, which `lissajous_env.world.simulation` documents.
+    **dict.fromkeys(("action", "limited_action", "command", "command_out"), wp.array3d(dtype=float)),
+    **dict.fromkeys(("observation", "observation_out", "final_observation_out"), wp.array3d(dtype=float)),
+    nearest=wp.array3d(dtype=wp.vec2),
+    seeds=wp.array(dtype=int),
 )
 
 INITIAL = {
-    "robots.resumed_at": -1,
-    "links.heard_at": -1,
-    "targets.found_at": int(NEVER),
-    "tracks.sighted_at": -1,
-    "tracks.own_sighted_at": -1,
-    "tracks.other_sighted_at": -1,
-    "tracks.mate_sent_at": -1,
-    "tracks.covered_at": -1,
-    "contamination.row_oldest": int(NEVER),
-    "contamination.cleared_at": int(NEVER),
-    "contamination.high_at": -1,
+    **dict.fromkeys(("robots.resumed_at", "links.heard_at", "tracks.mate_sent_at", "tracks.covered_at"), -1),
+    **dict.fromkeys(("tracks.sighted_at", "tracks.own_sighted_at", "tracks.other_sighted_at"), -1),
+    **dict.fromkeys(("contamination.high_at", "tally.off_at", "tally.fault_end"), -1),
+    **dict.fromkeys(("targets.found_at", "contamination.row_oldest", "contamination.cleared_at"), int(NEVER)),
+    **dict.fromkeys(("tally.covered_at", "tally.covered_each_at"), int(NEVER)),
     "tally.min_separation": 1.0e30,
-    "tally.covered_at": int(NEVER),
-    "tally.covered_each_at": int(NEVER),
-    "tally.off_at": -1,
-    "tally.fault_end": -1,
     "tally.driven_from": float(NOWHERE),
 }
 """Values that are not zero at the beginning of an episode, by struct and field."""

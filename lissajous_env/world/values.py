@@ -25,7 +25,7 @@ from lissajous_env.world.state import EpisodeTotals
 
 
 def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
-    """Return the constants of a resolved scenario by the names of kernels' parameters, which `state` documents."""
+    """Return the constants of a resolved scenario by the names of kernels' parameters."""
     task, targets, n = scenario.task, scenario.targets, scenario.num_robots
     model = model_of(scenario.robot.kind)
     schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
@@ -38,25 +38,30 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "faults": to_struct(structs.FaultsStruct, scenario.faults),
         "noise": to_struct(structs.NoiseStruct, scenario.noise),
         "task": to_struct(structs.TaskStruct, task),
-        "steps": task.steps,
+        "steps": task.steps,  # of an episode
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
-        "age_per_step": scenario.task.step / scenario.time_unit,
-        "bounds_per_step": scenario.task.step / scenario.detection_time_bound,
-        "turning_radius": scenario.start_turning,
-        "message_start": message_start(scenario),
+        "age_per_step": task.step / scenario.time_unit,  # of a message in the observation [0.3 rad / omega]
+        "bounds_per_step": task.step / scenario.detection_time_bound,  # a step in units of T_max
+        "turning_radius": scenario.start_turning,  # [m], for which robots have room between walls at the start, or 0
+        "message_start": message_start(scenario),  # indices of first entries in an observation row
         "track_start": track_start(scenario),
         "cell_start": cell_start(scenario),
-        "speed_unit": scenario.speed_unit,
+        "speed_unit": scenario.speed_unit,  # [m/s]
         "action_speeds": wp.array(_action_speeds(scenario), dtype=wp.float32, device=device, ndim=2),
         "curve_points": points_of(None if model.keeps_to_curve else scenario.driven, str(device)),
+        # (N,) phases in the equilibrium [rad].
         "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),
+        # (N, 2) robots before and after each one on the ring; -1 for none.
         "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
         "hops": as_hops(scenario.spreading, device),
         "reach": as_reach(scenario.spreading.reaches, device),
+        # (N,) places in the equilibrium, factors on the motor's drive, top speeds [m/s], and displacements at the start
+        # along the phase [rad].
         "places": wp.array(scenario.places, dtype=wp.int32, device=device),
         "drive_factors": wp.array(scenario.drive_factors, dtype=wp.float32, device=device),
         "top_speeds": wp.array(scenario.top_speeds, dtype=wp.float32, device=device),
         "displacements": wp.array(scenario.displacements, dtype=wp.float32, device=device),
+        # (N,) step after which the schedule removes each robot, and (F, 3) robot, start and end [step] of each fault.
         "removals": wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device),
         "schedule": wp.array(schedule, dtype=wp.int32, device=device, ndim=2),
     }

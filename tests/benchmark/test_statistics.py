@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import bootstrap, trim_mean
 
-from baselines.benchmark.shown import best_of, in_words, number
+from baselines.benchmark.shown import best_number, in_words, number
 from baselines.benchmark.statistics import (
     SHARE_OF_SEEDS,
     bootstrap_interval,
@@ -65,7 +65,7 @@ def test_numbers_and_the_best_in_words():
     # Oracle: by hand; (15 / 22) 22 is not 15 in float64.
     assert [number(value) for value in (99.97, -99.97, 9.999, 0.9996)] == ["100", "-100", "10.0", "1.00"]
     policies = [{DETECTION_TIME.name: summarize([time] * 15 + [math.nan] * 7)} for time in (2.0, 1.0)]
-    assert best_of(policies, DETECTION_TIME) == "1"
+    assert best_number(policies, DETECTION_TIME) == "1"
 
 
 def test_largest_values_in_words():

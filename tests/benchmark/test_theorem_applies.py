@@ -10,7 +10,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark.theorem import about_theorem, compatible_starts
 from baselines.benchmark.types import Cell
-from baselines.policies.factories import as_factory, named
+from baselines.policies.factories import as_factory
 from baselines.policies.safety.proved import ProvedParameters, unmet_conditions
 from lissajous_env.console.cli import main
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -43,9 +43,8 @@ def test_bodies_that_overlap_are_no_start_of_a_proof():
 
 
 def said(scenario, policy, factory=None):
-    made = named(policy) if factory is None else as_factory(factory, policy)
     rows = [{"scenario": scenario.name, "policy": policy, "seed": seed} for seed in range(8)]
-    return about_theorem([Cell(scenario, policy, made)], rows).get(scenario.name, [])
+    return about_theorem([Cell(scenario, policy, as_factory(factory or policy, policy))], rows).get(scenario.name, [])
 
 
 def test_the_sentence_names_the_conditions_or_that_there_are_none():

@@ -41,7 +41,7 @@ def advance(env, step):
     with np.printoptions(threshold=np.inf, floatmode="unique"):
         if isinstance(env, lissajous_env.Batch):
             (side,) = env.sides
-            shape = env.num_worlds, side.places, side.action_size
+            shape = env.num_worlds, side.slots, side.action_size
             env.step({side.agent: draw.uniform(-1, 1, shape).astype(np.float32)})
             result = [np.array(each) for each in env.rows(side)] + [str(env.score(np.ones(len(env.over), bool)))]
             env.reset(env.over)

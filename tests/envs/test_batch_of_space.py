@@ -33,7 +33,7 @@ def step(batch, actions):
 
 def drawn_actions(batch, rng):
     (side,) = batch.sides
-    return rng.uniform(-1, 1, (batch.num_worlds, side.places, side.action_size)).astype(np.float32)
+    return rng.uniform(-1, 1, (batch.num_worlds, side.slots, side.action_size)).astype(np.float32)
 
 
 def test_each_group_is_a_simulation_of_its_scenario_and_the_rest_is_masked():

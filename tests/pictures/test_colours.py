@@ -9,7 +9,7 @@ import pytest
 from baselines import names
 from baselines.benchmark import types
 from baselines.benchmark.plot_styles import COLOURS, MARKS, style_at, styles_of
-from baselines.policies.registry import unwrapped
+from baselines.policies.registry import split_suffix
 from baselines.reproduce import drawing
 from lissajous_env.render import palette
 from lissajous_env.replay.bundle import text_of
@@ -61,7 +61,7 @@ def test_the_simulation_knows_what_is_confused():
 @pytest.mark.parametrize("seen", SEEN)
 def test_policies_are_told_apart_by_every_reader(seen):
     # Story: whichever policies a benchmark is asked to draw, no two have one colour and one mark.
-    plain = list(dict.fromkeys(unwrapped(name)[0] for name in names()))
+    plain = list(dict.fromkeys(split_suffix(name)[0] for name in names()))
     styles = [style_at(place) for place in range(max(len(plain), len(COLOURS) * len(MARKS)))]
     for one, other in combinations(styles, 2):
         apart = distance(from_hex(one.colour), from_hex(other.colour), seen) > APART
@@ -73,7 +73,7 @@ def test_policies_are_told_apart_by_every_reader(seen):
 def test_the_standard_policies_share_neither_colour_nor_mark(seen, scenario):
     # Story: a scenario of the README's command has a dozen policies; each has a colour that nobody takes for another's.
     played = [name for name in types.POLICIES if name in names(scenario)]
-    plain = dict.fromkeys(unwrapped(name)[0] for name in played)
+    plain = dict.fromkeys(split_suffix(name)[0] for name in played)
     styles = styles_of(plain)
     assert len({each.mark for each in styles.values()}) == len(plain)
     for one, other in combinations(styles.values(), 2):

@@ -48,7 +48,7 @@ def test_a_changed_scenario_has_no_best_known_plan():
     for changed in ({"sensing.radius": 0.7}, {"task.duration": 50.0}, {"robot.count": 7}):
         made = lissajous_env.scenario("evaders", **changed)
         assert bounds.known_plans(made) == []
-        assert not known_family(made).starts
+        assert not known_family(made).first
         assert math.isnan(bounds_of(made).best_known)
 
 

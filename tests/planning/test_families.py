@@ -26,7 +26,7 @@ def test_a_family_without_a_plan_says_why(capsys):
 
 def test_points_have_formations_alone():
     families = families_of(Request(**HALL, robots=5).scenario_of(5))
-    assert {family.name for family in families if family.starts} == {"defaults", "Lissajous"}
+    assert {family.name for family in families if family.first} == {"defaults", "Lissajous"}
     words = "sweep and laps drive cars, and the robots are of kind curve (give a turning radius)"
     assert words in [family.refusal for family in families]
 
@@ -45,7 +45,7 @@ def test_curves_of_a_formation_leave_room_and_no_gap():
 def test_every_start_of_a_formation_is_a_scenario_whose_robots_part(robots):
     task = Request(**HALL, robots=robots, turning_radius=1.0).scenario_of(robots)
     family = formations(task)
-    for start in family.starts:
+    for start in family.first:
         made = family.plan(start).scenario
         places = np.sort(np.angle(np.exp(1j * made.alpha * made.equilibrium)))
         gaps = np.diff(np.append(places, places[0] + 2 * np.pi))
@@ -89,7 +89,7 @@ def test_a_scenario_is_the_task_as_it_is():
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({}, "width must be given without a scenario [m], got None"),
+        ({}, "width must be given if no scenario is named [m], got None"),
         ({"scenario": "evaders", "failures": 5}, "failures must be a whole number from 0 to 4"),
         ({"scenario": "evaders", "seconds": 0}, "seconds must be from 1 to 1000000 [s], got 0"),
         ({"scenario": "evaders", "plans": 0}, "plans must be a whole number of at least 1, got 0"),
@@ -117,10 +117,10 @@ def test_differential_drives_are_planned_for_with_their_acceleration():
     assert (task.robot.kind, task.robot.acceleration_max, task.robot.top_speed) == ("differential", 0.8, 1.5)
     assert task.task.boundary == "wall"
     families = families_of(task)
-    assert {family.name for family in families if family.starts} >= {"partition", "lines", "Lissajous", "loops"}
+    assert {family.name for family in families if family.first} >= {"partition", "lines", "Lissajous", "loops"}
     loops = families[-1]
-    low, high = loops.space["cruise"]
-    assert all(low <= start["cruise"] <= high for start in loops.starts)
+    low, high = loops.choices["cruise"]
+    assert all(low <= start["cruise"] <= high for start in loops.first)
     small = {"width": 3.5, "height": 1.1, "robot_radius": 0.0566, "sensor_radius": 0.6, "speed": 3.6}
     fast = Request(**small, robots=3, robot="differential", acceleration=51.8).scenario_of(3)
     assert fast.robot.top_yaw_rate * fast.task.step / fast.task.substeps < math.pi
@@ -141,8 +141,8 @@ def test_the_clearance_reaches_partitions():
     plain, apart = (partitions(task, clearance) for clearance in (0.1, 2.0))
     first, second = np.triu_indices(3, 1)
     for family, least in ((plain, 0.2), (apart, 2.0)):
-        places = family.plan(family.starts[0]).settings.make(task).partition.loop
+        places = family.plan(family.first[0]).settings.make(task).partition.loop
         gaps = np.linalg.norm(places[first] - places[second], axis=-1) - 2 * task.robot.radius
         assert gaps.min() >= least
-    assert "clearance" not in plain.starts[0]
-    assert apart.starts[0]["clearance"] > 2.0  # cars are not exactly on their loops
+    assert "clearance" not in plain.first[0]
+    assert apart.first[0]["clearance"] > 2.0  # cars are not exactly on their loops

@@ -239,7 +239,7 @@ def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_eve
     monkeypatch.setattr("baselines.planning.search.cores", lambda: 64)
     search = Search(lissajous_env.scenario(small), Episodes(), families_of(lissajous_env.scenario(small)))
     search.run(seconds=1)
-    assert len(search.looks) == AHEAD < sum(len(family.starts) for family in search.families)
+    assert len(search.looks) == AHEAD < sum(len(family.first) for family in search.families)
 
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):
@@ -248,23 +248,23 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
     search = Search(scenario, Episodes(), families_of(scenario))
 
     def recorded(family, *given):
-        changed.append((search.untried(), sum(len(each.looks) + len(each.unmade) for each in search.families)))
+        changed.append((search.untried(), sum(len(each.looks) + len(each.refused) for each in search.families)))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Family, "changed", recorded)
     search.run(plans=80)
     ((untried, looks),) = changed
     assert untried == []
-    assert looks >= sum(len(family.starts) for family in search.families) - AHEAD - 1
+    assert looks >= sum(len(family.first) for family in search.families) - AHEAD - 1
     assert search.finals  # what was interrupted is played to the end
 
 
 def test_a_family_without_a_plan_says_whether_its_plans_collide_when_they_are_played_to_the_end():
     family = Family("hand", looks=[({}, planned(1.0)), ({}, planned(2.0))])
     search = Search(family.looks[0][1].plan.scenario, Episodes(), [family])
-    assert search.refusals()["hand"].endswith("2 remain, but none was simulated to the end")
+    assert search.refusals()["hand"].endswith("2 without collisions, but none was simulated to the end")
     search._finals = {0: planned(1.0, collisions=2)}
-    assert search.refusals()["hand"].endswith("2 remain, but 1 of them collided in simulations to the end")
+    assert search.refusals()["hand"].endswith("but 1 of them collided in simulations to the end")
 
 
 def test_the_fewest_robots_that_guarantee_a_time(small, capsys):

@@ -124,7 +124,7 @@ def test_the_best_partition_of_drives_is_as_good_as_that_of_cars():
     times = []
     for kind in ({}, {"turning_radius": None, "robot": "differential", "acceleration": 0.945}):
         family = partitions(hall(**kind))
-        times.append(play(family.plan(family.starts[0]), Episodes(count=2)).figures.worst_case)
+        times.append(play(family.plan(family.first[0]), Episodes(count=2)).figures.worst_case)
     assert times[1] <= times[0] < math.inf
 
 
@@ -171,8 +171,8 @@ def test_a_scenario_has_its_own_boundary_unless_the_ground_is_open():
 def test_every_family_of_a_hall_has_walls():
     """Law: each start of each family is a scenario with walls whose curve leaves room for the bodies."""
     families = families_of(hall())
-    made = [family.plan(start).scenario for family in families for start in family.starts]
-    assert len({family.name for family in families if family.starts}) == 5
+    made = [family.plan(start).scenario for family in families for start in family.first]
+    assert len({family.name for family in families if family.first}) == 5
     for scenario in made:
         assert scenario.task.boundary == "wall"
         assert scenario.driven.half_width <= scenario.curve.half_width - scenario.robot.radius

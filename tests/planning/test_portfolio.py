@@ -8,7 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.planning import plans, portfolio
-from baselines.planning.portfolio import DETECTION, GUARANTEE, NUMBERS, Layer, Prior, Result, numbers_of
+from baselines.planning.portfolio import DETECTION, FEATURES, GUARANTEE, Layer, Prior, Result, features_of
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 
@@ -18,8 +18,8 @@ PATROLS = PolicySettings("sweep", {"cruise": 0.9, "inset": 0.5}), PolicySettings
 
 def prior(values=(0.0, 1.0, -1.0), patrols=PATROLS, objective=DETECTION, within=1.0):
     """Return a prior with the same values, the largest of which is the best, whatever the scenario."""
-    layers = Layer(np.zeros((1, len(NUMBERS))), np.zeros(1)), Layer(np.zeros((len(values), 1)), np.array(values))
-    numbers = numbers_of(SCENARIO)
+    layers = Layer(np.zeros((1, len(FEATURES))), np.zeros(1)), Layer(np.zeros((len(values), 1)), np.array(values))
+    numbers = features_of(SCENARIO)
     limits = np.stack([numbers - within, numbers + within], axis=1)
     return Prior({}, objective, patrols, limits, limits, np.zeros((1, len(values))), layers)
 
@@ -36,7 +36,7 @@ def test_the_order_depends_on_no_unit(name):
     for seed in range(3):
         task = lissajous_env.scenario(f"monitoring-v1-{seed}")
         scaled = task.scaled(7.0, 0.3)
-        assert numbers_of(scaled) == pytest.approx(numbers_of(task), abs=1e-9)
+        assert features_of(scaled) == pytest.approx(features_of(task), abs=1e-9)
         one, other = (portfolio.ordered(Prior.read(name), each, 0) for each in (task, scaled))
         assert [each.policy for each in one] == [each.policy for each in other]
         orders.append([each.policy for each in one])

@@ -43,11 +43,11 @@ def test_the_names_are_the_cross_product():
 
 def test_a_benchmark_plays_one_tracker_by_itself():
     """Oracle: the rule. Coordinators are compared over MPCC; the whole of Yao et al. is there, the rest on request."""
-    usual = [name for name in baselines.names("experiment") if registry.made_for(name, "experiment")]
+    usual = [name for name in baselines.names("experiment") if registry.is_default_on(name, "experiment")]
     on_request = {name for name in CARS if name.endswith("-gvf")} - {"consensus-gvf"}
     assert set(CARS) - set(usual) == on_request
     assert not any(name.removesuffix("-safe") in on_request for name in usual)
-    assert all(registry.made_for(name, "failure") for name in POINTS)
+    assert all(registry.is_default_on(name, "failure") for name in POINTS)
 
 
 @pytest.mark.parametrize(("name", "recovery"), [

@@ -122,14 +122,14 @@ def test_a_car_that_stands_at_a_wall_frees_itself(name, reverse):
 
 def test_the_rule_decides_where_there_are_walls_for_every_car_policy_and_after_filters_without_walls_of_their_own():
     walls = lissajous_env.scenario("evaders", **WALLS)
-    assert baselines.make("sweep", "evaders")._inside is None
+    assert baselines.make("sweep", "evaders")._stay_inside is None
     for name in ("sweep", "kuramoto-mpcc", "random", "sweep-safe"):
-        assert baselines.make(name, walls)._inside is not None
+        assert baselines.make(name, walls)._stay_inside is not None
     filtered = baselines.make("sweep-proved", walls)
-    assert filtered._inside is None
-    assert filtered.policy._inside is not None
+    assert filtered._stay_inside is None
+    assert filtered.policy._stay_inside is not None
     corridor = {"curve.half_height": 0.5, "sensing.radius": 1.0}
-    assert baselines.make("sweep", lissajous_env.scenario("evaders", **(WALLS | corridor)))._inside is None
+    assert baselines.make("sweep", lissajous_env.scenario("evaders", **(WALLS | corridor)))._stay_inside is None
 
 
 @pytest.mark.parametrize("name", ["random", "sweep", "kuramoto-mpcc", "sweep-safe", "random-proved"])

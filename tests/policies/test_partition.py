@@ -15,7 +15,7 @@ from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenl
 from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart
 from baselines.policies.partition_plan import PartitionParameters, partition_plans, room_of, smallest_distance
 from baselines.policies.timed_paths import plain_of
-from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, turning_radius_of
+from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, radius_for_all_cars
 
 
 @pytest.mark.parametrize(("count", "half"), [(1, (2.0, 1.0)), (7, (1.0, 3.0)), (15, (5.0, 5.0))])
@@ -121,7 +121,7 @@ def test_a_plan_obeys_the_limits_of_the_cars(name):
     heading = np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=1)
     turn = np.abs(np.diff(heading, axis=1))
     assert turn.max() <= 0.41
-    assert (turn / (speed * step)).max() <= 1.02 / turning_radius_of(scenario)
+    assert (turn / (speed * step)).max() <= 1.02 / radius_for_all_cars(scenario)
     assert smallest_distance(plan.loop) >= 3 * robot.radius
     assert (np.abs(plan.loop) <= np.array([scenario.curve.half_width, scenario.curve.half_height]) * 1.0001).all()
 
@@ -151,7 +151,7 @@ def test_drives_plan_wider_loops_where_these_are_better():
         made = plain_of(like_cars(lissajous_env.scenario("hall", **{"robot.kind": kind})))
         loop, half = partition_plans(made)[0].loop, (made.curve.half_width, made.curve.half_height)
         times.append(worst_undetected_time(loop, half, made.sensing_radius, made.rogue_speed, made.task.step))
-        turns.append(turning_radius_of(made))
+        turns.append(radius_for_all_cars(made))
     assert turns[1] < turns[0]
     assert times[1] <= times[0]
     given = partition_plans(made, PartitionParameters(turning=turns[0]))[0]

@@ -16,7 +16,7 @@ from training.learned.policy import register_shipped
 
 @pytest.fixture(autouse=True)
 def _own_registry(monkeypatch):
-    monkeypatch.setattr(registry._BROUGHT, "broken", [])
+    monkeypatch.setattr(registry._PLUGINS, "broken", [])
 
 
 def test_a_name_that_is_taken_is_refused():
@@ -68,12 +68,12 @@ def takes_a_name():
 
 
 def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch):
-    group = registry._BROUGHT.group
+    group = registry._PLUGINS.group
     broken = EntryPoint("broken", "no_such_module:register", group)
     thief = EntryPoint("thief", f"{__name__}:takes_a_name", group)
     entries = [broken, thief, EntryPoint("good", f"{__name__}:adds_one", group)]
     monkeypatch.setattr(plugins, "entry_points", lambda group: entries)
-    monkeypatch.setattr(registry._BROUGHT, "_asked", False)
+    monkeypatch.setattr(registry._PLUGINS, "_asked", False)
     with pytest.warns(RuntimeWarning) as warned:
         names = baselines.names()
     words = [str(each.message) for each in warned]
@@ -91,8 +91,8 @@ def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch
 def test_learned_policies_are_told_from_classical_ones():
     everything = {*training.names(), *portfolio.NAMES}
     learned = {name for name in baselines.names() if not registry.is_classical(name)}
-    assert {name for name in learned if not registry.unwrapped(name)[1]} == everything
-    assert {registry.unwrapped(name)[0] for name in learned} == everything
+    assert {name for name in learned if not registry.split_suffix(name)[1]} == everything
+    assert {registry.split_suffix(name)[0] for name in learned} == everything
     assert not registry.is_classical("nothing")
 
 

@@ -10,7 +10,7 @@ import lissajous_env
 pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
 
 DRIVES = {"robot.kind": "differential", "task.boundary": "wall", "formation.start": "rotated", "task.duration": 20.0}
-EXACT = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0, "faults.schedule": ()}
+EXACT = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0, "faults.schedule": ((0, 4.0, 6.0),)}
 HALLS = {
     "narrower than the circles of cars": ("experiment", {}),
     "slippery": ("intruders", {"robot.lateral_acceleration_max": 1.0}),
@@ -45,11 +45,12 @@ def test_a_drive_meets_no_wall_moves_on_and_knows_its_yaw_rate(name, fields):
         place = robots.position.numpy()[..., :2]
         way += np.linalg.norm(place - before, axis=2)
         assert (np.abs(place) < half - 0.005 * scenario.robot.radius).all()
-        np.testing.assert_allclose(policy._inside.yaw_rate.numpy(), robots.yaw_rate.numpy(), atol=1e-3)
+        known = np.where(robots.status.numpy() == 0, policy._stay_inside.yaw_rate.numpy(), 0)
+        np.testing.assert_allclose(known, robots.yaw_rate.numpy(), atol=1e-3)
     assert (way > 0.02 * scenario.robot.top_speed * scenario.task.duration).all()
     policy.reset(np.arange(16) == 2)
-    assert (policy._inside.yaw_rate.numpy()[2] == 0).all()
-    assert (policy._inside.yaw_rate.numpy()[3] != 0).any()
+    assert (policy._stay_inside.yaw_rate.numpy()[2] == 0).all()
+    assert (policy._stay_inside.yaw_rate.numpy()[3] != 0).any()
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -63,6 +64,18 @@ def test_mirrored_drives_act_alike(axis):
     policy.reset()
     rows[..., [axis, 2 + axis]] *= -1
     np.testing.assert_allclose(policy.act(rows) * [1, -1], found, atol=1e-3)
+
+
+def test_ways_to_stop_end_at_rest():
+    """Law: more time for braking changes nothing, also at speeds that are measured above the top speed."""
+    scenario = lissajous_env.scenario("evaders", **(EXACT | DRIVES), **{"noise.speed": 0.3})
+    policy = Straight(scenario, 4000)
+    rows = np.random.default_rng(0).uniform(-1, 1, policy.observation_shape)
+    rows[..., 4], rows[..., 7] = rows[..., 4] * (1 + 3 * 0.3 / scenario.robot.top_speed), 1
+    found = policy.act(rows)
+    policy.reset()
+    policy._stay_inside._room.braking *= 10
+    np.testing.assert_array_equal(policy.act(rows), found)
 
 
 def test_a_drive_that_stands_at_a_wall_turns_on_the_spot_and_leaves_it():

@@ -72,9 +72,10 @@ def test_a_registered_coordinator_has_the_names_of_a_shipped_one():
     assert baselines.register_coordinator("my-method")(Again) is Again
     assert {each for each in baselines.names() if each.startswith("my-method")} == set(wanted)
     for name in wanted:
-        shipped, described = registry.describe(name.replace("my-method", "kuramoto")), registry.describe(name)
+        included = name.replace("my-method", "kuramoto")
+        shipped, described = registry.describe(included), registry.describe(name)
         assert (described["kind"], described["made_for"]) == (shipped["kind"], shipped["made_for"])
-        assert registry.made_for(name, "rough") == registry.made_for(name.replace("my-method", "kuramoto"), "rough")
+        assert registry.is_default_on(name, "rough") == registry.is_default_on(included, "rough")
     for name, scenario in (("my-method", "failure"), ("my-method-gvf-safe", "rough")):
         short = lissajous_env.scenario(scenario, **SHORT)
         assert lissajous_env.evaluate(baselines.make(name, short), short, [0])[0]["policy"] == name

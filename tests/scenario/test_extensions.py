@@ -159,11 +159,7 @@ def returning(value):
 @pytest.mark.parametrize(
     ("door", "value", "message"),
     [
-        (
-            lissajous_env.reward_term(),
-            np.zeros((2, 4)),
-            r"term wrong must return numbers of shape \(2, 5\), got",
-        ),
+        (lissajous_env.reward_term(), np.zeros((2, 4)), r"term wrong must return numbers of shape \(2, 5\), got"),
         (lissajous_env.reward_term(), "text", "reward term wrong must return numbers"),
         (lissajous_env.reward_term(), np.full((2, 5), np.nan), "reward term wrong must return finite numbers"),
         (lissajous_env.score_column(), 1.0, r"score column wrong must return numbers of shape \(2,\), got"),

@@ -128,10 +128,7 @@ TOGETHER = [
     ({"curve.a": 3, "curve.b": 6}, "curve.b must share no factor with a = 3, got 6"),
     ({"robot.throttle_max": 0.05}, "robot.throttle_max must be above throttle_min, got 0.05"),
     ({"robot.drive": 1.0}, "robot.throttle_max must lead to a top speed, (drive throttle_max - offset) / drag, from"),
-    (
-        {"targets.wandering": 0.6, "targets.fleeing": 0.5},
-        "targets.fleeing must not make drifting + wandering + fleeing",
-    ),
+    ({"targets.wandering": 0.6, "targets.fleeing": 0.5}, "targets.fleeing must not make drifting + wandering + fl"),
     ({"task.duration": 0.05}, "task.duration must be at least one step of 0.1 s, got 0.05"),
     ({"task.duration": 1e8, "task.step": 1e-3}, "task.duration must be at most 1048576 steps, got 100000000.0"),
     ({"formation.ring": (0, 1, 2, 3, 3)}, "formation.ring must contain each of the 5 robots"),

@@ -102,7 +102,7 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
         assert set(parts) - {"speed"} == {"code", f"module {__name__}"}
     assert parts_of(functools.partial(Still, speed=0.5)) != parts_of(functools.partial(Still, speed=0.4))
     # Code of this distribution is identified by its version.
-    assert set(factories.parts(factories.named("kuramoto"))) == {"code"}
+    assert set(factories.parts(factories.as_factory("kuramoto"))) == {"code"}
 
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):

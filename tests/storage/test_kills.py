@@ -51,8 +51,7 @@ def check(whole, folder, point, full):
 
 
 @pytest.mark.parametrize(
-    ("name", "share", "full"),
-    [("benchmark", 0.5, False), ("benchmark", 0.8, True), ("train", 0.6, False)],
+    ("name", "share", "full"), [("benchmark", 0.5, False), ("benchmark", 0.8, True), ("train", 0.6, False)]
 )
 def test_a_write(root, tmp_path, name, share, full):
     # Oracle: the same command, never killed.
@@ -71,7 +70,7 @@ def test_every_write(root, tmp_path, name, full):
 
 def test_a_kill_after_the_best_is_written_and_before_the_checkpoint(tmp_path, monkeypatch):
     # Oracle: the command that nobody killed. The best policy is ahead of the training that is resumed.
-    monkeypatch.setattr("training.trainer.rank_of", lambda point, limit: point["steps"])
+    monkeypatch.setattr("training.trainer.rating_of", lambda point, limit: point["steps"])
     killing.train(tmp_path / "whole")
     claim, seen = Folder._claim, []
 

@@ -34,8 +34,8 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     made = lissajous_env.scenario("watch", **{"task.duration": 5.0})
     rows = lissajous_env.evaluate(baselines.make("learned-watch", made, 2), made, seeds=range(2))
     assert [row["policy"] for row in rows] == ["learned-watch"] * 2
-    assert registry.made_for("learned-watch", "watch")
-    assert not registry.made_for("learned-watch", "intercept")
+    assert registry.is_default_on("learned-watch", "watch")
+    assert not registry.is_default_on("learned-watch", "intercept")
 
 
 @pytest.mark.parametrize("base", ["greedy-cover", "a-cmommt"])

@@ -183,10 +183,7 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     for arguments, words in (
         (("--side", "rogues"), "against must be the policy from which the rogues learn to hide, got none"),
         (("--against", "sweep"), "side must be rogues if options of rogues are given (against), got robots"),
-        (
-            ("--side", "rogues", "--against", "sweep", "--heads", "1"),
-            "heads must be omitted if rogues are trained",
-        ),
+        (("--side", "rogues", "--against", "sweep", "--heads", "1"), "heads must be omitted if rogues are trained"),
         (
             ("--side", "rogues", "--against", "sweep", "--rogue-starts", 1),
             "starts must be a whole number from 2 to 4096",

@@ -18,9 +18,9 @@ class BatchVecEnv(VecEnv):
     """`VecEnv` of a batch of one side of a scenario: row k N + i is agent i of world k.
 
     Several rows share a world, and rows have no attributes or methods of their own. A world whose episode is over is
-    reset in the same step, which ends the episodes of all of its rows. The row of an agent that ended earlier has ended
-    then; it is constant, with reward 0 and actions without effect. Infos contain `TimeLimit.truncated` and, where a row
-    is done, `terminal_observation`; they report the episodes of agents as `Monitor` does.
+    reset in the same step, and all of its rows are done. The row of an agent that ended earlier is done in that step,
+    too; afterwards it is constant, with reward 0 and actions without effect. Infos contain `TimeLimit.truncated` and,
+    where a row is done, `terminal_observation`; they report the episodes of agents as `Monitor` does.
 
     Args:
         scenario: Scenario, or its name.
@@ -50,7 +50,7 @@ class BatchVecEnv(VecEnv):
         """Scores of the latest episodes."""
         self.render_mode = None
         self._began = time.monotonic()
-        count = batch.num_worlds * self._side.places
+        count = batch.num_worlds * self._side.slots
         self._acts, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
         self._lengths = np.zeros(count, dtype=np.int64)
         super().__init__(count, *self._side.spaces())
@@ -84,7 +84,7 @@ class BatchVecEnv(VecEnv):
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W N, inputs)."""
         if self._seeds[0] is not None:
-            self.batch.seed([seed % 2**31 for seed in self._seeds[:: self._side.places]])  # type: ignore[operator]
+            self.batch.seed([seed % 2**31 for seed in self._seeds[:: self._side.slots]])  # type: ignore[operator]
         self._reset_seeds()
         self._reset_options()
         self.batch.reset()
@@ -97,14 +97,14 @@ class BatchVecEnv(VecEnv):
         Raises:
             ValueError: actions have another shape, are not finite, or are no indices.
         """
-        self._actions = self._side.read(actions, (self.num_envs, *self.action_space.shape))  # type: ignore[misc]
+        self._actions = self._side.read_actions(actions, (self.num_envs, *self.action_space.shape))  # type: ignore[misc]
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
         self.batch.step({self._side.agent: self._actions})
         rows, over = self.batch.rows(self._side), self.batch.over
         rewards, terminated = rows.reward.reshape(-1).copy(), rows.terminated.reshape(-1)
-        dones = self._acts & terminated | np.repeat(over, self._side.places)
+        dones = self._acts & terminated | np.repeat(over, self._side.slots)
         truncated = dones & self._acts & ~terminated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": late} for late in truncated.tolist()]
         if dones.any():
@@ -118,9 +118,9 @@ class BatchVecEnv(VecEnv):
         return self._begun(), rewards, dones, infos
 
     def _report(self, rewards: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
-        """Count a step, and report the episodes that ended with it: return, length [steps], time since the start [s].
+        """Count a step, and report the episodes that it ended: return, length [steps], time since the start [s].
 
-        The episode of a removed robot ends with its removal, so that it has none at the end of its world's episode.
+        The episode of a removed robot is reported at its removal, and not again at the end of its world's episode.
         """
         self._returns += rewards
         self._lengths += self._acts
@@ -130,7 +130,7 @@ class BatchVecEnv(VecEnv):
         self._returns[dones], self._lengths[dones] = 0.0, 0
 
     def _begun(self) -> np.ndarray:
-        """Note which agents act in the next step, and return a copy of their rows (W N, inputs)."""
+        """Store which agents act in the next step, and return a copy of all rows (W N, inputs)."""
         rows = self.batch.rows(self._side)
         self._acts = (rows.mask & ~rows.terminated).reshape(-1)
         return rows.observation.reshape(self.num_envs, -1).copy()

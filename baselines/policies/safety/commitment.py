@@ -10,7 +10,7 @@ from baselines.policies.inside import is_safe
 from baselines.policies.own_row import (
     Actions,
     Observation,
-    has_heard,
+    has_ever_heard,
     own_heading,
     own_key,
     own_position,
@@ -173,7 +173,7 @@ def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observat
     """
     works = own_works(w, i, observation)
     before = memory.presence[w, i]
-    now = presence_of(before, works, has_heard(w, i, observation), memory.steps[w] == 0)
+    now = presence_of(before, works, has_ever_heard(w, i, observation), memory.steps[w] == 0)
     memory.presence[w, i] = now
     is_known = memory.steps[w] > 0 and (before != GONE or now == GONE)
     if memory.steps[w] == 0:

@@ -79,7 +79,7 @@ class Proved(Filter):
     defaults = ProvedParameters()
     suffix = "-proved"
     about = "with a filter that is proved, under conditions, to prevent collisions"
-    stays_inside = True
+    wall_rule = False
     communicates = "committed tails, from every robot to every other within the step"
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
