@@ -9,7 +9,7 @@ import warp as wp
 from baselines.policies.driving import slowest_top_speed
 from baselines.policies.line_path import LineParameters, Lines, best_plan, loops_of
 from baselines.policies.line_transit import Effort, Pace, angle_steps, transit_from_any_angle, transit_inside
-from baselines.policies.own_row import own_phase
+from baselines.policies.own_row import Observation, own_phase
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import STEPS, TimedPaths
@@ -32,7 +32,7 @@ def choose_ways(
     first: int,
     variants: int,
     memory: wp.array3d(dtype=float),
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
     variant_out: wp.array2d(dtype=int),
 ):
     """Choose the way into the lines at the first step: by the angle of the formation, which a robot's phase shows."""

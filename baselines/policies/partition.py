@@ -17,7 +17,7 @@ import warp as wp
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.loops import tour
-from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, room_of
+from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, problem_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of, slowed, takeover_of
@@ -129,7 +129,7 @@ def _with_ways(
             rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
             rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
             got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
-            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
+            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less problem, got {got}")
     return plans[0], None, 0
 
 
@@ -312,8 +312,8 @@ def timed_repair(
     plans = [slowed(plan, reserve) for plan in partition_plans(scenario, parameters)]
     plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
     cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
-    room, unit = room_of(scenario, parameters), scenario.curve.half_height
-    takeover = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
+    problem, unit = problem_of(scenario, parameters), scenario.curve.half_height
+    takeover = takeover_of(plan, cell, scenario.neighbours, problem, unit, _offset(scenario))
     if ways is None:
         until = float(arrival_steps(scenario, plan.loop, plan.speed))
         return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)

@@ -17,7 +17,17 @@ from baselines.policies.loops import (
     loop_spacing,
     patrol_loop,
 )
-from baselines.policies.own_row import hears, lead, own_heading, own_key, own_phase, own_position, own_speed
+from baselines.policies.own_row import (
+    Actions,
+    Observation,
+    hears,
+    lead,
+    own_heading,
+    own_key,
+    own_phase,
+    own_position,
+    own_speed,
+)
 from baselines.similarity import motion_scale
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
@@ -77,7 +87,7 @@ def agreed_phase(
     equilibrium: wp.array(dtype=float),
     displaced: wp.array(dtype=float),
     ring: wp.array(dtype=wp.vec2i),
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
 ) -> float:
     """Return robot i's phase after the mean of its own and its neighbours' deviations from the start is removed.
 
@@ -111,8 +121,8 @@ def follow_loop(
     winding: float,
     origin: float,
     memory: wp.array2d(dtype=wp.vec2),
-    observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    action_out: Actions,
 ):
     """Drive to robot i's place in the file, which moves around the loop at cruising speed [m/s].
 
@@ -164,8 +174,8 @@ def go_around(
     cruise: float,
     ahead: int,
     memory: wp.array2d(dtype=int),
-    observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    action_out: Actions,
 ):
     """Drive to the point of the loop that is `ahead` points beyond the nearest one, at cruising speed [m/s].
 
@@ -194,8 +204,8 @@ def wander(
     speed_gain: float,
     near: float,
     goals: wp.array2d(dtype=wp.vec3),
-    observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    action_out: Actions,
 ):
     """Drive to a random place in the rectangle, slower where it is `near` [m], and choose the next one on arrival."""
     w, i = wp.tid()
@@ -219,9 +229,7 @@ def wander(
 
 
 @wp.kernel
-def wander_on_curve(
-    robot: RobotStruct, rate: float, observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)
-):
+def wander_on_curve(robot: RobotStruct, rate: float, observation: Observation, action_out: Actions):
     """Move along the curve at a phase rate that is drawn in each step from [0, 2 rate) [rad/s]."""
     w, i = wp.tid()
     draw = randomness.uniform(own_key(w, i, observation), i, randomness.WANDER)
@@ -229,7 +237,7 @@ def wander_on_curve(
 
 
 @wp.kernel
-def act_at_random(observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
+def act_at_random(observation: Observation, action_out: Actions):
     """Draw each component of the action in each step."""
     w, i = wp.tid()
     key = own_key(w, i, observation)
