@@ -31,7 +31,7 @@ __all__ = [
 register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or in lanes.")
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
 for _name, _factory, _scenarios, _about in (
-    ("lanes", Lanes, (), "Patrol of vertical lanes, the robots at equal distances; it observes no target."),
+    ("lanes", Lanes, (), "Patrol of lanes along the shorter side, at equal distances; it observes no target."),
     ("follow", Follow, ("watch",), "Drive to the nearest target in sight."),
     ("a-cmommt", Force, ("watch",), "Forces towards targets and away from robots (Parker, 2002)."),
     ("greedy-cover", Cover, ("watch",), "Drive where the most known targets are near."),

@@ -113,7 +113,9 @@ def main() -> None:
     options = parser.parse_args()
     agent = train(options.scenario, options.steps, seed=options.seed)
     for row in lissajous_env.evaluate(agent.act, options.scenario, seeds=range(16)):
-        print(row["seed"], row["observed_fraction"], row["detection_time_mean"], row["collisions"])
+        print(
+            *(f"{name} {row[name]:.3g}" for name in ("seed", "observed_fraction", "detection_time_mean", "collisions"))
+        )
 
 
 if __name__ == "__main__":

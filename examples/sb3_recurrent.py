@@ -33,9 +33,12 @@ def main() -> None:
     options = parser.parse_args()
     model = train(options.scenario, options.steps)
     model.save(options.out)
+    print(f"wrote {options.out}")
     policy = ModelPolicy(model, options.scenario, num_worlds=16)
     for row in lissajous_env.evaluate(policy, options.scenario, seeds=range(16)):
-        print(row["seed"], row["observed_fraction"], row["detection_time_mean"], row["collisions"])
+        print(
+            *(f"{name} {row[name]:.3g}" for name in ("seed", "observed_fraction", "detection_time_mean", "collisions"))
+        )
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ def import_attribute(reference: str, rule: str) -> Any:
     module, _, attribute = reference.partition(":")
     try:
         if not module or not attribute or module.startswith("."):
-            raise ValueError("both must be names")
+            raise ValueError("a module and an attribute must stand around a colon")
         return functools.reduce(getattr, attribute.split("."), import_module(module))
     except (Exception, SystemExit) as error:
         hint = ""

@@ -2,6 +2,7 @@
 
 import difflib
 import os
+import sys
 import sysconfig
 import traceback
 from collections.abc import Iterable
@@ -56,6 +57,14 @@ def few_of(names: Iterable[Any], word: Any = "") -> str:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """Return a number with its noun, as `1 episode` and `2,000 episodes`; by default the plural ends in s."""
     return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"
+
+
+def outside() -> int:
+    """Return the `stacklevel` of the caller's warning that names the first line outside of this distribution."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGES):
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 def where_raised(error: BaseException) -> str:

@@ -92,7 +92,7 @@ class TrainingSettings(Checked):
     is the team's."""
     collisions: float | None = None
     """Collisions in an episode of a team above which their cost rises, and below which it falls. By default four fifths
-    of those of the base."""
+    of those of the base, 0 without one."""
     penalty: float = number(0.3, 0.01, 100)
     """Factor of the scenario's reward for collisions at the beginning."""
     evaluate_every: int = whole(250_000, 1, 10**15)
@@ -145,7 +145,7 @@ class TrainingSettings(Checked):
             return self.base
         if scenario.task.action == "velocity":
             return rule_of(scenario)
-        return {"car": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
+        return {"car": "arc-mpcc", "differential": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
 
     def make_scenario(self) -> Scenario:
         """Return the scenario, or the first one of the validations."""

@@ -82,16 +82,17 @@ def _train(
     history = _begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
-    state.limit = limit_of(settings.collisions, rivals)
+    state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
     while True:
         done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
         last = curve[-1]["steps"] if curve else -every
         if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
             network = state.actor.arrays()
-            results = mean_of(validate(settings, partial(LearnedTeam, network, card), rivals or None))
+            found = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
+            history["first"], results = history["first"] or found, mean_of(found)
             point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
             curve.append(point)
-            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point)}")
+            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point, against)}")
             if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
                 history["best"] = point
                 checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
@@ -113,7 +114,7 @@ def _begin(settings: TrainingSettings, state: "Training", say: Callable[[str], N
             state.load_state(checkpoint.read_state(settings.out, text))
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return text["training"]
-    history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "curve": [], "best": None}
+    history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
         say(f"{settings.rival}: {words_of(mean_of(history['rivals']))}")

@@ -23,7 +23,8 @@ def validate(
     Args:
         settings: Settings of the training.
         make: Function of a scenario and a number of worlds that makes the policy.
-        rival: The same of a rival; the worth is the ratio of the scores, above 1 if the policy is better.
+        rival: The same of a rival, or of the network before the training; the worth is the ratio of the scores, above
+            1 if the policy is better.
     """
     scenarios, results = settings.make_validation_scenarios(), []
     count = max(settings.episodes // len(scenarios), 1)
@@ -59,6 +60,7 @@ def limit_of(collisions: float | None, rivals: Sequence[dict[str, float]]) -> fl
     return collisions or 0.0
 
 
-def words_of(of: dict[str, float]) -> str:
-    """Return the means of a validation in words."""
-    return f"score {of['score']:.4g}, {of['worth']:.3f} times as good as its rival, {of['collisions']:.2f} collisions"
+def words_of(of: dict[str, float], rival: str | None = None) -> str:
+    """Return the means of a validation in words, compared with a rival if one is named."""
+    compared = "" if rival is None else f"{of['worth']:.3f} times as good as {rival}, "
+    return f"score {of['score']:.4g}, {compared}{of['collisions']:.2f} collisions"

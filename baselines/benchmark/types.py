@@ -221,7 +221,8 @@ def cells_of(
         names = few_of((cell.policy for cell in cells), settings.against)
         raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
-        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in played)}")
+        names = few_of(scenario.name for scenario in played)
+        raise ValueError(f"scenarios must differ in name, got {names}; set `name` in the file of one of them")
     if settings.engine == "local":
         as_device(settings.device)
     return cells

@@ -19,6 +19,7 @@ from baselines.policies.transit import radius_for_all_cars
 from baselines.similarity import motion_scale
 from lissajous_env.episodes.lower_bounds import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import counted
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
 
 LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "beyond_edge"
@@ -296,15 +297,15 @@ class Family:
             return self.refusal
         if not (self.looks or self.refused):
             return "the search ended before it tried one"
-        words = [f"{len(self.looks)} plans were looked at"]
+        words = [f"{counted(len(self.looks), 'plan')} tried"]
         if collided := [look for _, look in self.looks if look.figures.collisions]:
             fewest = min(collided, key=lambda look: look.figures.collisions).plan
-            words.append(f"{len(collided)} collide, for example {fewest.settings.policy} ({fewest.about})")
+            words.append(f"{len(collided)} with collisions, for example {fewest.settings.policy} ({fewest.about})")
         if self.refused:
             words.append(f"{len(self.refused)} cannot be made: {self.refused[0]}")
         if self.without_collisions:
             ends = f"{collided_later} of them collided in simulations" if collided_later else "none was simulated"
-            words.append(f"{len(self.without_collisions)} remain, but {ends} to the end")
+            words.append(f"{len(self.without_collisions)} without collisions, but {ends} to the end")
         return "; ".join(words)
 
 

@@ -188,7 +188,8 @@ class Policy(Copyable, Remembering):
     def reset(self, worlds: Any = None) -> None:  # noqa: D102 -- see the base class
         super().reset(worlds)
         if isinstance(self._stay_inside, Stopping):
-            clear_worlds(self._stay_inside.yaw_rate, world_mask(worlds, self.num_worlds))
+            for memory in (self._stay_inside.yaw_rate, self._stay_inside.heading):
+                clear_worlds(memory, world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D); a subclass implements this.

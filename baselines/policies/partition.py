@@ -43,6 +43,7 @@ from baselines.policies.transit import (
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.wording import outside
 
 _SPARSE = 0.1
 """Most distance of two places on a loop that are compared with those of stopped robots, in required distances."""
@@ -265,7 +266,7 @@ def _warn_of_open_cells(scenario: Scenario) -> None:
             f"scenario {scenario.name}: robots can fail, and in partition-repair only ring neighbours learn of a "
             "failure, so the cell of a failed robot may stay uncovered; another number of rows may avoid this"
         )
-        warnings.warn(words, AssumptionWarning, stacklevel=3)
+        warnings.warn(words, AssumptionWarning, stacklevel=outside())
 
 
 def _avoided_distance(scenario: Scenario) -> float:

@@ -137,9 +137,10 @@ class Reacting(Policy):
 
 
 class Lanes(Reacting):
-    """Patrol in vertical lanes: robots follow each other, evenly spaced, on one closed tour; it observes no target.
+    """Patrol in lanes: robots follow each other, evenly spaced, on one closed tour; it observes no target.
 
-    Each robot takes the nearest free place on the tour at the start, as soon as the first messages can have arrived.
+    The lanes are parallel to the shorter side of the rectangle. Each robot takes the nearest free place on the tour at
+    the start, as soon as the first messages can have arrived.
     """
 
     lanes: int | None = None
@@ -151,9 +152,11 @@ class Lanes(Reacting):
         super().__init__(scenario, num_worlds, device, **settings)
         reach = self.scenario.sensing_radius if self.reach is None else self.reach
         edge = min(0.8 * reach, 0.5 * float(self.half.min()))
-        fitting = 2 * round((1 + (2 * self.half[0] - 2 * edge) / (1.1 * reach)) / 2)
-        count, (across, along) = max(fitting, 2) if self.lanes is None else self.lanes, self.half - edge
-        corners = lane_corners(along, across, min(edge, 0.5 * along), count)[:, ::-1]
+        along, across = sorted(self.half - edge)
+        fitting = 2 * round((1 + 2 * across / (1.1 * reach)) / 2)
+        count = max(fitting, 2) if self.lanes is None else self.lanes
+        corners = lane_corners(along, across, min(edge, 0.5 * along), count)
+        corners = corners[:, ::-1] if self.half[0] >= self.half[1] else corners[::-1]
         self.corners = np.concatenate([corners, corners[:1]])
         self._along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
         self._ahead = 0.5 * reach

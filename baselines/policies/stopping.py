@@ -11,7 +11,8 @@ A drive that can stop never meets a wall, if its measurements are exact and its 
 can brake on for the rest of its way, and at rest it can turn on the spot until it may leave. No circle has to fit
 between the walls. A drive that is outside K, as at a wall, may do what does not lead it farther outside.
 
-The yaw rate is not observed, so the rule computes it from the actions that it returned; at the start it is 0.
+The yaw rate is not observed, so the rule computes it from the actions that it returned, and with noise of actions also
+from the deviation of the measured heading from the expected one; at the start it is 0.
 """
 
 import math
@@ -24,7 +25,7 @@ from baselines.policies.inside import DEVIATIONS, ROUNDING, margin_of
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.copies import Copyable
-from lissajous_env.device.curve import CurveStruct, curve_struct
+from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
 from lissajous_env.device.devices import as_device
 from lissajous_env.device.program import launcher
 from lissajous_env.device.structs import RobotStruct, to_struct
@@ -62,6 +63,8 @@ class Limits:
     """Action of the yaw rate of a way to stop that turns."""
     speed_error: wp.float32
     """Bound of the error of a measured speed [m/s]."""
+    yaw_error: wp.float32
+    """Bound of the noise of a yaw rate [rad/s]."""
     is_exact: wp.int32
     """1 without noise and spreads."""
     substep: wp.float32
@@ -102,16 +105,25 @@ def is_in(limits: Limits, half: wp.vec2, drive: Drive) -> bool:
 
 
 @wp.func
-def can_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> bool:
-    """Return whether a drive stays in a rectangle while it brakes with an action of the yaw rate."""
+def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> float:
+    """Return the least distance from the edge of a rectangle while a drive brakes with an action of the yaw rate [m].
+
+    It is below 0 if the drive leaves the rectangle.
+    """
     now = drive
+    least = float(1.0e30)
     for _ in range(limits.braking):
         if now.pose[3] == 0.0:
-            return True
+            break
         now = moved(limits, robot, now, 0.0, turn * limits.turns[0], limits.pushes[0])
-        if not is_in(limits, half, now):
-            return False
-    return True
+        least = wp.min(least, wp.min(half[0] - wp.abs(now.pose[0]), half[1] - wp.abs(now.pose[1])))
+    return least
+
+
+@wp.func
+def can_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> bool:
+    """Return whether a drive stays in a rectangle while it brakes with an action of the yaw rate."""
+    return room_to_stop(limits, robot, half, drive, turn) >= -limits.rounding
 
 
 @wp.func
@@ -124,11 +136,12 @@ def yaw_rate_towards(limits: Limits, action: float, side: float) -> float:
 def is_safe_after(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, action: wp.vec2) -> bool:
     """Return whether a drive of any motor and wheels stays in a rectangle during an action, and can stop after it.
 
-    With noise, the drive is faster than measured and heads to the left or to the right of what is measured and wanted.
+    With noise, the drive is faster than measured and heads to the left or to the right of what is measured and wanted,
+    or as measured and wanted: it may have ways to stop after turns to the left and to the right, but not between them.
     """
     speed = commanded_speed(robot, wp.clamp(action[0] + wp.sign(action[0]) * limits.action_error, -1.0, 1.0))
-    for k in range(wp.where(limits.is_exact == 1, 1, 4)):
-        side = wp.where(k % 2 == 0, 1.0, -1.0)
+    for k in range(wp.where(limits.is_exact == 1, 1, 6)):
+        side = 1.0 - float(k % 3)
         now = Drive()
         now.pose = drive.pose
         now.pose[2] += side * limits.heading_error
@@ -136,7 +149,7 @@ def is_safe_after(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Driv
         now.yaw_rate = yaw_rate_towards(limits, drive.yaw_rate / robot.yaw_rate_max, side)
         turning = yaw_rate_towards(limits, wp.clamp(action[1] + side * limits.action_error, -1.0, 1.0), side)
         for _ in range(limits.substeps):
-            now = moved(limits, robot, now, speed, turning, limits.pushes[k / 2])
+            now = moved(limits, robot, now, speed, turning, limits.pushes[k / 3])
             if not is_in(limits, half, now):
                 return False
         if not (
@@ -166,7 +179,10 @@ def turn_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
 
 @wp.func
 def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) -> wp.vec2:
-    """Return the wanted action, or the first of the others after which a drive can stop."""
+    """Return the wanted action, or the first of the others after which a drive can stop.
+
+    With noise or spreads there may be none. The drive then stops in the way that stays farthest inside.
+    """
     half = wp.vec2(wp.max(limits.half[0], wp.abs(drive.pose[0])), wp.max(limits.half[1], wp.abs(drive.pose[1])))
     if is_safe_after(limits, robot, half, drive, want):
         return want
@@ -177,6 +193,13 @@ def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) ->
             action = wp.vec2(want[0] * (1.0 - float(k) / float(SPEEDS)), want[1] + share * (turning - want[1]))
             if is_safe_after(limits, robot, half, drive, action):
                 return action
+    most = float(-1.0e30)
+    for k in range(wp.where(limits.is_exact == 1, 0, 3)):
+        turn = float(k - 1) * limits.turn
+        least = room_to_stop(limits, robot, limits.half, drive, turn)
+        if least > most:
+            most = least
+            turning = turn
     return wp.vec2(0.0, turning)
 
 
@@ -187,20 +210,24 @@ def leave_a_way_to_stop(
     curve: CurveStruct,
     observation: Observation,
     yaw_rate: wp.array2d(dtype=float),
+    heading: wp.array2d(dtype=float),
     action: Actions,
 ):
     """Change the speeds and the yaw rates by the rule; an action that is not finite passes."""
     w, i = wp.tid()
     want = wp.vec2(action[w, i, 0], action[w, i, 1])
-    if not own_works(w, i, observation) or not wp.isfinite(want[0]) or not wp.isfinite(want[1]):
-        yaw_rate[w, i] = 0.0
+    if not wp.isfinite(want[0]) or not wp.isfinite(want[1]):
         return
     place = own_position(w, i, curve, observation)
     drive = Drive()
     drive.pose = wp.vec4(
         place[0], place[1], own_heading(w, i, observation), own_speed(w, i, limits.speed_unit, observation)
     )
-    drive.yaw_rate = yaw_rate[w, i]
+    if own_works(w, i, observation):  # otherwise it is at rest, but may resume in this step
+        drive.yaw_rate = yaw_rate[w, i]
+        if heading[w, i] != 0.0:
+            missed = wrap(drive.pose[2] - heading[w, i]) / (float(limits.substeps) * limits.substep)
+            drive.yaw_rate += wp.clamp(missed, -limits.yaw_error, limits.yaw_error)
     clipped = wp.vec2(wp.clamp(want[0], -1.0, 1.0), wp.clamp(want[1], -1.0, 1.0))
     chosen = stopping(limits, robot, drive, clipped)
     if chosen[0] != clipped[0] or chosen[1] != clipped[1]:
@@ -210,6 +237,7 @@ def leave_a_way_to_stop(
         speed = commanded_speed(robot, chosen[0])
         drive = moved(limits, robot, drive, speed, chosen[1] * robot.yaw_rate_max, robot.acceleration_max)
     yaw_rate[w, i] = drive.yaw_rate
+    heading[w, i] = drive.pose[2]
 
 
 class Stopping(Copyable):
@@ -228,6 +256,8 @@ class Stopping(Copyable):
         self._curve = curve_struct(scenario.curve, as_device(device))
         self.yaw_rate = wp.zeros(shape, dtype=wp.float32, device=as_device(device))
         """(W, N) yaw rates before the next action [rad/s]; 0 when an episode begins."""
+        self.heading = wp.zeros(shape, dtype=wp.float32, device=as_device(device))
+        """(W, N) headings that are expected after the latest action [rad]; 0 when an episode begins."""
         self._launch = launcher(device)
 
     @staticmethod
@@ -240,7 +270,7 @@ class Stopping(Copyable):
     def __call__(self, observation: wp.array, action: wp.array) -> None:
         """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""
         given = [self._limits, self._robot, self._curve, observation]
-        self._launch(leave_a_way_to_stop, self.yaw_rate.shape, given, [self.yaw_rate, action])
+        self._launch(leave_a_way_to_stop, self.yaw_rate.shape, given, [self.yaw_rate, self.heading, action])
 
 
 def limits_of(scenario: Scenario) -> Any:
@@ -256,6 +286,7 @@ def limits_of(scenario: Scenario) -> Any:
     spread = SPREAD_MAX * noise.wheelbase_spread
     limits.turns = wp.vec2(robot.top_yaw_rate / (1 + spread), robot.top_yaw_rate / (1 - spread))
     limits.action_error, limits.heading_error = DEVIATIONS * noise.actuator, DEVIATIONS * noise.heading
+    limits.yaw_error = limits.action_error * robot.top_yaw_rate
     limits.speed_error = DEVIATIONS * noise.speed
     limits.turn = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
     spreads = noise.wheelbase_spread, noise.drive_spread, *(factor - 1 for factor in motors)

@@ -192,7 +192,7 @@ def print_table(
         shown = [Text(cell) if isinstance(cell, str) else cell for cell in row]
         table.add_row(*(shown[k] for k in indices), end_section=number in sections)
     console.print(table, crop=False)
-    names = [column.name or column.title.replace("\n", " ") for k, column in enumerate(columns) if k not in indices]
+    names = [column.name or " ".join(column.title.split()) for k, column in enumerate(columns) if k not in indices]
     if names:
         words = f"Columns that do not fit the terminal: {', '.join(names)}. {where}, and a wider terminal shows them."
         print_line(console, words, "yellow")

@@ -11,6 +11,7 @@ from functools import cache
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import included_scenarios
 from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.wording import outside
 
 _OBSERVED = 4
 """Largest speed in an observation [top speeds]."""
@@ -28,11 +29,16 @@ def violations(scenario: Scenario) -> tuple[str, ...]:
 
 
 def warn_of_violations(scenario: Scenario, allowed: Iterable[str] = ()) -> None:
-    """Warn about violated assumptions that are new in this process, not allowed, and in no included scenario."""
+    """Warn about violated assumptions that are new in this process, not allowed, and in no included scenario.
+
+    Where actions are velocities, no policy follows the formation, and nothing is reported.
+    """
+    if scenario.task.action == "velocity":
+        return
     known = {*_reported, *allowed, *_violated_on_purpose()}
     if new := [words for words in violations(scenario) if words not in known]:
         _reported.update(new)
-        warnings.warn(f"scenario {scenario.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
+        warnings.warn(f"scenario {scenario.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=outside())
 
 
 @cache

@@ -76,7 +76,7 @@ class Panel:
         if self.scenario.target_capacity > 0:
             entries += [("target", 15.0, "target"), ("detected", 20.0, "detected")]
             if self.scenario.targets.fleeing > 0:
-                entries.insert(2, ("fleeing", 15.0, "fleeing target"))
+                entries.insert(2, ("fleeing", 15.0, "evading target"))
         if self.scenario.task.grid is not None:
             entries.append(("ramp", _RAMP + 8.0, f"not sensed for {float(f'{self.idle_full:.2g}'):g} s or more"))
         return entries

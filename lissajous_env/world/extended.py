@@ -24,7 +24,7 @@ from lissajous_env.parameters.extensions import (
 )
 from lissajous_env.parameters.robot_models import RobotModel, is_shipped, model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.wording import shown, where_raised
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.state import GONE, HIDDEN
@@ -294,7 +294,10 @@ class ExtensionStages:
         def call() -> None:
             resets = bool(memory) and fresh.numpy().any()
             before = {name: array.copy() for name, array in memory.items()} if resets else {}
-            result = np.asarray(extension.run(view.again()))
+            try:
+                result = np.asarray(extension.run(view.again()))
+            except Exception as error:
+                raise ValueError(f"{extension.kind} {extension.name} failed: {where_raised(error)}") from error
             if result.dtype.kind not in "fiub" or result.shape not in (shape, short):
                 got = f"{result.dtype} of shape {result.shape}" if result.ndim else shown(result)
                 raise ValueError(f"{extension.kind} {extension.name} must return numbers of shape {short}, got {got}")

@@ -262,9 +262,9 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
 def test_a_family_without_a_plan_says_whether_its_plans_collide_when_they_are_played_to_the_end():
     family = Family("hand", looks=[({}, planned(1.0)), ({}, planned(2.0))])
     search = Search(family.looks[0][1].plan.scenario, Episodes(), [family])
-    assert search.refusals()["hand"].endswith("2 remain, but none was simulated to the end")
+    assert search.refusals()["hand"].endswith("2 without collisions, but none was simulated to the end")
     search._finals = {0: planned(1.0, collisions=2)}
-    assert search.refusals()["hand"].endswith("2 remain, but 1 of them collided in simulations to the end")
+    assert search.refusals()["hand"].endswith("but 1 of them collided in simulations to the end")
 
 
 def test_the_fewest_robots_that_guarantee_a_time(small, capsys):

@@ -93,6 +93,8 @@ def test_what_ships_warns_nobody():
     assert said(lambda: lissajous_env.scenario("experiment", **{"task.duration": 5.0})) == []
     assert said(lambda: lissajous_env.parallel_env("intruders", **{"targets.speed": 0.1})) == []
     assert said(lambda: lissajous_env.Simulation(lissajous_env.scenario("redundant"))) == []
+    # Where actions are velocities, no policy drives the formation.
+    assert said(lambda: lissajous_env.scenario("watch", **{"robot.count": 6, "robot.radius": 1.0})) == []
 
 
 def test_one_of_ones_own_warns_once(tmp_path):
@@ -102,8 +104,10 @@ def test_one_of_ones_own_warns_once(tmp_path):
     (words,) = said(lambda: [lissajous_env.scenario(str(path)) for _ in range(3)])
     assert words.startswith("scenario mine: 7 robots on a curve with a + b = 5: the paper's bounds require N = a + b")
     changed = {"robot.radius": 0.2}
-    (words,) = said(lambda: lissajous_env.parallel_env("failure", **changed))
-    assert words.startswith("scenario failure: bodies of 0.2 m, bound (6) allows 0.1503 m")
+    with pytest.warns(AssumptionWarning) as caught:
+        lissajous_env.parallel_env("failure", **changed)
+    assert caught[0].filename == __file__, "the place is the line of the caller, not one within the package"
+    assert str(caught[0].message).startswith("scenario failure: bodies of 0.2 m, bound (6) allows 0.1503 m")
     assert said(lambda: lissajous_env.vector_env("failure", 2, **changed)) == []
     made = Scenario(name="hand", curve=Curve(2.0, 1.0), sensing=Sensing(radius=0.4), robot=Robot(kind="curve"))
     (words,) = said(lambda: lissajous_env.parallel_env(made))

@@ -56,7 +56,7 @@ def here(tmp_path, monkeypatch):
     ("no_such_module:mine", "scenario must be module:attribute that can be loaded, got 'no_such_module:mine': Module"),
     ("broken:mine", r"ZeroDivisionError: division by zero \(broken.py, line 1\)"),
     ("theirs:gone", "has no attribute 'gone'"),
-    (":mine", "both must be names"),
+    (":mine", "a module and an attribute must stand around a colon"),
     ("theirs:number", "scenario theirs:number must be a Scenario, or a function .* that returns one, got 3"),
     ("theirs:nothing", "theirs:nothing must be a Scenario, .* got None"),
     ("theirs:needs_more", "theirs:needs_more must be .*, got TypeError: needs_more"),

@@ -68,7 +68,7 @@ def test_no_extension_writes_to_the_world(kind, write):
         return world.targets.position if shape is None else np.zeros(shape)
 
     overrides = MOVED if shape is None else {}
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError, match=f"{kind} meddles failed: ValueError: .*read-only"):
         stepped(decorate(meddles), **overrides)
 
 
@@ -144,9 +144,7 @@ def wild_move(w, i, clock, robots):
 
 
 def test_kernels_that_bring_what_is_not_finite_are_refused():
-    with pytest.raises(
-        ValueError, match=r"reward term wild_kernel must return finite .* got nan for robot_4 in world 0"
-    ):
+    with pytest.raises(ValueError, match=r"reward term wild_kernel must return finite .* got nan for robot_4 in world"):
         stepped(lissajous_env.reward_term()(wild_kernel))
     model = lissajous_env.RobotModel("wild", ("go",), ((0.0,),), wild_move, lambda *parts: 1.0)
     lissajous_env.register_robot_model(model)

@@ -40,18 +40,15 @@ def arrays_of(folder):
     return np.concatenate([array.ravel() for _, array in sorted(network.to_arrays().items())])
 
 
-@pytest.mark.parametrize(
-    ("changes", "base"),
-    [
-        ({}, "greedy-cover"),
-        ({"scenario": "intercept", "memory": 8, "heads": 0}, "lead-pursuit"),
-        ({"scenario": "hotspots"}, "index-learned"),
-        ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
-        ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-cover"),
-        ({"base": "none", "critic": "own"}, "greedy-cover"),
-    ],
-    ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value,
-)
+@pytest.mark.parametrize(("changes", "base"), [
+    ({}, "greedy-cover"),
+    ({"scenario": "intercept", "memory": 8, "heads": 0}, "lead-pursuit"),
+    ({"scenario": "hotspots"}, "index-learned"),
+    ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
+    ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "arc-mpcc"),
+    ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-cover"),
+    ({"base": "none", "critic": "own"}, "greedy-cover"),
+], ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value)  # fmt: skip
 def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     history = train(small(tmp_path, **changes), QUIET)
     assert history["rival"] == base
@@ -63,6 +60,14 @@ def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     rows = lissajous_env.evaluate(policy, policy.scenario, seeds=[1, 2])
     assert all(np.isfinite(row["return_mean"]) for row in rows)
     assert train(small(tmp_path, **changes, steps=1200), QUIET)["curve"][-1]["steps"] >= 1200, "it goes on"
+
+
+def test_a_training_without_a_rule_is_compared_with_its_beginning(tmp_path, monkeypatch):
+    monkeypatch.setattr(TrainingSettings, "rival", None)
+    changes = {"scenario": "intruders", "learning_rate": 0.01, "overrides": {"task.duration": 4.0}}
+    first, *others = train(small(tmp_path, **changes), QUIET)["curve"]  # of detection times, lower is better
+    assert [point["worth"] for point in others] == [pytest.approx(first["score"] / point["score"]) for point in others]
+    assert others[-1]["worth"] != 1
 
 
 def test_a_training_draws_from_the_split_train_and_is_validated_on_the_first_of_validation(tmp_path):
@@ -106,9 +111,8 @@ def test_advantages_are_sums_of_rewards_that_end_with_the_episode(tmp_path):
     removed = [(one, of._replace(over=np.zeros(8, bool), ended=one * (k == 1))) for k, (_, of) in enumerate(steps)]
     values = np.full((5, state.worlds.count), 4.0, np.float32)
     advantages = state._advantages(removed, values)
-    assert advantages[:, 0].tolist() == pytest.approx(
-        [1 + 0.5 * 4 - 4 + 0.5 * (1 - 4), 1 - 4, 1 + 1 / 2 + 1 - 4, 1 + 2 - 4]
-    )
+    wanted = [1 + 0.5 * 4 - 4 + 0.5 * (1 - 4), 1 - 4, 1 + 1 / 2 + 1 - 4, 1 + 2 - 4]
+    assert advantages[:, 0].tolist() == pytest.approx(wanted)
 
 
 def test_the_actor_stops_where_it_has_moved_too_far(tmp_path):
@@ -223,17 +227,13 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
         seen = Perception(own.astype(np.float32), tokens.astype(np.float32) * present[..., None], present)
         held = draw.normal(size=(2, 3, memory)).astype(np.float32)
         flat = [torch.from_numpy(part.reshape(1, 6, *part.shape[2:])) for part in seen]
-        with torch.no_grad(), torch.autocast("cpu", enabled=False):
-            wanted, kept = TeamModule.forward.__wrapped__(
-                module, flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
-            )
+        inputs = flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
         outputs, after = module.arrays()(seen, held)
-        assert outputs.reshape(6, 2) == pytest.approx(wanted[0].numpy(), abs=1e-5)
-        module.corrects = True
         with torch.no_grad(), torch.autocast("cpu", enabled=False):
-            added, _ = TeamModule.forward.__wrapped__(
-                module, flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
-            )
+            wanted, kept = TeamModule.forward.__wrapped__(module, *inputs)
+            module.corrects = True
+            added, _ = TeamModule.forward.__wrapped__(module, *inputs)
+        assert outputs.reshape(6, 2) == pytest.approx(wanted[0].numpy(), abs=1e-5)
         assert (added - wanted)[0].numpy() == pytest.approx(seen.own.reshape(6, -1)[:, -2:], abs=1e-5)
         assert after.reshape(6, memory) == pytest.approx(kept.numpy(), abs=1e-5)
 
@@ -259,15 +259,12 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     assert observers.sum() == sum(min(n - 1, 2) * n for n in seen.sum(axis=1).ravel() if n)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"collisions": -1.0}, "training.collisions must be from 0"),
-        ({"base": "sweep"}, "sweep"),
-        ({"scenario": "watch-v1", "groups": 3}, r"training.worlds must be a multiple of groups \(3\), got 8"),
-        ({"scenario": "watch-v1:test"}, "scenario must be the name of a space without a split"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"collisions": -1.0}, "training.collisions must be from 0"),
+    ({"base": "sweep"}, "sweep"),
+    ({"scenario": "watch-v1", "groups": 3}, r"training.worlds must be a multiple of groups \(3\), got 8"),
+    ({"scenario": "watch-v1:test"}, "scenario must be the name of a space without a split"),
+])  # fmt: skip
 def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
         small(tmp_path, **changes)
