@@ -281,10 +281,10 @@ def take_filtered(
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[variant[w, i], i]
-    first = tracking.lead_in * _FINE
-    at = path[first + wp.max(_FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
-    off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
-    if steps <= until or wp.length(off) > tolerance:
+    sample = wp.max(_FINE * (int(steps) - 1), _FINE * tracking.lead_in)
+    reference = path[sample_on_table(sample, tracking)]
+    offset = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(reference[0], reference[1])
+    if steps <= until or wp.length(offset) > tolerance:
         action_out[w, i, 0] = filtered[w, i, 0]
         action_out[w, i, 1] = filtered[w, i, 1]
 
