@@ -270,7 +270,7 @@ def _largest_turn(scenario: Scenario, speed: float) -> float:
 
 
 def _path(way: float, sweep: int, turn: Turn, begin: np.ndarray) -> np.ndarray:
-    """Return `Lines.path` from a place on, with `way` [m] a step: a sweep of some steps, a turn, the way back, a turn."""
+    """Return `Lines.path` from a place on, `way` [m] a step: a sweep of some steps, a turn, the way back, a turn."""
     there = np.concatenate([np.zeros(sweep), turn.headings])
     headings = np.concatenate([[0.0], there, there - math.pi])
     half = np.diff(headings) / 2

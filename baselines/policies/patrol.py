@@ -89,7 +89,7 @@ def agreed_phase(
     ring: wp.array(dtype=wp.vec2i),
     observation: Observation,
 ) -> float:
-    """Return robot i's phase after the mean of its own and its neighbours' deviations from the start is removed.
+    """Return robot i's phase without the mean deviation of itself and its neighbours from the planned start [rad].
 
     Robots whose phases deviate differently thus agree better on the order of their places.
     """
@@ -126,9 +126,10 @@ def follow_loop(
 ):
     """Drive to robot i's place in the file, which moves around the loop at cruising speed [m/s].
 
-    With a time constant `gather` [s] the places start from rest: their speed is (1 - exp(-t / gather)) of that. If
-    `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed. If `winding` is not 0,
-    the place of a robot is `file_by_phase` of its phase. The phase is that without its angle `displaced` of the start.
+    With a time constant `gather` [s], the places start from rest: their speed is the share 1 - exp(-t / gather) of
+    that. If `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed. If `winding` is
+    not 0, the place of a robot follows from its phase by `file_by_phase`, else from the order of all (`slot_of`). The
+    angle `displaced` of the start [rad] is subtracted from the phase.
 
     The memory of a robot is the index on the loop where its place began, and one more than the number of steps since
     then.
@@ -247,15 +248,19 @@ def act_at_random(observation: Observation, action_out: Actions):
 
 
 class _Patrol(Policy):
-    """Robots that patrol, with a memory of their own, if they are cars by `driving`."""
+    """Base class of patrols, which have a memory for each robot and drive cars by `baselines.policies.driving`."""
 
     arrays = "warp"
     remembers = ("_memory",)
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
-        robot = to_struct(RobotStruct, self.scenario.robot)
-        self._inputs = [curve_struct(self.scenario.curve, self.device), robot, scaled_gain(self.scenario, SPEED_GAIN)]
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._inputs = [
+            curve_struct(self.scenario.curve, self.device),
+            self._robot,
+            scaled_gain(self.scenario, SPEED_GAIN),
+        ]
 
 
 class Sweep(_Patrol):
@@ -323,7 +328,7 @@ class RandomWaypoint(_Patrol):
         """Write `action`."""
         kernel, inputs = {
             "car": (wander, [*self._inputs, self._near, self._memory, observation]),
-            "curve": (wander_on_curve, [self._inputs[1], self._rate, observation]),
+            "curve": (wander_on_curve, [self._robot, self._rate, observation]),
         }.get(self.scenario.actuation, (act_at_random, [observation]))
         self.launch(kernel, self.shape, inputs, [self.action])
 

@@ -121,7 +121,7 @@ def smallest_gap(w: int, i: int, plan: int, enough: float, first: int, bounds: B
 
 @wp.func
 def is_compatible(w: int, bounds: Bounds, memory: Memory) -> int:
-    """Return 1 if the tails of all robots are compatible, with which the induction begins (condition 6)."""
+    """Return 1 if the tails of all robots are compatible, which begins the induction (condition 6)."""
     for i in range(memory.presence.shape[1]):
         if memory.presence[w, i] != GONE and smallest_gap(w, i, OLD, 0.0, -1, bounds, memory)[0] < 0.0:
             return 0
@@ -130,7 +130,7 @@ def is_compatible(w: int, bounds: Bounds, memory: Memory) -> int:
 
 @wp.func
 def is_off_the_wall(bounds: Bounds, car: wp.vec4, speed: float) -> bool:
-    """Return whether a car that had a speed [m/s] a step before cannot have met the wall since."""
+    """Return whether a car that had a speed [m/s] a step before cannot have touched the wall since."""
     way = (speed + car[3]) * bounds.step + bounds.place
     return wp.min(bounds.half_width - wp.abs(car[0]), bounds.half_height - wp.abs(car[1])) > way
 
