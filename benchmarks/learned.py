@@ -30,7 +30,7 @@ from training.learned import checkpoint
 from training.learned.policy import LearnedTeam, find
 from training.learned.team_network import TeamNetwork
 from training.settings import MAY_CHANGE, TrainingSettings
-from training.validation import limit_of, rank_of
+from training.validation import limit_of, rating_of
 
 POLICIES = {
     "watch": ("learned-watch", "greedy-cover", "a-cmommt", "follow", "lanes"),
@@ -188,7 +188,7 @@ def options_of(settings: dict[str, Any]) -> tuple[str, int]:
 def preferred(trainings: list[str]) -> str:
     """Return the training whose validation is best, with its collisions in units of the limit of a training."""
     texts = {folder: checkpoint.read_contents(Path(folder) / checkpoint.BEST)["training"] for folder in trainings}
-    return max(trainings, key=lambda of: rank_of(texts[of]["best"], limit_of(None, texts[of]["rivals"])))
+    return max(trainings, key=lambda of: rating_of(texts[of]["best"], limit_of(None, texts[of]["rivals"])))
 
 
 def main() -> None:

@@ -70,8 +70,8 @@ class Index(Reacting):
         waited = self._idle + self.step
         self._watched += np.where(covered, waited, 0.0)
         self._idle = np.where(covered, 0.0, waited)
-        where = (rows.position[:, :, None] + rows.track_offset + self.half) / (2 * self.half) * self.counts
-        column, line = np.moveaxis(np.clip(where.astype(int), 0, self.counts - 1), -1, 0)
+        cell = (rows.position[:, :, None] + rows.track_offset + self.half) / (2 * self.half) * self.counts
+        column, line = np.moveaxis(np.clip(cell, 0, self.counts - 1).astype(int), -1, 0)
         world, robot, track = np.nonzero(rows.track_leaves)
         np.add.at(self._found, (world, robot, (column * self.counts[1] + line)[world, robot, track]), 1.0)
         time, mass = far / self.top + self.delay * self.radius / self.top, self.expected()

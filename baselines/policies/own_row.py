@@ -149,11 +149,17 @@ class Rows:
     Args:
         observation: Observation as a policy receives it, of float32.
         scenario: Scenario of the observation.
+
+    Raises:
+        ValueError: the rows are not as long as those of the scenario.
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
         self.scenario, self._places = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
+        if self.values.shape[-1:] != (len(self._places),):
+            rule = f"observation must have rows of {len(self._places)} numbers for {self.scenario.name}"
+            raise ValueError(f"{rule}, got shape {self.values.shape}")
         self._half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
 
     def entry(self, name: str) -> np.ndarray:

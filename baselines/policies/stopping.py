@@ -72,7 +72,7 @@ class Limits:
     substeps: wp.int32
     """Integration steps in a control step."""
     braking: wp.int32
-    """Integration steps in which the weakest motor brakes from the top speed."""
+    """Integration steps in which the weakest motor brakes from the top speed, measured with the largest error."""
 
 
 @wp.struct
@@ -293,5 +293,6 @@ def limits_of(scenario: Scenario) -> Any:
     limits.is_exact = int(not any((noise.actuator, noise.heading, noise.speed, *spreads)))
     limits.speed_unit = robot.top_speed
     limits.substep, limits.substeps = task.step / task.substeps, task.substeps
-    limits.braking = math.ceil(max(robot.top_speed, -robot.lowest_speed) / (weakest * limits.substep)) + 1
+    measured = max(robot.top_speed, -robot.lowest_speed) + DEVIATIONS * noise.speed
+    limits.braking = math.ceil((measured + limits.speed_error) / (weakest * limits.substep)) + 1
     return limits
