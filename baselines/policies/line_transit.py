@@ -269,7 +269,10 @@ class _Choice:
         return self.chosen
 
     def choose(self, at: np.ndarray, i: int, others: Iterable[int]) -> np.ndarray:
-        """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs."""
+        """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs.
+
+        If the angles are those near 0, the first and the last count as adjacent, too, which is needless but cheap.
+        """
         cost = np.zeros(self.penalties[at, i].shape, dtype=np.float32)
         for j in others:
             for shift in range(-self.effort.nearest, self.effort.nearest + 1):
