@@ -268,7 +268,10 @@ class _Choice:
         return self.chosen
 
     def choose(self, at: np.ndarray, i: int, others: Iterable[int]) -> np.ndarray:
-        """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs."""
+        """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs.
+
+        Of angles near 0 alone, the first and the last count as adjacent, too: a needless condition, which costs little.
+        """
         cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
         for j in others:
             for shift in range(-self.effort.nearest, self.effort.nearest + 1):
