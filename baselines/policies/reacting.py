@@ -35,7 +35,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def towards(offset: np.ndarray, slow: float) -> np.ndarray:
-    """Return velocities [top speed] to relative places (..., 2) [m], slower within a distance `slow` [m] of them."""
+    """Return velocities [top speed] along offsets (..., 2), proportional to their lengths up to a length `slow`."""
     return unit(offset) * np.minimum(np.linalg.norm(offset, axis=-1, keepdims=True) / slow, 1.0)
 
 
@@ -59,7 +59,7 @@ def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
     far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
     near = np.clip(_APART * rows.scenario.robot.radius / np.maximum(far, 1e-9) - 1, 0.0, 3.0)
     wish = wish - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
-    return unit(wish) * np.minimum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
+    return towards(wish, 1.0)
 
 
 def known_places(rows: Rows) -> np.ndarray:
