@@ -18,6 +18,7 @@ EVERYTHING = {
 }  # fmt: skip
 CARS = lissajous_env.scenario("rough", **EVERYTHING)
 POINTS = lissajous_env.scenario("failure", **EVERYTHING, **{"formation.start": "random", "task.on_collision": "remove"})
+ROGUES = lissajous_env.scenario("evaders", rogues="flee")
 PAST = ("final_observation",)
 """State of the previous episode: here the one that the constructor began, with another seed."""
 BOTH = pytest.mark.parametrize("scenario", [CARS, POINTS], ids=["cars", "points"])
@@ -64,7 +65,7 @@ def test_a_large_batch_in_blocks_on_two_threads_is_the_batch_on_one(scenario):
     assert_same(last, two, others=slice(-1, None), but=PAST)
 
 
-@BOTH
+@pytest.mark.parametrize("scenario", [CARS, POINTS, ROGUES], ids=["cars", "points", "rogues"])
 @pytest.mark.parametrize("as_mask", [True, False])
 def test_a_masked_reset_leaves_the_other_worlds_alone(scenario, as_mask):
     simulation = run(scenario, range(6), actions_of(scenario, range(6), 25))
