@@ -107,7 +107,7 @@ def _resume_or_begin(settings: TrainingSettings, state: "Training", say: Callabl
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
         _, stored, text = checkpoint.read(settings.out)
-        is_other = Card.of(settings.make_checkpoint_scenario()).fields != stored.fields
+        is_other = Card.of(settings.make_checkpoint_scenario()).scenario_fields != stored.scenario_fields
         others = ["the scenario has changed"] if is_other else []
         check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
         with checkpoint.resuming(settings.out, text):

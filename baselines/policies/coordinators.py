@@ -41,7 +41,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number
 from lissajous_env.theory.closed_forms import curve_speed
 from lissajous_env.theory.geometry import curve_length, lap_phases
-from lissajous_env.world.extended import read_only
+from lissajous_env.world.extension_stages import read_only
 
 wp.set_module_options(OPTIONS)
 

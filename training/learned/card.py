@@ -28,7 +28,7 @@ class Card:
     """Names of the entries of a rogue's row that its network reads, in order; empty for robots."""
     action_size: int
     """Number of components of a robot's action."""
-    fields: Mapping[str, Any]
+    scenario_fields: Mapping[str, Any]
     """Scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
     base: str | None = None
     """Name of the classical policy whose action the network reads and corrects; None if the output is the action."""
@@ -67,7 +67,7 @@ class Card:
         values: dict[str, Any] = {name: policy[name] for name in _NAMES}
         if isinstance(values["inputs"], list):
             values["inputs"] = tuple(values["inputs"])
-        return cls(**values, settings=settings, fields=fields)
+        return cls(**values, settings=settings, scenario_fields=fields)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values of the fields that are stored under `policy`."""
@@ -84,7 +84,7 @@ class Card:
                 f"policy trained on {self.scenario} must drive robots of kind {self.kind}, "
                 f"got {scenario.name}, with robots of kind {scenario.robot.kind}"
             )
-        robot = self.fields.get("robot")
+        robot = self.scenario_fields.get("robot")
         reverses = isinstance(robot, Mapping) and (robot.get("speed_min") or 0.0) < 0.0
         if scenario.robot.reverses != reverses:
             rule = f"must be {'below 0' if reverses else '0'} for the policy trained on {self.scenario}"

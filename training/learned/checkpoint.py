@@ -83,7 +83,7 @@ def save(
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
-            "scenario": card.fields,
+            "scenario": card.scenario_fields,
             "versions": _versions(),
             "files": files,
             **(notes or {}),
@@ -199,10 +199,10 @@ def own_scenario(card: Card) -> Scenario:
     Raises:
         ValueError: the values are invalid, or the module of an extension has not been imported.
     """
-    extensions = card.fields.get("extensions") or ()
+    extensions = card.scenario_fields.get("extensions") or ()
     if not isinstance(extensions, (list, tuple)):
         raise ValueError(f"extensions of a scenario must be a list, got {shown(extensions)}")
-    return scenario_of(card.fields, [_brought(entry, card) for entry in extensions])
+    return scenario_of(card.scenario_fields, [_brought(entry, card) for entry in extensions])
 
 
 def _brought(entry: Any, card: Card) -> Extension:
