@@ -54,7 +54,10 @@ def read(path):
         names = sorted(other.stem for other in FOLDER.glob("*.toml"))
         rule = f"must be a file docs/leaderboard/ENTRY.toml, such as {', '.join(names)}"
         raise ValueError(f"entry {rule}, got {path.stem}{nearest(path.stem, names)}")
-    entry = tomllib.loads(path.read_text(encoding="utf-8"))
+    try:
+        entry = tomllib.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path.name} must be a TOML file that can be read: {error}") from error
     _check_keys(f"{path.name}", entry, ("name", "by", "command", "machine", "policies"))
     _check_keys(f"policies of {path.name}", entry["policies"], REFERENCES)
     for task, policies in entry["policies"].items():

@@ -30,7 +30,7 @@ from training.learned import checkpoint
 from training.learned.policy import LearnedTeam, find
 from training.learned.team_network import TeamNetwork
 from training.settings import MAY_CHANGE, TrainingSettings
-from training.validation import limit_of, rank_of
+from training.validation import limit_of, rating_of
 
 POLICIES = {
     "watch": ("learned-watch", "greedy-cover", "a-cmommt", "follow", "lanes"),
@@ -38,7 +38,9 @@ POLICIES = {
 }
 """Policies of each scenario: the learned one, its base, and other rules."""
 TITLES = {"observed_fraction": "targets in sight", "detection_rate": "detections [1/min]"}
-SEEDS = range(10_000, 10_256)
+SEEDS = range(10_000, 11_024)
+FEWER_SEEDS = SEEDS[:256]
+"""Seeds of the comparison of many trainings by their options."""
 SPACES = {
     "watch-v1": ("learned-watch", "greedy-cover"),
     "intercept-v1": ("learned-intercept", "lead-pursuit"),
@@ -139,9 +141,9 @@ def on_ablations(trainings: list[str]) -> figures.Table:
         settings, rule = members[0][1]["settings"], members[0][1]["training"]["rival"]
         scenario = lissajous_env.scenario(settings["scenario"], **settings["overrides"])
         if scenario not in rules:
-            rules[scenario] = play(baselines.make(rule, scenario, len(SEEDS)), scenario, SEEDS)
-        loaded = (training.load(folder, scenario, len(SEEDS)) for folder, _ in members)
-        of, base = np.stack([play(policy, scenario, SEEDS) for policy in loaded], axis=1), rules[scenario]
+            rules[scenario] = play(baselines.make(rule, scenario, len(FEWER_SEEDS)), scenario, FEWER_SEEDS)
+        loaded = (training.load(folder, scenario, len(FEWER_SEEDS)) for folder, _ in members)
+        of, base = np.stack([play(policy, scenario, FEWER_SEEDS) for policy in loaded], axis=1), rules[scenario]
         print(options, (of[0].mean(axis=1) / base[0].mean()).round(3), of[1].mean(axis=1).round(2), flush=True)
         numbers = interval(of[0], 3), gain(of[0], base[0]), f"{of[1].mean():.2f}", f"{base[1].mean():.2f}"
         rows.append([f"`{options}`" if options else "defaults", f"{steps / 1e6:g}", str(len(members)), *numbers])
@@ -188,7 +190,7 @@ def options_of(settings: dict[str, Any]) -> tuple[str, int]:
 def preferred(trainings: list[str]) -> str:
     """Return the training whose validation is best, with its collisions in units of the limit of a training."""
     texts = {folder: checkpoint.read_contents(Path(folder) / checkpoint.BEST)["training"] for folder in trainings}
-    return max(trainings, key=lambda of: rank_of(texts[of]["best"], limit_of(None, texts[of]["rivals"])))
+    return max(trainings, key=lambda of: rating_of(texts[of]["best"], limit_of(None, texts[of]["rivals"])))
 
 
 def main() -> None:
@@ -203,7 +205,7 @@ def main() -> None:
     if options.trainings:
         print(f"best validation: {preferred(options.trainings)}")
     if options.ablations:
-        figures.publish("ablations", f"{len(SEEDS)} worlds", on_ablations(options.ablations), options.store)
+        figures.publish("ablations", f"{len(FEWER_SEEDS)} worlds", on_ablations(options.ablations), options.store)
     elif options.curves:
         figures.publish("curves", "validations", on_curves(options.curves), options.store)
     elif options.space:

@@ -42,7 +42,7 @@ from baselines.policies import registry
 from baselines.policies.base import Filtered, Policy, UnsuitableScenarioError
 from baselines.policies.coordinators import ArcParameters, ground_speed
 from baselines.policies.line_abreast import LineAbreast
-from baselines.policies.line_path import LineParameters, plans_of
+from baselines.policies.line_path import LineParameters, lines_of
 from baselines.policies.loops import SweepParameters, cruising_speed
 from baselines.policies.partition import Partition, PartitionRepair, RepairParameters
 from baselines.policies.partition_plan import PartitionParameters
@@ -133,7 +133,7 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
         return found
     if name == "line-abreast":
         resolved = scenario.resolve()
-        lines = [count for count in range(1, resolved.num_robots + 1) if plans_of(resolved, LineParameters(), count)[0]]
+        lines = [count for count in range(1, resolved.num_robots + 1) if lines_of(resolved, LineParameters(), count)[0]]
         return {"line.speed": (0.3 * top, top), "line.lines": lines}
     if name.startswith("arc"):
         speed = ground_speed(scenario)

@@ -33,8 +33,8 @@ def train(
 
     Args:
         settings: Scenario, settings and folder of the results.
-        side: `robots`, or `rogues` for targets that learn to hide from robots that do not learn. Rogues accept only the
-            options scenario, set, seed, out, episodes, device, threads, against and rogue_*.
+        side: `robots`, or `rogues` for targets that learn to hide from robots that do not learn. With rogues, only the
+            options scenario, set, seed, out, episodes, device, threads, against and rogue_* are allowed.
         against: policy of the robots from which rogues learn to hide: a name, or the folder of a checkpoint.
         rogue_rounds: rounds in which rogues imitate a rogue that knows the robots' future; more rounds make better
             rogues, 48 take some minutes and are the default.
@@ -43,18 +43,23 @@ def train(
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
     options = {"against": against, "rounds": rogue_rounds, "starts": rogue_starts}
     of_rogues: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    # Progress is printed to stderr if stdout is for the result alone.
+    # With --json, stdout is reserved for the result.
     console = make_console(stderr=output.json, quiet=output.quiet)
-    if side == "rogues":
-        output.print_json({"out": settings.out, **_train_rogues(settings, of_rogues, console)})
-        return
-    if of_rogues:
+    if side == "robots" and of_rogues:
         raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
-    output.print_json({"out": settings.out, **_import("training.trainer").train(settings, console)})
+    try:
+        if side == "rogues":
+            history = _train_rogues(settings, of_rogues, console)
+        else:
+            history = _import("training.trainer").train(settings, console)
+    except KeyboardInterrupt:
+        words = f"run the same command again to resume from the last checkpoint in {settings.out}"
+        raise KeyboardInterrupt(words) from None
+    output.print_json({"out": settings.out, **history})
 
 
 def _import(module: str) -> Any:
-    """Import a module of trainings, which requires the libraries of the extra `train`."""
+    """Import a module that requires the libraries of the extra `train`."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -17,12 +17,12 @@ from training.settings import TrainingSettings
 MAY_CHANGE = ("out", "threads", "episodes")
 """Settings that may change when a training is resumed."""
 SHARED = ("seed", "out", "episodes", "device", "threads")
-"""Options of `lissajous train` that trainings of robots and of rogues have in common, with the same defaults."""
+"""Options of `lissajous train` for robots as well as rogues, with the same defaults."""
 
 
 @dataclass(frozen=True)
 class RogueTraining(Checked):
-    """Settings of a training of rogues against the robots of a policy, which does not learn."""
+    """Settings of a training of rogues against robots that do not learn."""
 
     scenario: str = "intruders"
     """Scenario of the game."""
@@ -64,10 +64,10 @@ class RogueTraining(Checked):
 
     @classmethod
     def from_common(cls, common: TrainingSettings, **more: Any) -> "RogueTraining":
-        """Return the settings for the options that the trainings of robots and rogues share.
+        """Return the settings with those of `common` that both kinds of training share, and `more`.
 
         Raises:
-            ValueError: another option is not as by default.
+            ValueError: another setting of `common` is not the default.
         """
         for option in dataclasses.fields(common):
             default = option.default if option.default is not dataclasses.MISSING else {}
@@ -77,7 +77,7 @@ class RogueTraining(Checked):
         return cls(**{name: getattr(common, name) for name in (*SHARED, "scenario", "overrides")}, **more)
 
     def make_scenario(self, rogues: str = AGENTS) -> Scenario:
-        """Return the scenario of the games, with `starts` rogues per episode, and only the grids that they need."""
+        """Return the scenario with `starts` rogues per episode that `rogues` controls, and only the necessary grids."""
         scenario = make_scenario(self.scenario, **self.overrides)
         needs_grid = scenario.task.conservative
         scenario = make_scenario(scenario, **{"task.grid": None} | ({} if needs_grid else {"task.contamination": None}))

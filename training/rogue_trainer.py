@@ -1,7 +1,7 @@
 """`lissajous train --side rogues`: imitation of a rogue with foresight, against robots that do not learn.
 
-A rogue that starts in the wrong place is detected at once whatever it does, and one that hides well is detected much
-later than a discounted return reaches. So rogues imitate one that knows the robots' future, in the states that the
+A rogue that starts in the wrong place is detected at once whatever it does, and the detection of one that hides well is
+beyond the horizon of a discounted return. So rogues imitate one that knows the robots' future, in the states that the
 learner itself reaches (`lissajous_env.episodes.missed.foresight`). All rogues share one network.
 """
 
@@ -27,26 +27,25 @@ from training.learned.rogue import rogue_card
 from training.learned.rogue_network import RogueNetwork
 from training.rogue_settings import MAY_CHANGE, RogueTraining
 from training.settings import check_resumes
-from training.trainer import load_state, save_state
+from training.trainer import FIRST_SEED, load_state, save_state
 
 FIRST_EVALUATION_SEED = 20_000
-_FIRST_SEED = 1_000_000
 _SCRIPTS = "follow-gap", "flee"
-"""Scripts that move the rogues in the first rounds, until those of the last checkpoint do."""
+"""Scripts that move the rogues in the first rounds; in later rounds, the last checkpoint moves them."""
 _RIVALS = "wander", "flee", "follow-gap"
-"""Scripts to compare the evaluation with."""
+"""Scripts with which the evaluation is compared."""
 _BATCH, _BATCHES, _LAST_BATCHES = 2048, 150, 900
-"""Rows per minibatch, minibatches per round, and in the last one."""
+"""Rows per minibatch; minibatches per round, and in the last round."""
 _RATE, _GRADIENT = 1e-3, 0.5
 """Learning rate, and the norm to which gradients are clipped."""
 _MOST_GAIN, _LEAST_WEIGHT = 2.0, 0.02
-"""Gain of an action above which the weight of a label is constant [s], and weight of one without a gain."""
+"""Gain of an action above which the weight of its label is constant [s], and weight of a label without gain."""
 _LABELLED = "imitation.rows", "imitation.actions", "imitation.weights"
 """Names of the arrays of labels in a checkpoint."""
 
 
 def train_rogues(settings: RogueTraining, console: Console | None = None) -> dict[str, Any]:
-    """Train rogues until the last round, from the last one if `settings.out` has any; return the history.
+    """Train rogues until the last round, from the last checkpoint if `settings.out` has one; return the history.
 
     Raises:
         ValueError: the folder contains other files or results of other settings, or is in use by another process.
@@ -94,7 +93,7 @@ class RogueTrainer:
         return history
 
     def _imitate(self) -> None:
-        """Fit the network to the actions with foresight, in the states that it reaches."""
+        """In each round, label the states that the rogues reach by foresight, and fit the network to all labels."""
         settings, foresight, history = self.settings, Foresight(self.scenario), self.history
         for k in range(history["rounds"], settings.rounds):
             began, is_last = time.monotonic(), k == settings.rounds - 1
@@ -116,12 +115,12 @@ class RogueTrainer:
                 self._say(f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}")
 
     def _visit(self, k: int) -> Visits:
-        """Play an episode in each world, by a script at first, then by the last checkpoint, and record the rogues."""
+        """Play an episode in each world in round k, and record the rogues."""
         settings, visits = self.settings, Visits()
         scenario = settings.make_scenario(_SCRIPTS[k] if k < len(_SCRIPTS) else str(settings.out))
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         runner = EpisodeRunner(as_factory(settings.against)(scenario, settings.worlds, settings.device), simulation)
-        seed = _FIRST_SEED * (1 + settings.seed) + k * settings.worlds
+        seed = FIRST_SEED * (1 + settings.seed) + k * settings.worlds
         runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
         return visits
 
@@ -151,7 +150,7 @@ class RogueTrainer:
         return float(np.mean(errors))
 
     def network(self) -> RogueNetwork:
-        """Copy the policy as a network that reads rows which are not normalized."""
+        """Copy the policy into a network for rows that are not normalized."""
         assert self.normal is not None
         mean, spread = self.normal
         layers = [part for part in self.actor if isinstance(part, nn.Linear)]
@@ -162,7 +161,7 @@ class RogueTrainer:
         return RogueNetwork(tuple(weights), tuple(biases))
 
     def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
-        """Write a checkpoint with the state of the training, and the labels so far unless it is complete."""
+        """Write a checkpoint with the state of the training and the arrays of its labels, `_LABELLED`."""
         state = save_state(self.actor, self.optimizer) | dict(labelled)
         if self.normal is not None:
             state |= {"normal.mean": self.normal[0], "normal.spread": self.normal[1]}

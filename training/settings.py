@@ -22,14 +22,13 @@ from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
 NO_BASE = "none"
-"""Base of a training that begins without a rule."""
-LEARNED, VALIDATED = "train", "validation"
-"""Splits of a space from which a training draws its scenarios, and those of its validations. No training uses the split
-`test`."""
-MOST_VALIDATED = 16
-"""Number of scenarios of a validation, the first ones of their split."""
+"""Value of `base` for a network that corrects no policy."""
+TRAINING_SPLIT, VALIDATION_SPLIT = "train", "validation"
+"""Splits of a space for training and for validation; no training uses the split `test`."""
+MAX_VALIDATION_SCENARIOS = 16
+"""Largest number of scenarios of a validation, the first ones of their split."""
 MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
-"""Settings that may change when a training is resumed; `steps` also stretches the schedules of noise and rates."""
+"""Settings that may change when a training is resumed; the schedules of noise and learning rate depend on `steps`."""
 
 
 @dataclass(frozen=True)
@@ -48,19 +47,18 @@ class TrainingSettings(Checked):
     worlds: int = whole(64, 1, 1_000_000)
     """Environments that are stepped together; for a space, at least one for each of `groups`."""
     groups: int = whole(16, 1, 10_000)
-    """Scenarios of a space that are played at the same time, each in an equal part of the worlds. When the episodes of
-    a group end, it plays the next scenario. Used only for a space."""
+    """Groups of worlds for a space, each of which plays one scenario at a time. When the episodes of a group end, it
+    plays the next scenario. Used only for a space."""
     base: str | None = None
-    """Classical policy whose actions the network reads and adds its output to, and with which validations are compared.
-    By default greedy-cover, lead-pursuit or index-learned where actions are velocities; for cars that steer,
-    arc-mpcc; for points, kuramoto. With none, the network begins without a rule, and validations are compared with that
-    default."""
+    """Classical policy whose actions the network reads and corrects, and with which validations are compared. By
+    default greedy-cover, lead-pursuit or index-learned if actions are velocities; for cars that steer, arc-mpcc; for
+    points, kuramoto. With none, the network corrects no policy, and validations are compared with that default."""
     critic: Literal["central", "own"] = "central"
     """Input of the critic: the true state of robots and at most 16 targets (MAPPO), or that of the actor (IPPO)."""
     features: int = whole(48, 1, 65_536)
-    """Features of a token."""
+    """Number of features of a token."""
     heads: int = whole(3, 0, 64)
-    """Heads of attention, by which a robot pools its tokens; 0 for the mean."""
+    """Number of attention heads with which a robot pools its tokens; 0 for their mean."""
     hidden: int = whole(128, 1, 65_536)
     """Size of the hidden layers."""
     memory: int = whole(0, 0, 65_536)
@@ -76,7 +74,7 @@ class TrainingSettings(Checked):
     clip: float = number(0.2, 1e-6, 10)
     """Clipping of the ratio of the likelihoods of an action."""
     divergence: float = number(0.06, 1e-6, 1e6)
-    """Divergence from the policy of the rollout at which the actor is not updated further with it."""
+    """Divergence (approximate KL) from the policy of a rollout above which it no longer updates the actor."""
     gamma: float = number(0.985, 0, 1)
     """Discount factor per step."""
     gae_lambda: float = number(0.9, 0, 1)
@@ -88,11 +86,11 @@ class TrainingSettings(Checked):
     correlation: float = number(0.8, 0, 0.999)
     """Correlation of the noise of successive actions of a robot."""
     credit: float = number(1.0, 0, 1)
-    """Share of the reward for targets in sight that counts only those that no other robot has in sight; the rest of it
-    is the team's."""
+    """Share of the reward for targets in sight that a robot receives for those that no other robot has in sight; the
+    rest is the team's reward."""
     collisions: float | None = None
-    """Collisions in an episode of a team above which their cost rises, and below which it falls. By default four fifths
-    of those of the base, 0 without one."""
+    """Collisions per episode above which their cost rises, and below which it falls. By default four fifths of those of
+    the policy with which validations are compared, 0 without one."""
     penalty: float = number(0.3, 0.01, 100)
     """Factor of the scenario's reward for collisions at the beginning."""
     evaluate_every: int = whole(250_000, 1, 10**15)
@@ -102,8 +100,8 @@ class TrainingSettings(Checked):
     device: str = "cpu"
     """Device of the worlds: `cpu`, `cuda` or `cuda:k`; the networks are on the CPU."""
     threads: int | None = whole(None, 1, 1024)
-    """CPU threads; by default all cores for the worlds and one for the networks, whose threads would wait for each
-    other wherever another program runs."""
+    """CPU threads; by default all cores for the worlds and one for the networks, whose threads wait for each other if
+    another program uses a core."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
 
@@ -133,13 +131,13 @@ class TrainingSettings(Checked):
         return 1 if self.space is None else self.groups
 
     @property
-    def chosen_base(self) -> str | None:
+    def corrected_base(self) -> str | None:
         """Policy whose actions the network corrects; None without one."""
         return None if self.base == NO_BASE else self.rival
 
     @property
     def rival(self) -> str | None:
-        """Policy with which validations are compared; None for robots of a kind without a default."""
+        """Policy with which validations are compared, the base or its default; None if there is no default."""
         scenario = self.make_scenario()
         if self.base not in (None, NO_BASE):
             return self.base
@@ -148,29 +146,33 @@ class TrainingSettings(Checked):
         return {"car": "arc-mpcc", "differential": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
 
     def make_scenario(self) -> Scenario:
-        """Return the scenario, or the first one of the validations."""
+        """Return the scenario or, of a space, the first one of its validations."""
         return self.make_validation_scenarios()[0]
 
-    def make_own_scenario(self) -> Scenario:
-        """Return the scenario that a checkpoint contains: that of the user, or the first one of the validations."""
+    def make_checkpoint_scenario(self) -> Scenario:
+        """Return the scenario that a checkpoint contains: `make_scenario`, but with all of its grids."""
         return self.make_scenario() if self.space is not None else make_scenario(self.scenario, **self.overrides)
 
     def make_validation_scenarios(self) -> list[Scenario]:
-        """Return the scenarios of the validations, without grids that the reward does not need."""
+        """Return the scenarios of the validations, with `lean_overrides`."""
         if self.space is None:
             return [make_scenario(self.scenario, **self.lean_overrides)]
-        return validated(self.space.overridden(self.lean_overrides))
+        return validation_scenarios(self.space.overridden(self.lean_overrides))
 
     @cached_property
     def lean_overrides(self) -> dict[str, Any]:
-        """Overrides with which the worlds are made: those of the user, and no grids that the reward does not need."""
+        """Overrides of the worlds: those of the user, and those that remove what a training does not need."""
         base = make_scenario(self.scenario, **self.overrides) if self.space is None else self.space.base
         return dict(self.overrides) | lean_fields(base)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
         values = {option.name: getattr(self, option.name) for option in dataclasses.fields(self)}
-        return values | {"out": str(self.out), "overrides": dict(self.overrides), "base": self.chosen_base or NO_BASE}
+        return values | {
+            "out": str(self.out),
+            "overrides": dict(self.overrides),
+            "base": self.corrected_base or NO_BASE,
+        }
 
 
 def check_resumes(
@@ -198,7 +200,7 @@ def check_resumes(
 
 
 def space_of(name: str) -> ScenarioSpace | None:
-    """Return the space of a name or file, or None if that denotes one scenario.
+    """Return the space of scenarios with a name or in a file, or None if it is a single scenario.
 
     Raises:
         ValueError: a split of a space is given.
@@ -206,20 +208,20 @@ def space_of(name: str) -> ScenarioSpace | None:
     if space_and_split(name) is None:
         return None
     if ":" in name:
-        rule = f"must be the name of a space without a split, because a training uses the split {LEARNED}"
-        raise ValueError(f"scenario {rule} and is validated on {VALIDATED}, got {name}")
+        rule = f"must be the name of a space without a split, because a training uses the split {TRAINING_SPLIT}"
+        raise ValueError(f"scenario {rule} and is validated on {VALIDATION_SPLIT}, got {name}")
     return scenario_space(name)
 
 
-def validated(space: ScenarioSpace) -> list[Scenario]:
-    """Return the scenarios of validations."""
+def validation_scenarios(space: ScenarioSpace) -> list[Scenario]:
+    """Return the scenarios of the validations of a space."""
     with without_warnings(space):
-        return list(itertools.islice(space.scenarios(VALIDATED), MOST_VALIDATED))
+        return list(itertools.islice(space.scenarios(VALIDATION_SPLIT), MAX_VALIDATION_SCENARIOS))
 
 
 @contextlib.contextmanager
 def without_warnings(space: ScenarioSpace | None) -> Iterator[None]:
-    """Do not warn about assumptions of the paper that a drawn scenario violates; nothing changes without a space."""
+    """Suppress, for a space, the warnings about assumptions of the paper that its scenarios violate."""
     with warnings.catch_warnings():
         if space is not None:
             warnings.simplefilter("ignore", AssumptionWarning)
@@ -227,10 +229,10 @@ def without_warnings(space: ScenarioSpace | None) -> Iterator[None]:
 
 
 def lean_fields(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields that leave out what a training does not need.
+    """Return overrides that remove what a training does not need.
 
-    These are the grids that neither the reward nor the targets use and, where it counts how long targets are in sight,
-    the rewards for their first detection, which are larger.
+    These are the grids that neither the reward nor the targets use and, if the reward is for targets in sight, the
+    rewards for first detections, which would outweigh it.
     """
     fields: dict[str, Any] = {}
     if scenario.task.reward_observation > 0:
@@ -243,5 +245,5 @@ def lean_fields(scenario: Scenario) -> dict[str, Any]:
 
 
 def rule_of(scenario: Scenario) -> str:
-    """Return the best rule for a scenario in which actions are velocities."""
+    """Return the name of the best classical policy for a scenario in which actions are velocities."""
     return {OBSERVED: "greedy-cover", DETECTION_RATE: "lead-pursuit"}.get(task_score(scenario), "index-learned")

@@ -1,16 +1,16 @@
-"""`lissajous train`: begin from a rule, then collect, update, validate and save.
+"""`lissajous train`: begin with a classical policy, then collect, update, validate and save.
 
-All robots share one network, which plays teams of any size. It reads the action that a rule wishes and adds to it
-(residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
+All robots share one network, which plays teams of any size. It reads the action of that policy, its base, and corrects
+it (residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
 central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games", NeurIPS 2022),
 which reads the true state of all robots and of up to 16 targets, or with a critic that reads what the robot perceives.
-Collisions and near collisions cost more while there are more of them than a stated number. The best policy is chosen by
-validation, in worlds that no update uses; the rule alone is the first candidate.
+The cost of collisions and near collisions rises while there are more collisions than a limit. The best policy is chosen
+by validation, in worlds that no update uses; the base alone is the first candidate.
 
-Differs from these papers: a time limit is not a terminal state, so the value before it stands for the one after it; the
-reward for targets in sight is that of the robot itself, for those that no other robot has in sight; no minibatch
-updates the policy further once it has moved too far from that of the rollout; and the noise of successive actions is
-correlated, so that it moves a robot farther (J. Hollenstein, G. Martius, J. Piater, "Colored Noise in PPO", AAAI 2024).
+Differs from these papers: a time limit is not a terminal state, so the value of the last state stands for that of the
+next one; a robot is rewarded for the targets that it alone has in sight; the actor is not updated further with a
+rollout once its policy differs too much from that of the rollout; and the noise of successive actions is correlated, so
+that it moves a robot farther (J. Hollenstein, G. Martius, J. Piater, "Colored Noise in PPO", AAAI 2024).
 """
 
 import time
@@ -32,19 +32,19 @@ from training.learned.perception import OWN, TOKEN
 from training.learned.policy import LearnedTeam
 from training.learned.team_network import TeamNetwork
 from training.settings import MAY_CHANGE, TrainingSettings, check_resumes, without_warnings
-from training.validation import limit_of, mean_of, rank_of, validate, words_of
-from training.worlds import TRUTH, Rollout, Step, Worlds
+from training.validation import described, limit_of, mean_of, rating_of, validate
+from training.worlds import TRUTH, Rollout, StepResult, Worlds
 
 FIRST_SEED = 1_000_000
 """Seed of the first world of a training."""
 _WARM_UP = 25
-"""Rollouts in which only the critic learns, so that nothing spoils a base."""
+"""Rollouts at the beginning in which only the critic learns, so that its errors do not spoil the base."""
 _NEAR = 0.25
-"""Cost of a step in which robots almost touch, as a share of that of a collision: collisions alone are too rare."""
+"""Cost of a step in which robots almost collide, as a share of that of a collision: collisions alone are too rare."""
 _BOUND = 0.01
 """Weight of the squared excess of the action means over [-1, 1]."""
 _RESTRAINT = 0.2
-"""Weight of the squared correction of a base: advantages are noisy, and without it corrections grow by chance."""
+"""Weight of the squared correction of a base: without it, noisy advantages let corrections grow by chance."""
 
 
 def train(
@@ -76,10 +76,10 @@ def train(
 def _train(
     settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
 ) -> dict[str, Any]:
-    """Train in a locked folder."""
+    """Train in a locked folder; `say` prints a line, and `log` is that of `train`."""
     state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = Card.of(settings.make_own_scenario(), settings=settings.to_dict(), base=settings.chosen_base)
-    history = _begin(settings, state, say)
+    card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
+    history = _resume_or_begin(settings, state, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
     state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
@@ -88,12 +88,12 @@ def _train(
         last = curve[-1]["steps"] if curve else -every
         if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
             network = state.actor.arrays()
-            found = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
-            history["first"], results = history["first"] or found, mean_of(found)
-            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | results | diagnostics
+            results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
+            history["first"], means = history["first"] or results, mean_of(results)
+            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
             curve.append(point)
-            say(f"{point['steps'] / 1e6:.2f} million steps, {point['seconds']:.0f} s: {words_of(point, against)}")
-            if history["best"] is None or rank_of(point, state.limit) > rank_of(history["best"], state.limit):
+            say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
+            if history["best"] is None or rating_of(point, state.limit) > rating_of(history["best"], state.limit):
                 history["best"] = point
                 checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
             checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
@@ -103,11 +103,11 @@ def _train(
         diagnostics = state.update(state.collect())
 
 
-def _begin(settings: TrainingSettings, state: "Training", say: Callable[[str], None]) -> dict[str, Any]:
-    """Resume a training, or validate the base; return the history."""
+def _resume_or_begin(settings: TrainingSettings, state: "Training", say: Callable[[str], None]) -> dict[str, Any]:
+    """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
         _, stored, text = checkpoint.read(settings.out)
-        is_other = Card.of(settings.make_own_scenario()).fields != stored.fields
+        is_other = Card.of(settings.make_checkpoint_scenario()).scenario_fields != stored.scenario_fields
         others = ["the scenario has changed"] if is_other else []
         check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
         with checkpoint.resuming(settings.out, text):
@@ -117,12 +117,12 @@ def _begin(settings: TrainingSettings, state: "Training", say: Callable[[str], N
     history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
-        say(f"{settings.rival}: {words_of(mean_of(history['rivals']))}")
+        say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
     return history
 
 
 class Training:
-    """State of a training: networks, optimizer, worlds, and what is adjusted on the way."""
+    """State of a training: networks, optimizer, worlds and running numbers."""
 
     def __init__(self, settings: TrainingSettings):
         torch.manual_seed(settings.seed)
@@ -130,7 +130,7 @@ class Training:
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
         self.actor = TeamModule(
-            settings, len(TOKEN), size, settings.heads, settings.memory, settings.chosen_base is not None
+            settings, len(TOKEN), size, settings.heads, settings.memory, settings.corrected_base is not None
         )
         self.critic = TeamModule(settings, len(TRUTH if settings.critic == "central" else TOKEN), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
@@ -143,8 +143,9 @@ class Training:
             "collided": 0.0,
             "counted": 0.0,
         }
-        """Robot steps and rollouts so far; factor of the costs of collisions; running variance of the returns; running
-        mean of a team's collisions in an episode, over about 200 steps; steps in the variance (at most 300 count)."""
+        """`steps` of robots and `rollouts` so far; `penalty`, the factor of the costs of collisions; `variance` of the
+        returns over the last `counted` steps, at most 300; `collided`, a team's collisions per episode, averaged over
+        about 200 steps."""
         self.limit = settings.collisions or 0.0
         self._returns = np.zeros(self.worlds.count)
         self._memory = torch.zeros(self.worlds.count, settings.memory)
@@ -159,9 +160,9 @@ class Training:
         return deviation, settings.learning_rate * max(1 - done, 0.05)
 
     def collect(self) -> Rollout:
-        """Play T steps in all worlds, with noise, and compute the advantages and returns of their actions."""
+        """Play T steps in all worlds, with noise, and compute advantages and returns."""
         settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
-        memory, moments, steps, values = self._memory, [], [], []
+        memory, transitions, steps, values = self._memory, [], [], []
         for _ in range(settings.rollout):
             begins = torch.from_numpy(self._begins)
             with torch.no_grad():
@@ -171,11 +172,11 @@ class Training:
                 self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
                 action = mean[0] + deviation * self._noise
                 likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
-            reads = self._read()
-            values.append(self._value(rows[0], reads))
+            critic_rows = self._critic_rows()
+            values.append(self._value(rows[0], critic_rows))
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
-            moments.append((rows, reads, action, likelihood, torch.from_numpy(step.acted), begins))
+            transitions.append((rows, critic_rows, action, likelihood, torch.from_numpy(step.acted), begins))
             steps.append((self._reward(step, *self._truth[2:]), step))
             self._begins = np.repeat(step.over, worlds.side.slots).astype(np.float32)
             worlds.begin(step.over)
@@ -183,16 +184,22 @@ class Training:
                 self._truth = worlds.truth()
             self._rows = worlds.rows()
             self.numbers["steps"] += float(step.acted.sum())
-        values.append(self._value(torch.from_numpy(self._rows[0]), self._read()))
+        values.append(self._value(torch.from_numpy(self._rows[0]), self._critic_rows()))
         advantages = self._advantages(steps, np.stack(values))
-        of_actor, of_critic, *others = zip(*moments, strict=True)
-        rows, truth = ([torch.stack(part) for part in zip(*of, strict=True)] for of in (of_actor, of_critic))
+        of_actor, of_critic, *others = zip(*transitions, strict=True)
+        rows, truth = ([torch.stack(part) for part in zip(*each, strict=True)] for each in (of_actor, of_critic))
         actions, likelihood, acted, begins = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
         return Rollout(rows, truth, actions, likelihood, acted, begins, memory, advantages, returns, deviation)
 
-    def _reward(self, step: Step, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
-        """Return the rewards (B,) of a step, and update the running numbers."""
+    def _reward(self, step: StepResult, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """Return the rewards (B,) of a step, and update the running numbers.
+
+        Args:
+            step: Results of the step.
+            sightings: (B,) targets that a robot alone has in sight.
+            near: (B,) nearness to other robots.
+        """
         settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
         own = task.reward_observation * task.step * sightings
         reward = step.reward + numbers["penalty"] * (step.collided + _NEAR * task.reward_collision * near * step.acted)
@@ -207,19 +214,19 @@ class Training:
         numbers["counted"] += 1
         return reward
 
-    def _read(self) -> list[Tensor]:
+    def _critic_rows(self) -> list[Tensor]:
         """Return what the critic reads besides the robot's own numbers: tokens (B, K, F) and presence (B, K)."""
         parts = self._truth[:2] if self.settings.critic == "central" else self._rows[1:]
         return [torch.from_numpy(part) for part in parts]
 
-    def _value(self, own: Tensor, reads: Sequence[Tensor]) -> np.ndarray:
-        """Return the critic's values (B,) for own numbers (B, A), and what it reads besides them."""
+    def _value(self, own: Tensor, critic_rows: Sequence[Tensor]) -> np.ndarray:
+        """Return the critic's values (B,) for the robots' own numbers (B, A) and `_critic_rows`."""
         with torch.no_grad():
-            rows, none = [part[None] for part in (own, *reads)], torch.zeros(len(own), 0)
+            rows, none = [part[None] for part in (own, *critic_rows)], torch.zeros(len(own), 0)
             return self.critic(rows, none, torch.zeros(1, len(own)))[0][0, :, 0].numpy()
 
-    def _advantages(self, steps: Sequence[tuple[np.ndarray, Step]], values: np.ndarray) -> Tensor:
-        """Return generalized advantages (T, B) for rewards in units of the deviation of the returns."""
+    def _advantages(self, steps: Sequence[tuple[np.ndarray, StepResult]], values: np.ndarray) -> Tensor:
+        """Return generalized advantages (T, B), for rewards divided by the standard deviation of the returns."""
         settings, unit = self.settings, np.sqrt(self.numbers["variance"] + 1e-8)
         advantages, later = np.zeros_like(values[:-1]), np.zeros_like(values[0])
         for t in reversed(range(len(steps))):
@@ -231,43 +238,44 @@ class Training:
             advantages[t] = later
         return torch.from_numpy(advantages)
 
-    def update(self, of: Rollout) -> dict[str, float]:
-        """Update the critic, and the actor until it has moved too far; return diagnostics."""
-        settings, numbers, deviation = self.settings, self.numbers, of.deviation
+    def update(self, rollout: Rollout) -> dict[str, float]:
+        """Update the critic, and the actor until its policy differs too much from the rollout's; return diagnostics."""
+        settings, numbers, deviation = self.settings, self.numbers, rollout.deviation
         self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
-        follows, divergence, count = numbers["rollouts"] >= _WARM_UP * self.actor.corrects, 0.0, of.acted.shape[1]
+        updates_actor, divergence = numbers["rollouts"] >= _WARM_UP * self.actor.corrects, 0.0
+        count = rollout.acted.shape[1]
         for _ in range(settings.epochs):
             for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
-                rows, truth = ([part[:, chosen] for part in parts] for parts in (of.rows, of.truth))
-                acted, advantage = of.acted[:, chosen], of.advantages[:, chosen]
-                mean, _ = self.actor(rows, of.memory[chosen], of.begins[:, chosen])
-                likelihood = -0.5 * ((of.actions[:, chosen] - mean) / deviation).square().sum(-1)
-                change = likelihood - of.likelihood[:, chosen]
+                rows, truth = ([part[:, chosen] for part in parts] for parts in (rollout.rows, rollout.truth))
+                acted, advantage = rollout.acted[:, chosen], rollout.advantages[:, chosen]
+                mean, _ = self.actor(rows, rollout.memory[chosen], rollout.begins[:, chosen])
+                likelihood = -0.5 * ((rollout.actions[:, chosen] - mean) / deviation).square().sum(-1)
+                change = likelihood - rollout.likelihood[:, chosen]
                 ratio = change.exp()
                 divergence = (((ratio - 1 - change) * acted).sum() / acted.sum().clamp(min=1)).item()
-                follows = follows and divergence < settings.divergence
+                updates_actor = updates_actor and divergence < settings.divergence
                 advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
                 clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
                 gain = torch.min(ratio * advantage, clipped * advantage)
                 cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
                 if self.actor.corrects:
-                    wish = rows[0][..., -2:][..., : mean.shape[-1]]
-                    cost = cost + _RESTRAINT * (mean[..., :2] - wish).square().sum(-1)
+                    base_action = rows[0][..., -2:][..., : mean.shape[-1]]
+                    cost = cost + _RESTRAINT * (mean[..., :2] - base_action).square().sum(-1)
                 none = torch.zeros(len(chosen), 0)
                 value = self.critic([rows[0], *truth], none, torch.zeros_like(acted))[0][..., 0]
-                error = (value - of.returns[:, chosen]).square()
+                error = (value - rollout.returns[:, chosen]).square()
                 loss = (0.5 * error * acted).mean()
-                if follows:
+                if updates_actor:
                     loss = loss + ((cost - gain) * acted).mean()
-                _descend(self.optimizer, self.networks, loss)
+                _gradient_step(self.optimizer, self.networks, loss)
         numbers["rollouts"] += 1
         excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
         numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
-        explained = 1 - (of.advantages.var() / of.returns.var().clamp(min=1e-12)).item()
+        explained = 1 - (rollout.advantages.var() / rollout.returns.var().clamp(min=1e-12)).item()
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
 
     def save_state(self) -> dict[str, np.ndarray]:
-        """Copy what a resumed training needs, by name."""
+        """Copy what a resumed training needs, as arrays by name."""
         numbers = {name: np.array([value]) for name, value in self.numbers.items()}
         arrays = save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
         if self.settings.space is None:
@@ -285,12 +293,12 @@ class Training:
             self._begins, self._returns = arrays["begins"], arrays["returns"]
             self._memory, self._noise = torch.from_numpy(arrays["memory"]), torch.from_numpy(arrays["noise"])
         else:
-            self.worlds.begin_anew(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
+            self.worlds.restart(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
 
-def _descend(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
-    """Take a step; a network on which the loss does not depend stays as it is, in spite of its momentum."""
+def _gradient_step(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
+    """Take a step of the optimizer; a network on which the loss does not depend is unchanged, despite its momentum."""
     optimizer.zero_grad()
     loss.backward()
     for network in networks:
@@ -303,11 +311,11 @@ class TeamModule(nn.Module):
 
     Args:
         settings: Sizes of the layers.
-        token: Numbers of a token.
-        outputs: Numbers of the output.
-        heads: Heads of attention; 0 for the mean of the tokens' features.
-        memory: Numbers that a robot remembers.
-        corrects: Add the wish of the base, the last two own numbers, to the outputs, which are zeros at first.
+        token: Size of a token.
+        outputs: Size of the output.
+        heads: Number of attention heads; 0 for the mean of the tokens' features.
+        memory: Size of a robot's memory; 0 for none.
+        corrects: Add the action of the base, the last two own numbers, to the outputs, which are zeros at first.
     """
 
     def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
@@ -353,7 +361,7 @@ class TeamModule(nn.Module):
         return outputs, memory.float()
 
     def arrays(self) -> TeamNetwork:
-        """Copy the weights into a network that is played without PyTorch."""
+        """Copy the weights into a network that needs no PyTorch."""
         named = {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
         names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
         names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}

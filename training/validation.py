@@ -1,4 +1,4 @@
-"""Validation of a policy in a training: its score, its collisions and its worth relative to a rival."""
+"""Validation of a policy in a training: its score, its collisions, and its worth, the score relative to a rival's."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from training.settings import TrainingSettings
 VALIDATION_SEED = 20_000
 """Seed of the first episode of a validation."""
 _CAREFUL = 0.8
-"""Limit of the collisions, in units of those of the rival: a policy has other numbers of them in other worlds."""
+"""Limit of the collisions relative to those of the rival, below 1 because other worlds may have more collisions."""
 
 
 def validate(
@@ -22,9 +22,9 @@ def validate(
 
     Args:
         settings: Settings of the training.
-        make: Function of a scenario and a number of worlds that makes the policy.
-        rival: The same of a rival, or of the network before the training; the worth is the ratio of the scores, above
-            1 if the policy is better.
+        make: Function that makes the policy for a scenario and a number of worlds.
+        rival: Results, in the same scenarios, of a rival or of the network before the training; the worth is the ratio
+            of the scores, above 1 if the policy is better. Without them, it is 1.
     """
     scenarios, results = settings.make_validation_scenarios(), []
     count = max(settings.episodes // len(scenarios), 1)
@@ -43,24 +43,24 @@ def validate(
 
 
 def mean_of(results: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Return the means over scenarios, of worths the geometric one."""
-    means = {name: float(np.mean([of[name] for of in results])) for name in ("score", "collisions")}
-    return means | {"worth": float(np.exp(np.mean(np.log([of["worth"] for of in results]))))}
+    """Return the means over scenarios of scores and collisions, and the geometric mean of the worths."""
+    means = {name: float(np.mean([result[name] for result in results])) for name in ("score", "collisions")}
+    return means | {"worth": float(np.exp(np.mean(np.log([result["worth"] for result in results]))))}
 
 
-def rank_of(point: dict[str, float], limit: float) -> float:
-    """Return the worth of a policy, divided by its collisions in units of the limit where they are above it."""
+def rating_of(point: dict[str, float], limit: float) -> float:
+    """Return the worth of a policy, divided by the ratio of its collisions to the limit if they exceed it."""
     return point["worth"] * min(1.0, (limit + 0.05) / max(point["collisions"], 1e-9))
 
 
 def limit_of(collisions: float | None, rivals: Sequence[dict[str, float]]) -> float:
-    """Return the collisions above which their cost rises: those that are set, or a share of those of the rival."""
+    """Return the collisions above which their cost rises: the setting, or a share of those of the rival."""
     if collisions is None and rivals:
         return _CAREFUL * mean_of(rivals)["collisions"]
     return collisions or 0.0
 
 
-def words_of(of: dict[str, float], rival: str | None = None) -> str:
+def described(means: dict[str, float], rival: str | None = None) -> str:
     """Return the means of a validation in words, compared with a rival if one is named."""
-    compared = "" if rival is None else f"{of['worth']:.3f} times as good as {rival}, "
-    return f"score {of['score']:.4g}, {compared}{of['collisions']:.2f} collisions"
+    compared = "" if rival is None else f"{means['worth']:.3f} times as good as {rival}, "
+    return f"score {means['score']:.4g}, {compared}{means['collisions']:.2f} collisions"

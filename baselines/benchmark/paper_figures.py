@@ -113,9 +113,10 @@ def _dots(axes: Axes, place: int, rows: Rows, column: Column, colour: str) -> li
 
 
 def _interval(axes: Axes, place: int, estimate: Estimate, style: PlotStyle, policy: str, in_words: bool) -> list[float]:
-    """Draw an estimate with its interval, and return its finite numbers; without a bound, draw words if `in_words`."""
+    """Draw an estimate with its interval, and return its finite numbers; without a number, draw words if `in_words`."""
     if estimate.at_least or not math.isfinite(estimate.value):
-        words = "no bound" if estimate.known and in_words else ""
+        words = "no bound" if estimate.summary == LARGEST else "infinite"
+        words = words if estimate.known and in_words else ""
         axes.text(0.98, place, words, transform=axes.get_yaxis_transform(), ha="right", va="center", fontsize=6)
         return []
     ends = (estimate.median, estimate.value) if estimate.summary == LARGEST else (estimate.low, estimate.high)

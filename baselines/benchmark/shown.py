@@ -242,7 +242,8 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
             continue
         counted = str(estimate.n) if estimate.known == estimate.n else f"{estimate.known}/{estimate.n}"
         counted += f", {estimate.open} open" if estimate.open else ""
-        worst = DASH if estimate.worst is None else str(estimate.worst)
+        is_equal = estimate.n > 1 and estimate.min == estimate.max
+        worst = DASH if estimate.worst is None or is_equal else str(estimate.worst)
         spread = map(number, (estimate.median, estimate.min, estimate.max))
         others = (between(estimate.low, estimate.high) or DASH, counted, worst, *spread)
         rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])

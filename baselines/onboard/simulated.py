@@ -26,36 +26,34 @@ class Inputs(NamedTuple):
     works: bool
 
 
-def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
-    """Return a simulated robot's present measurements, messages and detections, with times since the reset.
+def inputs_of(simulation: Simulation, robot: int) -> Inputs:
+    """Return the present measurements, messages and detections of a robot in world 0, with times since the reset.
 
     `Onboard.act(*inputs_of(simulation, robot))` computes the policy's action in the simulation.
 
     Raises:
-        ValueError: a robot or a world that is not there, or a robot that has been removed.
+        ValueError: there is no such robot, or it has been removed.
     """
-    n, scenario = simulation.num_robots, simulation.scenario
-    for name, value, count in (("robot", robot, n), ("world", world, simulation.num_worlds)):
-        whole_number(name, value, 0, count - 1)
-    state = simulation.robots
-    status = state.status.numpy()[world]
+    n, scenario, state = simulation.num_robots, simulation.scenario, simulation.robots
+    whole_number("robot", robot, 0, n - 1)
+    status = state.status.numpy()[0]
     if status[robot] == int(REMOVED):
         raise ValueError(f"robot must not have been removed, got {robot}")
-    faces, speeds = state.heading.numpy()[world], state.speed.numpy()[world]
-    moves = np.column_stack([state.position.numpy()[world, :, :2], speeds * np.cos(faces), speeds * np.sin(faces)])
+    faces, speeds = state.heading.numpy()[0], state.speed.numpy()[0]
+    moves = np.column_stack([state.position.numpy()[0, :, :2], speeds * np.cos(faces), speeds * np.sin(faces)])
     others = moves - moves[robot]
-    cos_phase, sin_phase = state.measured_turn.numpy()[world, robot, :2].tolist()
-    x, y, heading, speed = state.measured.numpy()[world, robot].tolist()
+    cos_phase, sin_phase = state.measured_turn.numpy()[0, robot, :2].tolist()
+    x, y, heading, speed = state.measured.numpy()[0, robot].tolist()
     step = scenario.task.step
-    now = int(simulation.clock.step.numpy()[world]) * step
+    now = int(simulation.clock.step.numpy()[0]) * step
     there = (np.arange(n) != robot) & (status != int(REMOVED)) & _is_near(others, scenario.sight)
-    sighted = simulation.targets.in_sight.numpy()[world] == 1
-    targets = simulation.targets.position.numpy()[world][sighted] - state.sensor.numpy()[world, robot]
+    sighted = simulation.targets.in_sight.numpy()[0] == 1
+    targets = simulation.targets.position.numpy()[0][sighted] - state.sensor.numpy()[0, robot]
     targets = targets[_is_near(targets, scenario.sight)]
     return Inputs(
         now,
         Odometry(x, y, heading, speed, now),
-        _heard(simulation, robot, world),
+        _heard(simulation, robot),
         others[there],
         targets,
         (cos_phase, sin_phase),
@@ -68,14 +66,14 @@ def _is_near(away: np.ndarray, radius: float) -> np.ndarray:
     return np.hypot(away[:, 0], away[:, 1]) < radius * (1 + 1e-5)
 
 
-def _heard(simulation: Simulation, robot: int, world: int) -> tuple[Message, ...]:
+def _heard(simulation: Simulation, robot: int) -> tuple[Message, ...]:
     links, messages, step = simulation.links, [], simulation.scenario.task.step
-    heard, heard_at = links.heard.numpy()[world, robot], links.heard_at.numpy()[world, robot]
+    heard, heard_at = links.heard.numpy()[0, robot], links.heard_at.numpy()[0, robot]
     for side, sender in enumerate(simulation.scenario.neighbours[robot].tolist()):
         if sender >= 0 and heard_at[side] >= 0:
             numbers = ()
             if simulation.scenario.messages.size:
-                numbers = tuple(simulation.messages.heard.numpy()[world, robot, side].tolist())
+                numbers = tuple(simulation.messages.heard.numpy()[0, robot, side].tolist())
             cos_phase, sin_phase, x, y = heard[side].tolist()
             messages.append(Message(sender, int(heard_at[side]) * step, cos_phase, sin_phase, x, y, numbers))
     return tuple(messages)

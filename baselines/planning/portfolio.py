@@ -76,10 +76,20 @@ def spacing(scenario: Scenario) -> float:
     return math.sqrt(4 * scenario.curve.half_width * scenario.curve.half_height / scenario.num_robots)
 
 
+def scheduled_failures(scenario: Scenario) -> list[float]:
+    """Return the durations of the scheduled failures in an episode [s]; rows of a robot that overlap are one."""
+    failures: list[list[float]] = []
+    for robot, start, end in sorted(scenario.faults.schedule):
+        if failures and failures[-1][0] == robot and start <= failures[-1][2]:
+            failures[-1][2] = max(failures[-1][2], end)
+        elif start < scenario.task.duration:
+            failures.append([robot, start, end])
+    return [min(end, scenario.task.duration) - start for _, start, end in failures]
+
+
 def _standstill(scenario: Scenario) -> float:
-    faults, duration = scenario.faults, scenario.task.duration
-    scheduled = sum(max(min(end, duration) - start, 0.0) for _, start, end in faults.schedule)
-    return min(faults.rate * faults.mean_duration + scheduled / (scenario.num_robots * duration), 1.0)
+    faults, time = scenario.faults, scenario.num_robots * scenario.task.duration
+    return min(faults.rate * faults.mean_duration + sum(scheduled_failures(scenario)) / time, 1.0)
 
 
 FEATURES = (
@@ -126,13 +136,13 @@ FEATURES = (
     Feature(
         "failures of a robot in an episode",
         lambda scenario: (
-            scenario.faults.rate * scenario.task.duration + len(scenario.faults.schedule) / scenario.num_robots
+            scenario.faults.rate * scenario.task.duration + len(scheduled_failures(scenario)) / scenario.num_robots
         ),
     ),
     Feature("share of the time for which a robot has failed", _standstill),
     Feature(
         "share of robots that fail for good",
-        lambda scenario: (scenario.faults.lost + len(scenario.faults.removed)) / scenario.num_robots,
+        lambda scenario: (scenario.faults.lost + len(dict(scenario.faults.removed))) / scenario.num_robots,
     ),
     Feature(
         "noise of measured positions over the radius of a body",

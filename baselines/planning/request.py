@@ -46,7 +46,7 @@ _LAST_SEED, _LONGEST = 2**31 - 1000, 1e6
 PLANS = 200
 """Default number of plans that are tried: about a minute on two cores for five cars in a hall of 40 m x 25 m."""
 _NEEDED = {"width": "m", "height": "m", "robots": "", "robot_radius": "m", "sensor_radius": "m", "speed": "m/s"}
-"""Units of what must be given without a scenario."""
+"""Units of what must be given if no scenario is named."""
 _RANGES = {
     **{name: (_LEAST, _MOST, unit) for name, unit in _NEEDED.items() if unit},
     "turning_radius": (_LEAST, _MOST, "m"),
@@ -119,7 +119,7 @@ class Request:
     def __post_init__(self) -> None:
         for name, unit in _NEEDED.items():
             if self.scenario is None and getattr(self, name) is None:
-                rule = f"{name} must be given without a scenario"
+                rule = f"{name} must be given if no scenario is named"
                 raise ValueError(f"{rule}{f' [{unit}]' if unit else ''}, got None")
         for name, (least, most, unit) in _RANGES.items():
             value = getattr(self, name)

@@ -86,9 +86,8 @@ class Search:
         """Return the reason for each family without a final plan that does not collide."""
         good = {final.plan.family for final in self.finals if final.figures.collisions == 0}
         collided = Counter(final.plan.family for final in self.finals)
-        return {
-            family.name: family.reason(collided[family.name]) for family in self.families if family.name not in good
-        }
+        others = [family for family in self.families if family.name not in good]
+        return {family.name: family.reason(collided[family.name]) for family in others}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
@@ -163,9 +162,8 @@ class Search:
 
     def _plans(self) -> Iterator[tuple[Family, Settings, Plan]]:
         """Yield plans to look at: the first ones of all families in turn, then changed copies of the best."""
-        for family, settings in in_turn(
-            [[(family, settings) for settings in family.first] for family in self.families]
-        ):
+        firsts = [[(family, settings) for settings in family.first] for family in self.families]
+        for family, settings in in_turn(firsts):
             yield from self._new(family, settings)
         fruitless = 0
         while fruitless < _FRUITLESS:

@@ -10,7 +10,7 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.driving import twist_reached
-from baselines.policies.own_row import own_heading, own_speed
+from baselines.policies.own_row import Actions, Observation, own_heading, own_speed
 from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct
@@ -26,8 +26,8 @@ def to_twists(
     car: RobotStruct,
     top_speed: float,
     step: float,
-    observation: wp.array3d(dtype=float),
-    wanted: wp.array3d(dtype=float),
+    observation: Observation,
+    wanted: Actions,
     heading_out: wp.array2d(dtype=float),
     speed_out: wp.array2d(dtype=float),
     yaw_rate_out: wp.array2d(dtype=float),

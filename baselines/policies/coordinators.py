@@ -1,6 +1,6 @@
-"""Coordinators: what decides the phase rate of each robot; each is a Warp kernel, or in NumPy.
+"""Coordinators, which compute the phase rate of each robot in a Warp kernel or in NumPy.
 
-`Kuramoto` is the paper's method. `TrackedReference` and `Consensus` are those that it is compared with.
+`Kuramoto` is the paper's method. `TrackedReference` and `Consensus` are competing methods.
 
 `KuramotoByArc` is the paper's coordination with the phase measured along the curve: the robots are equally spaced, at
 a constant ground speed. Robot i has the arc phase psi_i = 2 pi s(alpha theta_i) / (L alpha), with s(gamma) of (14) and
@@ -11,17 +11,15 @@ L the length of a lap, and dynamics (1) act on it:
 Its equilibria, their stability and alpha of Lemma 2 are those of the phase, with the places spaced by L / N along the
 curve rather than by 2 pi / N in gamma. psi_j follows from the observed phase theta_i and phase difference theta_j -
 theta_i, and is advanced at the natural rate by the age of the message. The controller uses one phase rate for its
-horizon; here it is the mean one over the next PREVIEW seconds at the ground speed of psi_i'.
+horizon: the mean one over the next PREVIEW seconds at the ground speed of psi_i'.
 
-The ground speed v is as fast as the cars can follow (`ground_speed`), where theta' = omega reaches it on the fastest
-stretch of the curve alone.
+The ground speed v is the highest that the cars can follow (`ground_speed`). With theta' = omega they would reach it
+only on the fastest stretch of the curve. So in `intruders`, where the rectangle is too large for a guarantee, targets
+are detected sooner.
 
-Lost: equally spaced robots are not on ellipse (5), so (6), (8) and T_max promise nothing, and `phase_error`, the
-deviation from (2) in theta, does not fall to 0. On curve (16) two robots in formation come nearer to one another than
-those of (2) do, too near for cars that leave the curve by as much as these do: they collide in `experiment`.
-
-Gained: in `intruders`, where the rectangle is too large for a guarantee, targets are detected sooner, because the speed
-is constant and can therefore be higher.
+The bounds (6), (8) and T_max do not hold, because equally spaced robots are not on ellipse (5), and `phase_error`, the
+deviation from (2) in theta, does not fall to 0. On curve (16), two robots in formation come nearer to one another than
+those of (2), and too near for cars that leave the curve by decimetres: they collide in `experiment`.
 """
 
 import math
@@ -43,12 +41,12 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number
 from lissajous_env.theory.closed_forms import curve_speed
 from lissajous_env.theory.geometry import curve_length, lap_phases
-from lissajous_env.world.extended import read_only
+from lissajous_env.world.extension_stages import read_only
 
 wp.set_module_options(OPTIONS)
 
 PREVIEW = 0.6
-"""Time over which the phase rate is averaged [s]: less than this makes the ground speed unsteady before tight turns."""
+"""Time over which the phase rate is averaged [s]: with less, the ground speed is unsteady before tight turns."""
 PhaseRates = wp.array2d(dtype=float)
 """(W, N) phase rates of the robots [rad/s]."""
 PHASES = "phases of ring neighbours"
@@ -118,7 +116,7 @@ class NumpyCoordinator(Coordinator):
 
 @wp.kernel
 def kuramoto_rates(rate: float, coupling: float, age_unit: float, observation: Observation, phase_rate_out: PhaseRates):
-    """Return theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
+    """Write theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
     w, i = wp.tid()
     pull = sine_ahead(w, i, 0, rate, age_unit, observation) + sine_ahead(w, i, 1, rate, age_unit, observation)
     phase_rate_out[w, i] = rate - coupling * pull
@@ -128,7 +126,7 @@ class Kuramoto(Coordinator):
     """Coordinator: phase rates (W, N) [rad/s] by (1).
 
     Differs from the paper: the natural rate is omega / alpha, so that with alpha of Lemma 2 the rate along the curve
-    is still omega; and a neighbour's phase is carried on at that rate for the time its message was under way.
+    is still omega; and a neighbour's phase is extrapolated at that rate over the age of its message.
     """
 
     kernel = kuramoto_rates
@@ -142,10 +140,10 @@ class Kuramoto(Coordinator):
 def consensus_rates(
     rate: float, gain: float, spacing: float, age_unit: float, observation: Observation, phase_rate_out: PhaseRates
 ):
-    """Return theta_i' = rate + gain sum_j wrap(theta_j - theta_i - Delta_ij), for robot i of world w.
+    """Write theta_i' = rate + gain sum_j wrap(theta_j - theta_i - Delta_ij), for robot i of world w.
 
-    `spacing` is Delta of the neighbour after robot i [rad]; a neighbour's phase is carried on at `rate` [rad/s] for the
-    time its message was under way.
+    `spacing` is Delta of the neighbour after robot i [rad]; a neighbour's phase is extrapolated at `rate` [rad/s]
+    over the age of its message.
     """
     w, i = wp.tid()
     off = float(0.0)
@@ -187,11 +185,11 @@ class ReferenceParameters(Checked):
     """Parameters of the coordinator, besides the scenario."""
 
     runs_on: bool = flag(False)
-    """True for a reference that moves on while its robot has failed."""
+    """True for a reference that keeps moving while its robot has failed."""
     tracking: float | None = number(None, 0, 1e6, "1/s")
-    """k, the rate at which a robot makes up for its distance from the reference [1/s]; None is omega / (0.3 rad)."""
+    """k, the gain of the phase error from the reference [1/s]; None is omega / (0.3 rad)."""
     catch_up: float = number(1.0, 0, 1e6)
-    """Most that a robot adds to its rate to catch up, as a multiple of omega / alpha."""
+    """Largest rate that a robot adds to catch up, as a multiple of omega / alpha."""
 
 
 @wp.kernel
@@ -205,9 +203,9 @@ def track_reference(
     observation: Observation,
     phase_rate_out: PhaseRates,
 ):
-    """Return theta_i' = rate + clip(tracking wrap(theta_ref - theta_i)) to [-rate, most], for robot i of world w.
+    """Write theta_i' = rate + clip(tracking wrap(theta_ref - theta_i)) to [-rate, most] [rad/s] for robot i of world w.
 
-    A robot's memory is the phase of its reference at the start [rad] and, plus one, the steps that this has moved.
+    The memory is the phase of the reference at the start [rad], and one more than the number of steps of its motion.
     """
     w, i = wp.tid()
     phase = own_phase(w, i, observation)
@@ -224,24 +222,24 @@ def track_reference(
 class TrackedReference(Coordinator):
     """Coordinator: each robot tracks its own reference point, without messages: Borkar et al. [15].
 
-    As the paper describes it: a distributed and robust tracking of reference points that are computed in open loop and
-    centrally. The planner places the references in the formation, each with the rate omega:
+    The paper describes it as a distributed and robust tracking of reference points that are computed centrally in open
+    loop. The planner places the references in the formation, each with the rate omega:
 
         gamma_ref(t) = gamma_ref(0) + omega t_on                 t_on: time for which the robot has worked [s]
         theta_i' = omega / alpha + k wrap(theta_ref - theta_i)   gamma = alpha theta, k = `tracking` [1/s]
 
-    with the second term held to [-omega / alpha, `catch_up` omega / alpha], so that a robot does not reverse to meet
+    with the second term clipped to [-omega / alpha, `catch_up` omega / alpha], so that a robot does not reverse to meet
     its reference. gamma_ref(0) is the robot's position at the start of the episode, which is its place in the
-    formation; a start that is off it is off it for good.
+    formation; a deviation at the start therefore remains.
 
-    What a failure does depends on the generator of the stopped robot. As `tracked-reference` it stops and resumes
+    The effect of a failure depends on the reference of the stopped robot. As `tracked-reference` it stops and resumes
     together with its robot: Fig. 6(b) shows states that keep their offset after t_2, and Section V names "the
-    desynchronization in the reference point generation" as the reason. As `running-reference` it runs on (t_on is the
-    time of the episode) and is caught up with: the configuration is recovered, which it is not in the figure, by robots
+    desynchronization in the reference point generation" as the reason. As `running-reference` it keeps moving (t_on is
+    the time of the episode), and the robot catches up: the configuration is recovered, unlike in the figure, by robots
     that pass through the places of others.
 
     Without tracking, k = 0, it is the open loop of Borkar et al. [14], which assumes that the robots start in the
-    formation and that nothing disturbs them: A. V. Borkar, A. Sinha, L. Vachhani, H. Arya, "Application of Lissajous
+    formation and are not disturbed: A. V. Borkar, A. Sinha, L. Vachhani, H. Arya, "Application of Lissajous
     curves in trajectory planning of multiple agents", Autonomous Robots 44 (2020). Every robot goes along the curve
     with gamma' = omega, so its speed is the profile V(gamma) = omega ||r'(gamma)||.
     """
@@ -288,7 +286,7 @@ class KuramotoByArc(NumpyCoordinator):
         self._gain, self._loss = (gamma, arc - gamma), (arc, gamma - arc)
 
     def rates(self, rows: Rows) -> np.ndarray:
-        """Return psi_i' = rate - K sum_j sin(psi_j - psi_i) as the mean theta_i' over the preview."""
+        """Return the mean theta_i' over the preview for psi_i' = rate - K sum_j sin(psi_j - psi_i)."""
         alpha, theta = self.scenario.alpha, rows.phase.astype(float)
         arc = self._arc_of(alpha * theta)
         ahead = (self._arc_of(alpha * (theta[..., None] + rows.lead)) - arc[..., None]) / alpha
@@ -305,11 +303,12 @@ class KuramotoByArc(NumpyCoordinator):
 def ground_speed(scenario: Scenario) -> float:
     """Return the speed along the curve [m/s]: a patrol's cruising speed, less if grip does not allow such a turn.
 
-    Grip must let it turn round in half of the rectangle's height, v^2 <= a_lat B / 2. The speed is never below the
-    formation's mean, omega L / (2 pi), and equal to it if the scenario has no grip.
+    Grip must let it turn round in half of the rectangle's shorter side, v^2 <= a_lat min(A, B) / 2. The speed is never
+    below the formation's mean, omega L / (2 pi), and equal to it if the scenario has no grip.
     """
     mean = scenario.formation.phase_rate * curve_length(scenario.driven) / (2 * math.pi)
     grip = scenario.robot.lateral_acceleration_max
     if math.isinf(grip):
         return mean
-    return max(mean, min(cruising_speed(scenario), math.sqrt(grip * scenario.driven.half_height / 2)))
+    shorter = min(scenario.driven.half_width, scenario.driven.half_height)
+    return max(mean, min(cruising_speed(scenario), math.sqrt(grip * shorter / 2)))

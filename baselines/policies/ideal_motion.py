@@ -1,10 +1,10 @@
 """Worst-case undetected time of evading targets while robots move ideally, on a coarse grid.
 
 A short computation in NumPy, for policies that compare many motions before an episode: each cell contains the earliest
-time at which a target that may be there now, undetected, can have appeared. Where a cell is sensed there is none, and
-targets hop to neighbouring cells when they can have driven as far. The hops go to the four and to the eight nearest
-cells in turn, so that the reached octagon differs from a disc by 6 % at most. The contamination field of the simulation
-(`lissajous_env.world.contamination.field`) is finer, and is what scores are made of.
+time at which a target that may be there now, undetected, can have appeared. A cell within a sensing disc contains none,
+and targets hop to neighbouring cells once they can have driven as far. The hops go to the four and to the eight nearest
+cells in turn, so that the reached octagon differs from a disc by 6 % at most. Scores use the finer contamination field
+of the simulation (`lissajous_env.world.contamination.field`).
 """
 
 import math
@@ -34,7 +34,7 @@ def worst_undetected_time(
         speed: Largest speed of a target [m/s].
         step: Control step [s].
         limit: Time from which on the result does not matter [s].
-        lead_in: (N, L, 2) places before the loops, which count too [m].
+        lead_in: (N, L, 2) places before the loops, during which targets are undetected too [m].
 
     Returns:
         Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
@@ -49,8 +49,7 @@ def worst_undetected_time(
         field.advance(seen[k % len(seen)])
         if field.longest * step > limit:
             return math.inf
-        # Once all targets of the start are detected, the motion must continue for the longest time for which others can
-        # hide.
+        # Once all targets of the start are detected, two more periods show the longest time for which others can hide.
         if field.cleared_at > 0 and field.now >= max(field.cleared_at, len(before)) + 2 * len(seen):
             return field.longest * step
     return math.inf
@@ -83,7 +82,7 @@ class _Field:
         finer = math.sqrt(field_cells / _MOST_CELLS)
         side = max(radius / _CELLS_IN_RADIUS / finer, 2 * math.sqrt(half[0] * half[1] / field_cells))
         columns, rows = (max(round(2 * length / side), 1) + 1 for length in half)
-        # The outermost nodes lie on the edges, where a target can hide that discs leave a corner for.
+        # The outermost nodes lie on the edges, so that the corners count, which discs are the last to cover.
         self.x = np.linspace(-half[0], half[0], columns)
         self.y = np.linspace(-half[1], half[1], rows)
         self.radius, self.rate = radius, moved / (2 * half[0] / (columns - 1))

@@ -1,4 +1,4 @@
-"""The index rule: a robot drives where it expects the most targets per time, and learns where they appear."""
+"""The index rule: robots drive where they expect the most targets per time, and learn where targets appear."""
 
 from typing import Any
 
@@ -40,8 +40,8 @@ class Index(Reacting):
         self.counts = np.ceil(2 * self.half / (1.7 * radius)).astype(int)
         axes = [(np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(self.counts, self.half, strict=True)]
         self.cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        self._near = (np.linalg.norm(self.cells[:, None] - self.cells, axis=-1) < radius).astype(float)
-        self._left = (np.linalg.norm(self.cells[:, None] - self.cells, axis=-1) >= 1.2 * radius).astype(float)
+        apart = np.linalg.norm(self.cells[:, None] - self.cells, axis=-1)
+        self._near, self._left = (apart < radius).astype(float), (apart >= 1.2 * radius).astype(float)
         shape = (*self.shape, len(self.cells))
         self._idle, self._found, self._watched = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.forget(np.ones(self.num_worlds, bool))
@@ -63,15 +63,15 @@ class Index(Reacting):
         return (self._found + 0.5) / (self._watched + 0.5 / uniform)
 
     def wish(self, rows: Rows) -> np.ndarray:
-        """Update what the robot knows, divide the cells among the team, and drive to the robot's own one."""
+        """Update the robots' estimates, divide the cells among the team, and drive to the robot's own cell."""
         places = known_places(rows)
         far = np.nan_to_num(np.linalg.norm(places[:, :, :, None] - self.cells, axis=-1), nan=_NOWHERE * self.radius)
         covered = (far < self.radius).any(axis=2)
         waited = self._idle + self.step
         self._watched += np.where(covered, waited, 0.0)
         self._idle = np.where(covered, 0.0, waited)
-        where = (rows.position[:, :, None] + rows.track_offset + self.half) / (2 * self.half) * self.counts
-        column, line = np.moveaxis(np.clip(where.astype(int), 0, self.counts - 1), -1, 0)
+        cell = (rows.position[:, :, None] + rows.track_offset + self.half) / (2 * self.half) * self.counts
+        column, line = np.moveaxis(np.clip(cell, 0, self.counts - 1).astype(int), -1, 0)
         world, robot, track = np.nonzero(rows.track_leaves)
         np.add.at(self._found, (world, robot, (column * self.counts[1] + line)[world, robot, track]), 1.0)
         time, mass = far / self.top + self.delay * self.radius / self.top, self.expected()

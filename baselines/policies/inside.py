@@ -60,7 +60,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.driving import SPEED_GAIN, SPREAD_MAX, scaled_gain, throttle_for
-from baselines.policies.own_row import own_heading, own_position, own_speed, own_works
+from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from lissajous_env.device.car_input import action_of_throttle, steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.copies import Copyable
@@ -307,8 +307,8 @@ def stay_inside(
     walls: Walls,
     robot: RobotStruct,
     curve: CurveStruct,
-    observation: wp.array3d(dtype=float),
-    action: wp.array3d(dtype=float),
+    observation: Observation,
+    action: Actions,
 ):
     """Change the steering and the throttle of the cars by the rule; an action that is not finite passes."""
     w, i = wp.tid()

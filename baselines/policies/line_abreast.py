@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.driving import slowest_top_speed
-from baselines.policies.line_path import LineParameters, Lines, best_plan, loops_of
+from baselines.policies.line_path import LineParameters, Lines, best_lines, loops_of
 from baselines.policies.line_transit import Effort, Pace, angle_steps, transit_from_any_angle, transit_inside
-from baselines.policies.own_row import own_phase
+from baselines.policies.own_row import Observation, own_phase
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import STEPS, TimedPaths
@@ -20,9 +20,9 @@ from lissajous_env.parameters.scenario import Scenario
 wp.set_module_options(OPTIONS)
 
 _HASTE = 1.25
-"""Largest speed on the way into the lines, in that of the lines."""
+"""Largest speed on the way into the lines, over that of the lines."""
 _FULL = 0.985
-"""The same, in the top speed of the slowest car."""
+"""The same, over the top speed of the slowest car."""
 
 
 @wp.kernel
@@ -32,10 +32,10 @@ def choose_ways(
     first: int,
     variants: int,
     memory: wp.array3d(dtype=float),
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
     variant_out: wp.array2d(dtype=int),
 ):
-    """Choose the way into the lines at the first step: by the angle of the formation, which a robot's phase shows."""
+    """Choose the way into the lines at the first step, by the formation's angle, which follows from a robot's phase."""
     w, i = wp.tid()
     if memory[w, i, STEPS] == 0.0:
         turned = wrap(own_phase(w, i, observation) - starts[i]) / 6.283185307179586
@@ -55,21 +55,21 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
     Raises:
         UnsuitableScenarioError: no lines span the rectangle, or there are no ways into them without collisions inside.
     """
-    plan = best_plan(scenario, parameters)
+    lines = best_lines(scenario, parameters)
     slots = np.argsort(scenario.ring)  # neighbours on the ring are neighbours in a line
-    loops = loops_of(plan)
+    loops = loops_of(lines)
     if scenario.curve.half_height > scenario.curve.half_width:
         loops = np.stack([-loops[..., 1], loops[..., 0], loops[..., 2] + np.pi / 2], axis=-1)
     if scenario.inset:
-        ways = transit_inside(scenario, loops[..., :2], plan.speed, slots)
-        return plan, path_tables(scenario, ways.loop, ways.lead_in), (1, 0)
-    effort = Effort.of(scenario.num_robots, 3 * plan.period // 2)
-    fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
-    pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
+        ways = transit_inside(scenario, loops[..., :2], lines.speed, slots)
+        return lines, path_tables(scenario, ways.loop, ways.lead_in), (1, 0)
+    effort = Effort.of(scenario.num_robots, 3 * lines.period // 2)
+    fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * lines.speed)
+    pace = Pace(scenario.robot.drag, max(fastest, 1.001 * lines.speed), lines.speed)
     loop = loops[slots, :, :2]
-    places = transit_from_any_angle(scenario, effort, loops[slots, 0], plan.radius, pace)
+    places = transit_from_any_angle(scenario, effort, loops[slots, 0], lines.radius, pace)
     tables = path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places)
-    return plan, tables, (effort.angles, int(angle_steps(scenario, effort.angles)[0]))
+    return lines, tables, (effort.angles, int(angle_steps(scenario, effort.angles)[0]))
 
 
 @register("line-abreast", kind="car")

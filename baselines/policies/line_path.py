@@ -7,7 +7,7 @@ rectangle to the right one, a turn, back, and a turn. Float64 NumPy.
 In the open, a turn of three arcs outside of the rectangle leads back into the same lane. Within walls or an inset,
 every car turns on a half circle, and sweeps back beside its lane, by the circle's radius R to the other side. All cars
 copy that, too, so the spacing law is valid in turns; an outermost car is R nearer to its wall on one way, and R farther
-from it on the other. `what_fails` has the conditions.
+from it on the other. `failed_condition` has the conditions.
 """
 
 import math
@@ -25,11 +25,11 @@ from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
 
 _CRUISE, _FASTEST = 0.96, 0.98
-"""Speeds of a line in the top speed of the slowest car: by default, and at most; the rest is for catching up."""
+"""Speeds of a line over the top speed of the slowest car: by default, and at most; the rest is for catching up."""
 _GRIP = 0.92
 """Share of the grip, and of the tightest turn, that the path uses: the rest corrects errors."""
 _SHARES = (1.0, 0.8, 0.6, 0.45, 0.3)
-"""Speeds of lines that turn inside, in the largest one: slower cars turn on smaller circles where grip limits them."""
+"""Speeds of lines that turn inside, over the largest one: where grip limits turns, slower cars need less space."""
 _PASSING = 1.5
 """Distance at which cars of two lines pass each other, in sums of their radii."""
 _LINES_MAX = 8
@@ -111,55 +111,55 @@ def speed_limit(spacing: float, radius: float, rogue_speed: float, step: float) 
     return 2 * math.sqrt(inside) / step - rogue_speed if inside > 0 else -math.inf
 
 
-def best_plan(scenario: Scenario, parameters: LineParameters) -> Lines:
-    """Return the plan with the best guarantee once the lines have formed, by their number and their speed.
+def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
+    """Return the number and the speed of lines that have the best guarantee once they have formed.
 
     Raises:
         UnsuitableScenarioError: no lines span the rectangle.
     """
     n, radius = scenario.num_robots, scenario.sensing_radius
     counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
-    options = [plans_of(scenario, parameters, lines) for lines in counts]
-    plans = [plan for of_count, _ in options for plan in of_count]
-    if not plans:
+    options = [lines_of(scenario, parameters, count) for count in counts]
+    fitting = [lines for of_count, _ in options for lines in of_count]
+    if not fitting:
         span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
         rule = f"line-abreast requires {counts[0]} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
-    if len(plans) == 1:
-        return plans[0]
-    return min(plans, key=lambda plan: ideal_worst_case(scenario, plan))
+    if len(fitting) == 1:
+        return fitting[0]
+    return min(fitting, key=lambda lines: ideal_worst_case(scenario, lines))
 
 
-def ideal_worst_case(scenario: Scenario, plan: Lines) -> float:
+def ideal_worst_case(scenario: Scenario, lines: Lines) -> float:
     """Return the worst-case undetected time [s] of lines that have formed and follow their path without error."""
     half = sorted((scenario.curve.half_width, scenario.curve.half_height), reverse=True)
-    loop = loops_of(plan)[..., :2]
-    return worst_undetected_time(loop, (half[0], half[1]), scenario.sensing_radius, scenario.rogue_speed, plan.step)
+    loop = loops_of(lines)[..., :2]
+    return worst_undetected_time(loop, (half[0], half[1]), scenario.sensing_radius, scenario.rogue_speed, lines.step)
 
 
-def lanes_of(scenario: Scenario, lines: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return how m lines share the span 2 B: pitch of their lanes [m], places across [m] and line of each car.
+def lanes_of(scenario: Scenario, count: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return the lanes of `count` lines on the span 2 B: their pitch [m], the place across [m] and line of each car.
 
-    The lines are interleaved, so that their cars pass each other: lane j of the N lanes belongs to line j mod m. With
+    The m lines are interleaved, so that their cars pass each other: lane j of N belongs to line j mod m. With
     the pitch 2 (B + R) / (N + 1 - m), the outermost car of any line is at most half a spacing, m pitches, from the
     wall, if it is R, `aside` [m], beside its lane. The pitch is smaller where the inset leaves less room.
     """
     n, half = scenario.num_robots, min(scenario.curve.half_width, scenario.curve.half_height)
-    room = min(scenario.driven.half_width, scenario.driven.half_height)
-    pitch = min(2 * (half + aside) / (n + 1 - lines), 2 * (room - aside) / max(n - 1, 1))
-    order = np.concatenate([np.arange(line, n, lines) for line in range(lines)])
-    return pitch, (order - (n - 1) / 2) * pitch, order % lines
+    half_driven = min(scenario.driven.half_width, scenario.driven.half_height)
+    pitch = min(2 * (half + aside) / (n + 1 - count), 2 * (half_driven - aside) / max(n - 1, 1))
+    order = np.concatenate([np.arange(line, n, count) for line in range(count)])
+    return pitch, (order - (n - 1) / 2) * pitch, order % count
 
 
-def spacing_of(scenario: Scenario, lines: int, aside: float = 0.0) -> float:
+def spacing_of(scenario: Scenario, count: int, aside: float = 0.0) -> float:
     """Return the spacing of the cars in a line, or twice the largest distance of an outermost car from the wall [m]."""
-    pitch, lanes, _ = lanes_of(scenario, lines, aside)
-    wall = min(scenario.curve.half_width, scenario.curve.half_height) + lanes.min() + (lines - 1) * pitch + aside
-    return max(lines * pitch, 2 * wall)
+    pitch, lanes, _ = lanes_of(scenario, count, aside)
+    wall = min(scenario.curve.half_width, scenario.curve.half_height) + lanes.min() + (count - 1) * pitch + aside
+    return max(count * pitch, 2 * wall)
 
 
-def what_fails(scenario: Scenario, lines: int, speed: float = 0.0, aside: float = 0.0) -> str:
-    """Return the reason why so many lines cannot span the rectangle, with its numbers; an empty string for none.
+def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: float = 0.0) -> str:
+    """Return the condition by which so many lines cannot span the rectangle, with its numbers; "" if they can.
 
     Lines that turn inside have a speed [m/s], at which cars turn on half circles of the radius `aside` [m]; that of
     others is as low as necessary.
@@ -169,17 +169,17 @@ def what_fails(scenario: Scenario, lines: int, speed: float = 0.0, aside: float 
     about = f"at {speed:.3g} m/s cars turn on half circles of {aside:.3g} m, so " if aside else ""
     if aside + inset > half:
         return f"{about}they do not fit {inset:.3g} m inside of walls {2 * half:g} m apart"
-    (pitch, lanes, _), spacing = lanes_of(scenario, lines, aside), spacing_of(scenario, lines, aside)
-    if lines * pitch >= 2 * radius:
-        return f"{about}the cars of a line would be {lines * pitch:.3g} m apart, and not less than {2 * radius:.3g} m"
+    (pitch, lanes, _), spacing = lanes_of(scenario, count, aside), spacing_of(scenario, count, aside)
+    if count * pitch >= 2 * radius:
+        return f"{about}the cars of a line would be {count * pitch:.3g} m apart, and not less than {2 * radius:.3g} m"
     if spacing >= 2 * radius:
         return f"{about}the outermost would be {spacing / 2:.3g} m from its wall, and not less than {radius:.3g} m"
     limit = speed_limit(spacing, radius, rogues, step)
     if limit <= 0 or limit < speed:
         fastest = speed_limit(spacing, radius, speed, step)
         return f"rogues of {rogues:g} m/s cross a line within a step, as do all of at least {fastest:.3g} m/s"
-    apart, needed = pitch - 2 * aside * (lines > 1), _PASSING * 2 * scenario.robot.radius
-    if apart < needed and (lines > 1 or aside > 0):
+    apart, needed = pitch - 2 * aside * (count > 1), _PASSING * 2 * scenario.robot.radius
+    if apart < needed and (count > 1 or aside > 0):
         return f"{about}cars would pass each other at {max(apart, 0):.3g} m, and need {needed:.3g} m"
     away = math.hypot(inset + aside, max(half - float(np.abs(lanes).max()), spacing / 2)) - aside
     if away > radius:
@@ -208,24 +208,24 @@ def turn_of(curvature_step: float) -> Turn:
     raise AssertionError("a long turn fits")
 
 
-def plans_of(scenario: Scenario, parameters: LineParameters, lines: int) -> tuple[tuple[Lines, ...], str]:
-    """Return the plans of so many lines, and why there are none: of several speeds for lines that turn inside."""
+def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tuple[tuple[Lines, ...], str]:
+    """Return `count` lines that span the rectangle, at several speeds if they turn inside, and a failed condition."""
     if scenario.task.boundary == "open" and scenario.inset == 0:
-        failing = what_fails(scenario, lines)
-        return (() if failing else (_outer_plan(scenario, parameters, lines),)), failing
-    largest, plans, failing = _speed_of(scenario, parameters), [], ""
+        failed = failed_condition(scenario, count)
+        return (() if failed else (_turning_outside(scenario, parameters, count),)), failed
+    largest, fitting, failed = _speed_of(scenario, parameters), [], ""
     for share in (1.0,) if parameters.speed else _SHARES:
-        plan = _inner_plan(scenario, lines, share * largest)
-        failing = what_fails(scenario, lines, plan.speed, plan.aside)
-        plans += [] if failing else [plan]
-    return tuple(plans), failing
+        lines = _turning_inside(scenario, count, share * largest)
+        failed = failed_condition(scenario, count, lines.speed, lines.aside)
+        fitting += [] if failed else [lines]
+    return tuple(fitting), failed
 
 
-def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> Lines:
-    """Return the plan of so many lines that turn outside of the rectangle."""
+def _turning_outside(scenario: Scenario, parameters: LineParameters, count: int) -> Lines:
+    """Return `count` lines that turn outside of the rectangle."""
     step = scenario.task.step
-    _, lanes, line_of = lanes_of(scenario, lines)
-    limit = speed_limit(spacing_of(scenario, lines), scenario.sensing_radius, scenario.rogue_speed, step)
+    _, lanes, line_of = lanes_of(scenario, count)
+    limit = speed_limit(spacing_of(scenario, count), scenario.sensing_radius, scenario.rogue_speed, step)
     speed = min(_speed_of(scenario, parameters), limit)
     turn = turn_of(_largest_turn(scenario, speed))
     reach = max(scenario.curve.half_width, scenario.curve.half_height)
@@ -235,8 +235,8 @@ def _outer_plan(scenario: Scenario, parameters: LineParameters, lines: int) -> L
     return Lines(speed, step, path, speed * step * turn.short / turn.angle, 0.0, lanes, line_of)
 
 
-def _inner_plan(scenario: Scenario, lines: int, fastest: float) -> Lines:
-    """Return the plan of lines that turn inside at about a speed [m/s]: whole steps of a sweep and of a half circle.
+def _turning_inside(scenario: Scenario, count: int, fastest: float) -> Lines:
+    """Return `count` lines that turn inside at about a speed [m/s]: whole steps of a sweep and of a half circle.
 
     A sweep of k steps and a half circle of n steps span the driven rectangle if v dt (k / 2 + n / pi) is half of it.
     """
@@ -249,7 +249,7 @@ def _inner_plan(scenario: Scenario, lines: int, fastest: float) -> Lines:
             break
         long += 1
     aside = speed * step * (long / math.pi)
-    _, lanes, line_of = lanes_of(scenario, lines, aside)
+    _, lanes, line_of = lanes_of(scenario, count, aside)
     path = _path(speed * step, sweep, Turn(0, long, 0.0), np.array([aside - half, aside]))
     return Lines(speed, step, path, aside, aside, lanes, line_of)
 
@@ -270,7 +270,7 @@ def _largest_turn(scenario: Scenario, speed: float) -> float:
 
 
 def _path(way: float, sweep: int, turn: Turn, begin: np.ndarray) -> np.ndarray:
-    """Return `Lines.path` from a place on, by ways of a step [m]: steps of a sweep, a turn, the way back, a turn."""
+    """Return `Lines.path` from a place on, `way` [m] a step: a sweep of some steps, a turn, the way back, a turn."""
     there = np.concatenate([np.zeros(sweep), turn.headings])
     headings = np.concatenate([[0.0], there, there - math.pi])
     half = np.diff(headings) / 2
@@ -280,11 +280,11 @@ def _path(way: float, sweep: int, turn: Turn, begin: np.ndarray) -> np.ndarray:
     return np.column_stack([np.vstack([[0.0, 0.0], moved])[:-1] + begin, headings[:-1]])
 
 
-def loops_of(plan: Lines) -> np.ndarray:
+def loops_of(lines: Lines) -> np.ndarray:
     """Return along, across [m] and heading [rad] (N, K, 3) of the cars in their lanes, a period of K steps.
 
     The lines are spread evenly over the period; the first one begins its sweep at the left end.
     """
-    starts = np.array([round(line * plan.period / (plan.line_of.max() + 1)) for line in plan.line_of])
-    at = plan.path[(starts[:, None] + np.arange(plan.period)) % plan.period]
-    return np.stack([at[..., 0], at[..., 1] + plan.lanes[:, None], at[..., 2]], axis=-1)
+    starts = np.array([round(line * lines.period / (lines.line_of.max() + 1)) for line in lines.line_of])
+    at = lines.path[(starts[:, None] + np.arange(lines.period)) % lines.period]
+    return np.stack([at[..., 0], at[..., 1] + lines.lanes[:, None], at[..., 2]], axis=-1)

@@ -1,9 +1,9 @@
 """Ways from the formation into the lines of `line-abreast`, chosen so that no two cars meet.
 
-In the open a car's place in the lines is fixed, by its place on the communication ring. If the formation is rotated by
+In the open, a car's place in the lines follows from its place on the communication ring. If the formation is rotated by
 a random angle at the start, each car derives this angle from its own phase, so the angles of different cars agree only
-approximately. So a way is chosen for each car and each of many angles such that it stays clear of the ways that the
-others have chosen for the same angle and for the nearest ones: whichever of these each car believes in, no two meet.
+approximately. For each car and each of many angles, a way is therefore chosen that stays clear of the ways of the
+others for the same angle and for the nearest ones: whichever of these angles each car derives, no two meet.
 A way is a shortest path of a car that turns by a given radius, an arc, a straight stretch and an arc
 (`baselines.policies.transit`), with a speed that makes it end in time, and may end with a further straight stretch.
 
@@ -36,23 +36,23 @@ _PHASES = (0.5, 0.0, 0.25, 0.75)
 _ENDS = ((0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (0.0, 1.5), (0.5, 1.5))
 """Length of the last straight stretch, in half widths of the formation, and radius of the arcs, in that of a turn."""
 _TILTS = (0.0, -0.5, 0.5)
-"""Changes of the speed between, from the middle to the ends of a way, in the speed."""
+"""Changes of the cruising speed from the middle to the ends of a way, relative to that speed."""
 _SLACK = 1.13
 """Duration of the ways, relative to that of the slowest shortest way."""
 _SLOWEST, _HASTY = 0.3, 0.92
-"""Speeds that a way avoids: below this share of the last one, and above this share of the fastest."""
+"""Shares of the last speed below which, and of the fastest above which, the speed of a way is penalised."""
 _LATE, _POOR, _SLOW, _HURRY = 1e4, 1e3, 0.01, 0.01
-"""Costs of ways that end too late, are too slow, or leave nothing for catching up."""
+"""Penalties of ways that end too late, are too slow, or leave no speed for catching up."""
 _WANTED = 5.0
 """Distance of two cars below which coming closer costs something, in radii of a car."""
 _CLOSE = 0.06
-"""Cost from which on a choice is looked at again."""
+"""Cost above which a choice is made again in the next round."""
 _INTERVALS = 16
 """Intervals of time in which the speeds of all ways are compared."""
 _PIECES = 54
-"""Pieces of ways, about, the distances of which are compared."""
+"""Approximate number of pieces of a way whose distances are compared."""
 _ENTRIES = 250_000
-"""Entries of the tables for one control step each, at most, unless that leaves fewer than 16 angles."""
+"""Largest number of places in the tables, unless fewer than 16 angles would remain."""
 
 
 class Effort(NamedTuple):
@@ -63,13 +63,13 @@ class Effort(NamedTuple):
     choices: int
     """Ways of each car that are compared."""
     nearest: int
-    """Largest distance of two angles that cars may believe in at the same time, in steps of the angle."""
+    """Largest difference of the angles that two cars derive, in steps of the angle."""
     rounds: int
     """Rounds in which each car chooses its way anew, given the others' ways."""
 
     @classmethod
     def of(cls, num_robots: int, steps: int) -> "Effort":
-        """Return the fineness for so many cars, where their tables have about so many control steps."""
+        """Return the fineness for a number of cars whose tables have about so many control steps."""
         few, more, many = cls(128, 20, 2, 3), cls(32, 6, 1, 1), cls(16, 1, 0, 1)
         effort = few if num_robots <= 8 else more if num_robots <= 20 else many
         while effort.angles > 16 and effort.angles * num_robots * steps > _ENTRIES:
@@ -142,21 +142,22 @@ def transit_from_any_angle(
     length = pieces.sum(axis=-1) + leads
     times = _times(scenario, pace, speed, length.min(axis=-1))
     speed, coarsely = speed[..., None], np.linspace(0, times[-1], _INTERVALS + 1)
-    between = speed_between(pace, speed, tilt, length, coarsely)
-    faults = _faults(pace, distances(pace, speed, between, tilt, coarsely), length, coarsely)
-    order = np.argsort(faults + 1e-3 * np.abs(between / pace.final - 1), axis=-1, kind="stable")[..., : effort.choices]
-    length, faults, between = (np.take_along_axis(array, order, axis=2) for array in (length, faults, between))
+    cruise = cruise_speed(pace, speed, tilt, length, coarsely)
+    penalties = _penalties(pace, distances(pace, speed, cruise, tilt, coarsely), length, coarsely)
+    costs = penalties + 1e-3 * np.abs(cruise / pace.final - 1)
+    order = np.argsort(costs, axis=-1, kind="stable")[..., : effort.choices]
+    length, penalties, cruise = (np.take_along_axis(array, order, axis=2) for array in (length, penalties, cruise))
     pieces = np.take_along_axis(pieces, order[..., None], axis=2)
     turns, radii = turns[order], radii[order]
-    gone = distances(pace, speed, between, tilt[order], times)
-    gone *= np.where(faults < _LATE, length / gone[..., -1], 1.0)[..., None]
-    coarse = dubins_poses(begin[:, :, None], pieces, turns, radii, gone[..., :: max(len(times) // _PIECES, 1)])
+    travelled = distances(pace, speed, cruise, tilt[order], times)
+    travelled *= np.where(penalties < _LATE, length / travelled[..., -1], 1.0)[..., None]
+    coarse = dubins_poses(begin[:, :, None], pieces, turns, radii, travelled[..., :: max(len(times) // _PIECES, 1)])
     coarse = np.moveaxis(coarse[..., :2], -1, 0).astype(np.float32)
     noise = 3 * math.sqrt(2) * scenario.formation.start_noise * effort.angles / (2 * np.pi)
     effort = effort._replace(nearest=min(math.ceil(noise), effort.nearest))
-    chosen = _Choice(coarse, faults.astype(np.float32), effort, _WANTED * scenario.robot.radius).run()
+    chosen = _Choice(coarse, penalties.astype(np.float32), effort, _WANTED * scenario.robot.radius).run()
     at = (*np.ogrid[: chosen.shape[0], : chosen.shape[1]], chosen)
-    return dubins_poses(begin, pieces[at], turns[at], radii[at], gone[at])[:, :, :-1, :2]
+    return dubins_poses(begin, pieces[at], turns[at], radii[at], travelled[at])[:, :, :-1, :2]
 
 
 def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.ndarray, ...]:
@@ -189,26 +190,26 @@ def _times(scenario: Scenario, pace: Pace, speed: np.ndarray, shortest: np.ndarr
     return step * np.arange(math.ceil(_SLACK * steps) + 1)
 
 
-def distances(pace: Pace, begin: np.ndarray, between: np.ndarray, tilt: np.ndarray, times: np.ndarray) -> np.ndarray:
+def distances(pace: Pace, begin: np.ndarray, cruise: np.ndarray, tilt: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return (..., K) distances [m] at times [s], the last of which is the end, K even intervals apart.
 
-    The speed approaches the one between, v_b + (v_0 - v_b) exp(-c t), and then the final one as late as the motor
-    allows.
+    The speed approaches the cruising speed v_b, as v_b + (v_0 - v_b) exp(-c t), and then the final one as late as the
+    motor allows.
     """
-    begin, between = begin[..., None], between[..., None]
+    begin, cruise = begin[..., None], cruise[..., None]
     left = times[-1] - times
-    between = np.minimum(between * (1 + tilt[..., None] * (1 - 2 * times / times[-1])), pace.fastest)
-    towards = between + (begin - between[..., :1]) * np.exp(-pace.drag * times)
+    cruise = np.minimum(cruise * (1 + tilt[..., None] * (1 - 2 * times / times[-1])), pace.fastest)
+    towards = cruise + (begin - cruise[..., :1]) * np.exp(-pace.drag * times)
     rising = pace.fastest - (pace.fastest - pace.final) * np.exp(np.minimum(pace.drag * left, 50.0))
     falling = pace.final * np.exp(np.minimum(pace.drag * left, 50.0))
-    speed = np.where(between < pace.final, np.maximum(towards, rising), np.minimum(towards, falling))
+    speed = np.where(cruise < pace.final, np.maximum(towards, rising), np.minimum(towards, falling))
     mean = (speed[..., 1:] + speed[..., :-1]) / 2
-    gone = np.cumsum(mean, axis=-1) * (times[1] - times[0])
-    return np.concatenate([np.zeros((*gone.shape[:-1], 1)), gone], axis=-1)
+    travelled = np.cumsum(mean, axis=-1) * (times[1] - times[0])
+    return np.concatenate([np.zeros((*travelled.shape[:-1], 1)), travelled], axis=-1)
 
 
-def speed_between(pace: Pace, begin: np.ndarray, tilt: np.ndarray, length: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the speed between (...) at which a way of a length [m] lasts the whole time [m/s]."""
+def cruise_speed(pace: Pace, begin: np.ndarray, tilt: np.ndarray, length: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return the cruising speed (...) at which a way of a length [m] lasts the whole time [m/s]."""
     low, high = np.zeros_like(length), np.full_like(length, 2 * pace.fastest)
     for _ in range(14):
         middle = (low + high) / 2
@@ -217,23 +218,23 @@ def speed_between(pace: Pace, begin: np.ndarray, tilt: np.ndarray, length: np.nd
     return (low + high) / 2
 
 
-def _faults(pace: Pace, gone: np.ndarray, length: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _penalties(pace: Pace, travelled: np.ndarray, length: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return the costs of ways of a length [m] that end too late, are too slow, or leave nothing for catching up."""
-    speeds = np.diff(gone, axis=-1) / (times[1] - times[0])
+    speeds = np.diff(travelled, axis=-1) / (times[1] - times[0])
     slowest = speeds.min(axis=-1) / pace.final
     hasty = speeds[..., : -(len(times) // 4)].max(axis=-1) > _HASTY * pace.fastest
     late = length / times[-1] > _HASTY * pace.fastest
     return (
-        _LATE * (gone[..., -1] < 0.98 * length)
+        _LATE * (travelled[..., -1] < 0.98 * length)
         + _POOR * ((slowest < _SLOWEST / 3) + late)
         + (_HURRY * hasty + _SLOW * (slowest < _SLOWEST))
     )
 
 
 def closeness(one: np.ndarray, two: np.ndarray, wanted: float) -> np.ndarray:
-    """Return how much two points that move straight between places (2, ..., K) come too close, without first and last.
+    """Return a cost of two points that come close, which move straight between places (2, ..., K) [m].
 
-    It is the sum over the pieces of the fourth power of what the least distance lacks to the wanted one, in its units.
+    It is the sum over the pieces of the fourth power of (wanted - least distance) / wanted, where that is positive.
     """
     x, y = (one - two) / wanted
     x_moved, y_moved = x[..., 1:] - x[..., :-1], y[..., 1:] - y[..., :-1]
@@ -246,15 +247,15 @@ def closeness(one: np.ndarray, two: np.ndarray, wanted: float) -> np.ndarray:
 
 
 class _Choice:
-    """The choice of a way for each car and angle among C that lead to places (2, P, N, C, K), with faults (P, N, C).
+    """The choice of a way for each car and angle among C that lead to places (2, P, N, C, K), with penalties (P, N, C).
 
-    Each car chooses in turn, for the current choices of the others: the way of the fewest faults that stays clear of
-    the ways of the others for the same angle and the nearest ones.
+    Each car chooses in turn, for the current choices of the others: the way with the least sum of its penalty and of
+    the closeness to the ways of the others for the same angle and the nearest ones.
     """
 
-    def __init__(self, places: np.ndarray, faults: np.ndarray, effort: Effort, wanted: float):
-        self.places, self.faults, self.effort, self.wanted = places, faults, effort, wanted
-        self.chosen = faults.argmin(axis=2)
+    def __init__(self, places: np.ndarray, penalties: np.ndarray, effort: Effort, wanted: float):
+        self.places, self.penalties, self.effort, self.wanted = places, penalties, effort, wanted
+        self.chosen = penalties.argmin(axis=2)
 
     def run(self) -> np.ndarray:
         """Return the choices (P, N)."""
@@ -268,13 +269,16 @@ class _Choice:
         return self.chosen
 
     def choose(self, at: np.ndarray, i: int, others: Iterable[int]) -> np.ndarray:
-        """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs."""
-        cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
+        """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs.
+
+        If the angles are those near 0, the first and the last count as adjacent, too, which is needless but cheap.
+        """
+        cost = np.zeros(self.penalties[at, i].shape, dtype=np.float32)
         for j in others:
             for shift in range(-self.effort.nearest, self.effort.nearest + 1):
                 nearby = (at + shift) % len(self.chosen)
                 other = self.places[:, nearby, j, self.chosen[nearby, j], None]
                 cost += closeness(self.places[:, at, i], other, self.wanted)
-        cost = self.faults[at, i] + cost
+        cost = self.penalties[at, i] + cost
         self.chosen[at, i] = cost.argmin(axis=1)
         return cost.min(axis=1)

@@ -18,9 +18,9 @@ _POINTS = 2048
 _CRUISE = 0.85
 """Speed of a patrol as a share of the limit, so that a car that fell behind can catch up."""
 _ROOM = 1.15
-"""Radius of the corners, in radii of a car's tightest turn."""
+"""Radius of the corners, over that of a car's tightest turn."""
 _RAMP = 2.0
-"""Distance from a corner beyond which a side is bowed by the whole bow, in radii of the corner after its end."""
+"""Distance from the end of a corner beyond which a side is moved by the whole bow, in radii of the corner."""
 
 
 def divisions(count: int, half: tuple[float, float]) -> list[np.ndarray]:
@@ -46,7 +46,7 @@ def divisions(count: int, half: tuple[float, float]) -> list[np.ndarray]:
 
 
 def _shares(count: int, rows: int) -> list[int]:
-    """Return how many cells each row has: as even as possible, the longer rows in the middle."""
+    """Return the number of cells of each row: as even as possible, the longer rows in the middle."""
     base, more = divmod(count, rows)
     first = (rows - more) // 2
     return [base + (first <= k < first + more) for k in range(rows)]
@@ -138,7 +138,7 @@ def resampled(loop: np.ndarray, count: int) -> np.ndarray:
 
 
 def are_adjacent(cells: np.ndarray) -> np.ndarray:
-    """Return which cells share a piece of an edge (N, N)."""
+    """Return whether two cells share a piece of an edge (N, N)."""
     away = np.abs(cells[:, None, :2] - cells[None, :, :2])
     reach = cells[:, None, 2:4] + cells[None, :, 2:4]
     slack = 1e-6 * reach
@@ -203,12 +203,12 @@ class SweepParameters(Checked):
 
 
 def fastest_speed(scenario: Scenario) -> float:
-    """Return the smaller one of the cars' top speed and the formation's speed where the curve is fastest [m/s]."""
+    """Return the smaller of the cars' top speed and the formation's speed where the curve is fastest [m/s]."""
     return min(scenario.robot.top_speed, top_speed(scenario.driven, scenario.formation.phase_rate))
 
 
 def cruising_speed(scenario: Scenario) -> float:
-    """Return the speed of a patrol [m/s], which is so far below the limit that a car can catch up with its place."""
+    """Return the speed of a patrol [m/s], far enough below the fastest that a car can catch up with its place."""
     return _CRUISE * fastest_speed(scenario)
 
 

@@ -17,17 +17,17 @@ Observation = wp.array3d(dtype=float)
 Actions = wp.array3d(dtype=float)
 """(W, N, A) actions of the robots, in [-1, 1]."""
 
-# Places of the entries, by their names in `lissajous_env.world.observation.layout`.
+# Indices of the entries, by their names in `lissajous_env.world.observation.layout`.
 X, Y = wp.constant(0), wp.constant(1)
 COS_HEADING, SIN_HEADING = wp.constant(2), wp.constant(3)
 SPEED = wp.constant(4)
 COS_PHASE, SIN_PHASE = wp.constant(5), wp.constant(6)
 WORKS = wp.constant(7)
-# Within the entries of a ring neighbour.
+# Indices within the entries of a ring neighbour.
 HEARD, AGE = wp.constant(0), wp.constant(1)
 COS_LEAD, SIN_LEAD = wp.constant(2), wp.constant(3)
 X_AWAY, Y_AWAY = wp.constant(4), wp.constant(5)
-# Within the entries of a robot in the disc.
+# Indices within the entries of a robot in sight.
 PRESENT = wp.constant(0)
 X_SEEN, Y_SEEN = wp.constant(1), wp.constant(2)
 X_VELOCITY, Y_VELOCITY = wp.constant(3), wp.constant(4)
@@ -73,13 +73,13 @@ def own_key(w: int, i: int, observation: Observation) -> int:
 
 @wp.func
 def has_ever_heard(w: int, i: int, observation: Observation) -> bool:
-    """Return whether the row contains a message of a ring neighbour, of any age; that of a removed robot has none."""
+    """Return whether a ring neighbour has ever sent a message; the row of a removed robot contains none."""
     return observation[w, i, OWN_SIZE + HEARD] > 0.5 or observation[w, i, OWN_SIZE + LINK_SIZE + HEARD] > 0.5
 
 
 @wp.func
 def hears(w: int, i: int, side: int, observation: Observation) -> bool:
-    """Return whether a recent enough message from a ring neighbour is known."""
+    """Return whether the latest message of a ring neighbour is recent enough to be used."""
     start = OWN_SIZE + LINK_SIZE * side
     return observation[w, i, start + HEARD] > 0.5 and observation[w, i, start + AGE] < 1.0
 
@@ -101,7 +101,7 @@ def lead(w: int, i: int, side: int, observation: Observation) -> float:
 def sine_ahead(w: int, i: int, side: int, rate: float, unit: float, observation: Observation) -> float:
     """Return sin(theta_j - theta_i) of a ring neighbour, its phase extrapolated at `rate` [rad/s] since it was sent.
 
-    Zero for a neighbour that was never heard, or too long ago; `unit` is `Scenario.time_unit` [s].
+    It is zero for a neighbour without a recent message; `unit` is `Scenario.time_unit` [s].
     """
     if not hears(w, i, side, observation):
         return 0.0
@@ -143,17 +143,23 @@ def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: Observ
 class Rows:
     """The observation (W, N, D) of W worlds of N robots as named quantities in SI units.
 
-    Neighbour 0 precedes the robot on the ring, neighbour 1 follows it. Values are 0 for a neighbour before its
-    first message, `lead` also without a recent one, and for places of robots and targets that are not in sight.
+    Neighbour 0 precedes the robot on the ring, neighbour 1 follows it. Values are 0 for a neighbour without a message
+    (`lead` also without a recent one), and for robots and targets beyond those in sight.
 
     Args:
         observation: Observation as a policy receives it, of float32.
         scenario: Scenario of the observation.
+
+    Raises:
+        ValueError: the rows are not as long as those of the scenario.
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
         self.scenario, self._places = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
+        if self.values.shape[-1:] != (len(self._places),):
+            rule = f"observation must have rows of {len(self._places)} numbers for {self.scenario.name}"
+            raise ValueError(f"{rule}, got shape {self.values.shape}")
         self._half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
 
     def entry(self, name: str) -> np.ndarray:
@@ -282,14 +288,14 @@ class Rows:
 
     @cached_property
     def cell_age(self) -> np.ndarray:
-        """Return the time since each cell was covered, as far as the robot knows, at most the memory (W, N, R, C) [s].
+        """Return the time since each cell was covered, as far as the robot knows, at most the memory (W, N, Y, X) [s].
 
-        Row 0 is the lowest row of the rectangle, and column 0 its left one.
+        Row 0 of the Y rows is the lowest of the rectangle, and column 0 of the X columns its left one.
         """
-        columns, lines = self.scenario.sensing.cells_seen or (0, 0)
+        columns, rows = self.scenario.sensing.cells_seen or (0, 0)
         start = cell_start(self.scenario)
-        ages = self.values[..., start : start + columns * lines] * self.scenario.sensing.memory
-        return ages.reshape(*ages.shape[:-1], lines, columns)
+        ages = self.values[..., start : start + columns * rows] * self.scenario.sensing.memory
+        return ages.reshape(*ages.shape[:-1], rows, columns)
 
     def _angle(self, name: str) -> np.ndarray:
         return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))
@@ -308,6 +314,6 @@ class Rows:
 
 @lru_cache(maxsize=64)
 def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int]]:
-    """Return a scenario with every field filled in, and the places of its entries."""
+    """Return a scenario with every field filled in, and the indices of the entries by name."""
     scenario = scenario.resolve()
     return scenario, {name: k for k, name in enumerate(layout(scenario).names)}

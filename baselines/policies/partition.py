@@ -18,7 +18,7 @@ import warp as wp
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.loops import tour
-from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, room_of
+from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, problem_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of, slowed, takeover_of
@@ -47,14 +47,14 @@ from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.wording import outside
 
 _SPARSE = 0.1
-"""Most distance of two places on a loop that are compared with those of stopped robots, in required distances."""
+"""Largest distance of two places on a loop that are compared with stopped robots, in required distances."""
 _AVOIDANCE = 0.15
-"""Distance of a loop from the body of a stopped robot, in radii of a body, besides two deviations of noise."""
+"""Distance of a body on a loop from that of a stopped robot, in radii of a body, besides two deviations of noise."""
 _FINER = 10
-"""Share of the distance from a stopped robot by which two shifts of a loop differ."""
+"""Number of shifts of a loop within the required distance from a stopped robot."""
 _DELAYS = 3, 6, 9
-"""Times that cars stay in formation before they leave it for their loops, where they can [control step]."""
-_FORMS = 50
+"""Times for which cars may stay in formation before they leave it for their loops [control step]."""
+_MOST_CANDIDATES = 50
 """Combinations of a plan, a shift of its loops and a delay for which ways are searched."""
 _SEEN = 0.98
 """Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
@@ -66,8 +66,8 @@ class Partition(TimedPaths):
 
     Robots that are neighbours on the ring have neighbouring cells where the start leaves the choice. From a start in
     the equilibrium, whose places are known, each car follows a planned transit (`baselines.policies.transit`) without
-    collisions. From other starts, a robot has no information on where the others are: it drives to its cell at once,
-    under the collision filter until all of them have had the time to arrive.
+    collisions. From other starts, a robot does not know the places of the others: it drives to its cell at once, under
+    the collision filter until all of them have had the time to arrive.
 
     Raises:
         ValueError: no loops that the cars can drive have room in the rectangle, side by side.
@@ -131,13 +131,13 @@ def _with_ways(
     Raises:
         UnsuitableScenarioError: no plan has ways, and its loops overlap between walls.
     """
-    budget = iter(range(_FORMS))
+    budget = iter(range(_MOST_CANDIDATES))
     for plan in plans if start_is_known(scenario) else ():
         order, assigned = tour(plan.cells), None
         if in_ring:
             ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
             assigned = np.array([in_ring_order(scenario, way) for way in ways])
-        for (form, shift, after), _ in zip(_begun(scenario, plan, in_ring), budget, strict=False):
+        for (form, shift, after), _ in zip(_candidates(scenario, plan, in_ring), budget, strict=False):
             loop = np.roll(form.loop, shift, axis=1)
             transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
             if transit is not None:
@@ -150,11 +150,11 @@ def _with_ways(
             rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
             rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
             got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
-            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
+            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less problem, got {got}")
     return plans[0], None, 0
 
 
-def _begun(scenario: Scenario, plan: PartitionLoops, in_ring: bool) -> Iterator[tuple[PartitionLoops, int, int]]:
+def _candidates(scenario: Scenario, plan: PartitionLoops, in_ring: bool) -> Iterator[tuple[PartitionLoops, int, int]]:
     """Yield forms of a plan, shifts of its loops, and times for which the cars stay in formation [control step].
 
     Cars that can drive along the curve, which is rounded within walls, have more ways to the loops from later places.
@@ -210,9 +210,9 @@ class PartitionRepair(TimedPaths):
     loop until its reference comes by. If the robots have no information on each other's starts, the transit uses the
     collision filter, as in `partition`.
 
-    If the loops of different cells do not overlap, a collision filter moves a car that is off its place around others,
-    and a loop moves slowly to another place. If loops cross, only their common phase separates the cars, which a filter
-    that expects the others to drive straight on does not account for.
+    If the loops of different cells do not overlap, a collision filter leads a car that is off its place around others,
+    and a loop moves slowly to another place. If loops cross, only their common phase separates the cars; a collision
+    filter, which predicts that others drive straight on, would disturb it.
 
     A robot learns only of failures of its ring neighbours (`baselines.policies.taking_over`), so a cell may remain
     uncovered. An `AssumptionWarning` says so where robots can fail and the loops lie apart.
@@ -333,8 +333,8 @@ def timed_repair(
     plans = [slowed(plan, reserve) for plan in partition_plans(scenario, parameters)]
     plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
     cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
-    room, unit = room_of(scenario, parameters), scenario.curve.half_height
-    takeover = takeover_of(plan, cell, scenario.neighbours, room, unit, _offset(scenario))
+    problem, unit = problem_of(scenario, parameters), scenario.curve.half_height
+    takeover = takeover_of(plan, cell, scenario.neighbours, problem, unit, _offset(scenario))
     if ways is None:
         until = _filtered_until(scenario, plan, parameters)
         return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)

@@ -67,7 +67,7 @@ class PartitionParameters(Checked):
 
 
 @dataclass(frozen=True)
-class Room:
+class Problem:
     """Constants that a plan depends on; all lengths are relative to the half height of the rectangle."""
 
     robots: int
@@ -122,9 +122,9 @@ class Shape:
             phase_x: Phase of the next loop in a row less that of the one before [period].
             phase_y: Phase of the next row less that of the one before [period].
         """
-        room = (np.array(half) - self.sizes).min(axis=0)
+        problem = (np.array(half) - self.sizes).min(axis=0)
         outermost = np.abs(self.cells[:, :2]).max(axis=0)
-        shrink = np.minimum(1, np.divide(room, outermost, out=np.ones(2), where=outermost > 0))
+        shrink = np.minimum(1, np.divide(problem, outermost, out=np.ones(2), where=outermost > 0))
         column, row = self.cells[:, 4], self.cells[:, 5]
         count = self.loops.shape[1]
         direction = np.where((turn_x * column + turn_y * row) % 2 == 1, -1, 1)
@@ -154,53 +154,53 @@ def _with_middles(placed: np.ndarray) -> np.ndarray:
     return np.concatenate([placed, (placed + np.roll(placed, -1, axis=1)) / 2], axis=1)
 
 
-def shapes_of(room: Room, parameters: PartitionParameters, half: tuple[float, float]):
+def shapes_of(problem: Problem, parameters: PartitionParameters, half: tuple[float, float]):
     """Yield the shapes of loops that cars can drive: in own cells, and within an inset also in shared ones."""
-    for members in range(1, room.robots + 1 if room.inside and not parameters.in_phase else 2):
-        if room.robots % members == 0:
-            yield from _loops_in_cells(room, parameters, half, members)
+    for members in range(1, problem.robots + 1 if problem.inside and not parameters.in_phase else 2):
+        if problem.robots % members == 0:
+            yield from _loops_in_cells(problem, parameters, half, members)
 
 
-def _loops_in_cells(room: Room, parameters: PartitionParameters, half: tuple[float, float], members: int):
+def _loops_in_cells(problem: Problem, parameters: PartitionParameters, half: tuple[float, float], members: int):
     """Yield the shapes of loops on each of which so many cars follow one another at even distances."""
-    layouts = divisions(room.robots // members, half)
+    layouts = divisions(problem.robots // members, half)
     if parameters.rows is not None:
         layouts = [cells for cells in layouts if len(np.unique(np.round(cells[:, 1], 9))) == parameters.rows]
     else:
         stretch = [float(np.max(np.maximum(cells[:, 2] / cells[:, 3], cells[:, 3] / cells[:, 2]))) for cells in layouts]
         layouts = [cells for cells, ratio in zip(layouts, stretch, strict=True) if ratio <= 2.5 * min(stretch)]
-    extents = (*_EXTENTS, 1.0) if room.inside else _EXTENTS  # sensors have to reach across the inset
+    extents = (*_EXTENTS, 1.0) if problem.inside else _EXTENTS  # sensors have to reach across the inset
     extents_x = extents if parameters.extent_x is None else (parameters.extent_x,)
     extents_y = extents if parameters.extent_y is None else (parameters.extent_y,)
     all_lanes = (2, 4, 6) if parameters.lanes is None else (parameters.lanes,)
     for cells, along_x, along_y, lanes in itertools.product(layouts, extents_x, extents_y, all_lanes):
         share = np.array([along_x, along_y])
-        largest = np.minimum(cells[:, 2:4], room.driven)
-        sizes = room.turning + share * np.maximum(largest - room.turning, 0)
-        if lanes > 2 and sizes.min() < 3 * room.turning:
+        largest = np.minimum(cells[:, 2:4], problem.driven)
+        sizes = problem.turning + share * np.maximum(largest - problem.turning, 0)
+        if lanes > 2 and sizes.min() < 3 * problem.turning:
             continue
-        corners = (room.turning,) if lanes > 2 else (room.turning, float(sizes.min()))
+        corners = (problem.turning,) if lanes > 2 else (problem.turning, float(sizes.min()))
         for corner in dict.fromkeys(corners):
             distinct, which = np.unique(np.round(sizes, 12), axis=0, return_inverse=True)
             loops = [closed_loop(size[0], size[1], corner, lanes) for size in distinct]
             if all(loop is not None for loop in loops):
-                timed = _timed(loops, room, corner, members)[which.ravel()]
+                timed = _timed(loops, problem, corner, members)[which.ravel()]
                 count = timed.shape[1]
                 shared = [np.roll(loop, -k * count // members, axis=0) for loop in timed for k in range(members)]
                 yield Shape(np.repeat(cells, members, axis=0), np.repeat(sizes, members, axis=0), np.array(shared))
 
 
-def speed_on(corner: float, room: Room) -> float:
+def speed_on(corner: float, problem: Problem) -> float:
     """Return the largest speed on a loop with corners of some radius, a control step."""
-    return max(min(room.speed, math.sqrt(room.grip * corner), TURN * corner), 1.02 * room.slowest)
+    return max(min(problem.speed, math.sqrt(problem.grip * corner), TURN * corner), 1.02 * problem.slowest)
 
 
-def _timed(loops: list, room: Room, corner: float, members: int) -> np.ndarray:
+def _timed(loops: list, problem: Problem, corner: float, members: int) -> np.ndarray:
     """Return places (M, K, 2) on loops at each control step, for the shortest period that the cars can drive.
 
     The period is a multiple of the number of members of a loop.
     """
-    count = max(math.ceil(max(map(length_of, loops)) / speed_on(corner, room) - 1e-9), 8)
+    count = max(math.ceil(max(map(length_of, loops)) / speed_on(corner, problem) - 1e-9), 8)
     count = members * math.ceil(count / members)
     return np.stack([evenly_spaced(loop, count) for loop in loops])
 
@@ -227,8 +227,8 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
     """
     scenario, parameters = scenario.resolve(), parameters or PartitionParameters()
     unit, step = scenario.curve.half_height, scenario.task.step
-    room, curve = room_of(scenario, parameters), scenario.curve
-    turning = room.turning * unit
+    problem, curve = problem_of(scenario, parameters), scenario.curve
+    turning = problem.turning * unit
     driven, inset = scenario.driven, scenario.inset
     if turning > (smallest := min(driven.half_width, driven.half_height)):
         rule = "partition requires a rectangle that contains a car's turning circle"
@@ -241,22 +241,22 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
     is_drive = math.isfinite(scenario.robot.top_yaw_acceleration) and parameters.turning is None
     widths = [w for w in (_WIDER if is_drive else _WIDER[:1]) if w == 1 or w * turning <= smallest]
     relative = replace(parameters, speed=None, clearance=None, turning=None)
-    ranked = [plan for width in widths for plan in _ranked(replace(room, turning=width * room.turning), relative)]
+    ranked = [plan for width in widths for plan in _ranked(replace(problem, turning=width * problem.turning), relative)]
     if not ranked:
         rule = f"partition requires room for {scenario.num_robots} loops of radius {turning:.3g} m"
-        rule = f"{rule}, in phase at least {room.apart * unit:.3g} m from one another"
+        rule = f"{rule}, in phase at least {problem.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
     plans = []
     for _, shape, loop in sorted(ranked, key=_score)[:_MOST_PLANS]:
         speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
         plans.append(PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
-    return plans if room.inside else plans[:1]
+    return plans if problem.inside else plans[:1]
 
 
-def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
+def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
     """Return the constants that the plan of a scenario depends on."""
     robot, unit, step = scenario.robot, scenario.curve.half_height, scenario.task.step
-    return Room(
+    return Problem(
         robots=scenario.num_robots,
         half_width=scenario.curve.half_width / unit,
         driven=(scenario.driven.half_width / unit, scenario.driven.half_height / unit),
@@ -271,36 +271,36 @@ def room_of(scenario: Scenario, parameters: PartitionParameters) -> Room:
 
 
 @lru_cache(maxsize=256)
-def _ranked(room: Room, parameters: PartitionParameters) -> list[tuple[tuple, Shape, np.ndarray]]:
-    """Return scores, shapes and their loops (N, K, 2) at the cells, the best plan first; none if none have room."""
-    half = (room.half_width, 1.0)
+def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tuple, Shape, np.ndarray]]:
+    """Return scores, shapes and their loops (N, K, 2) at the cells, the best plan first; none if none have problem."""
+    half = (problem.half_width, 1.0)
     shapes = []
-    for shape in shapes_of(room, parameters, half):
-        placed = shape.placed(room.driven)
-        if smallest_distance(placed) >= room.apart:
-            thin, step = _thinned(placed, room)
-            never, longest = unvisited_and_gap(thin, half, room.sensing, coarse=True)
+    for shape in shapes_of(problem, parameters, half):
+        placed = shape.placed(problem.driven)
+        if smallest_distance(placed) >= problem.apart:
+            thin, step = _thinned(placed, problem)
+            never, longest = unvisited_and_gap(thin, half, problem.sensing, coarse=True)
             shapes.append((never, longest * step, len(shapes), shape))
     if not shapes:
         return []
     compared: list[tuple] = []
     ordered = [shape for *_, shape in sorted(shapes, key=lambda rating: rating[:3])]
-    for k, shape in enumerate(ordered[: _MOST_SHAPES if room.inside else _SHAPES]):
+    for k, shape in enumerate(ordered[: _MOST_SHAPES if problem.inside else _SHAPES]):
         if k >= _SHAPES and min(compared, key=_score)[0][0] < math.inf:
             break
-        _compare(compared, room, shape, _ALIKE)
+        _compare(compared, problem, shape, _ALIKE)
     leading = sorted(compared, key=_score)[:_PATTERNS]
     for _, shape, _ in () if parameters.in_phase else leading:
         for turns in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
-            _compare(compared, room, shape, turns)
+            _compare(compared, problem, shape, turns)
     _, shape, (turn_x, turn_y, *_) = min(compared, key=_score)
     quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
     for phases in itertools.product(quarters, quarters):
-        _compare(compared, room, shape, (turn_x, turn_y, *phases))
+        _compare(compared, problem, shape, (turn_x, turn_y, *phases))
     best: dict[int, tuple[tuple, Shape, np.ndarray]] = {}
     for score, shape, pattern in sorted(compared, key=_score):
-        best.setdefault(id(shape), (score, shape, shape.placed(room.driven, *pattern)))
-    return list(best.values())[: _MOST_PLANS if room.inside else 1]
+        best.setdefault(id(shape), (score, shape, shape.placed(problem.driven, *pattern)))
+    return list(best.values())[: _MOST_PLANS if problem.inside else 1]
 
 
 def _score(entry: tuple) -> tuple[float, float, float]:
@@ -308,18 +308,18 @@ def _score(entry: tuple) -> tuple[float, float, float]:
     return entry[0]
 
 
-def _compare(compared: list[tuple], room: Room, shape: Shape, pattern: tuple) -> None:
+def _compare(compared: list[tuple], problem: Problem, shape: Shape, pattern: tuple) -> None:
     """Add a shape in a pattern with its score to those that were compared, unless robots come too near."""
-    placed, half = shape.placed(room.driven, *pattern), (room.half_width, 1.0)
-    if smallest_distance(placed) < room.apart:
+    placed, half = shape.placed(problem.driven, *pattern), (problem.half_width, 1.0)
+    if smallest_distance(placed) < problem.apart:
         return
     limit = 1.5 * min(compared, key=_score)[0][0] if compared else math.inf
-    thin, step = _thinned(placed, room)
-    compared.append((rating_of(thin, half, room, step, limit), shape, pattern))
+    thin, step = _thinned(placed, problem)
+    compared.append((rating_of(thin, half, problem, step, limit), shape, pattern))
 
 
 def rating_of(
-    loop: np.ndarray, extent: Any, room: Room, step: float = 1.0, limit: float = math.inf, coarse: bool = False
+    loop: np.ndarray, extent: Any, problem: Problem, step: float = 1.0, limit: float = math.inf, coarse: bool = False
 ) -> tuple[float, float, float]:
     """Return how well robots on loops (N, K, 2), with places `step` apart, watch a rectangle with half extents (2,).
 
@@ -328,19 +328,19 @@ def rating_of(
         longest time between two visits [control step]. `unvisited_and_gap` describes `coarse`.
     """
     half = (float(extent[0]), float(extent[1]))
-    unvisited, gap = unvisited_and_gap(loop, half, room.sensing, coarse)
+    unvisited, gap = unvisited_and_gap(loop, half, problem.sensing, coarse)
     worst = math.inf
     if unvisited == 0:
-        worst = worst_undetected_time(loop, half, room.sensing, room.target_speed, step, limit)
+        worst = worst_undetected_time(loop, half, problem.sensing, problem.target_speed, step, limit)
     return worst, unvisited, gap * step
 
 
-def _thinned(placed: np.ndarray, room: Room) -> tuple[np.ndarray, float]:
+def _thinned(placed: np.ndarray, problem: Problem) -> tuple[np.ndarray, float]:
     """Return places (N, K', 2) on loops (N, K, 2) of long periods, at fewer times, and the control steps between these.
 
     At least `_TIMES` remain, and a robot moves at most a part of its sensing radius from one to the next.
     """
     count = placed.shape[1]
-    every = max(min(count // _TIMES, math.floor(_REACH * room.sensing / room.speed)), 1)
+    every = max(min(count // _TIMES, math.floor(_REACH * problem.sensing / problem.speed)), 1)
     times = count // every
     return placed[:, np.arange(times) * count // times], count / times

@@ -17,7 +17,17 @@ from baselines.policies.loops import (
     loop_spacing,
     patrol_loop,
 )
-from baselines.policies.own_row import hears, lead, own_heading, own_key, own_phase, own_position, own_speed
+from baselines.policies.own_row import (
+    Actions,
+    Observation,
+    hears,
+    lead,
+    own_heading,
+    own_key,
+    own_phase,
+    own_position,
+    own_speed,
+)
 from baselines.similarity import motion_scale
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
@@ -77,9 +87,9 @@ def agreed_phase(
     equilibrium: wp.array(dtype=float),
     displaced: wp.array(dtype=float),
     ring: wp.array(dtype=wp.vec2i),
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
 ) -> float:
-    """Return robot i's phase after the mean of its own and its neighbours' deviations from the start is removed.
+    """Return robot i's phase without the mean deviation of itself and its neighbours from the planned start [rad].
 
     Robots whose phases deviate differently thus agree better on the order of their places.
     """
@@ -111,14 +121,15 @@ def follow_loop(
     winding: float,
     origin: float,
     memory: wp.array2d(dtype=wp.vec2),
-    observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    action_out: Actions,
 ):
     """Drive to robot i's place in the file, which moves around the loop at cruising speed [m/s].
 
-    With a time constant `gather` [s] the places start from rest: their speed is (1 - exp(-t / gather)) of that. If
-    `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed. If `winding` is not 0,
-    the place of a robot is `file_by_phase` of its phase. The phase is that without its angle `displaced` of the start.
+    With a time constant `gather` [s], the places start from rest: their speed is the share 1 - exp(-t / gather) of
+    that. If `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed. If `winding` is
+    not 0, the place of a robot follows from its phase by `file_by_phase`, else from the order of all (`slot_of`). The
+    angle `displaced` of the start [rad] is subtracted from the phase.
 
     The memory of a robot is the index on the loop where its place began, and one more than the number of steps since
     then.
@@ -164,8 +175,8 @@ def go_around(
     cruise: float,
     ahead: int,
     memory: wp.array2d(dtype=int),
-    observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    action_out: Actions,
 ):
     """Drive to the point of the loop that is `ahead` points beyond the nearest one, at cruising speed [m/s].
 
@@ -194,8 +205,8 @@ def wander(
     speed_gain: float,
     near: float,
     goals: wp.array2d(dtype=wp.vec3),
-    observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    action_out: Actions,
 ):
     """Drive to a random place in the rectangle, slower where it is `near` [m], and choose the next one on arrival."""
     w, i = wp.tid()
@@ -219,9 +230,7 @@ def wander(
 
 
 @wp.kernel
-def wander_on_curve(
-    robot: RobotStruct, rate: float, observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)
-):
+def wander_on_curve(robot: RobotStruct, rate: float, observation: Observation, action_out: Actions):
     """Move along the curve at a phase rate that is drawn in each step from [0, 2 rate) [rad/s]."""
     w, i = wp.tid()
     draw = randomness.uniform(own_key(w, i, observation), i, randomness.WANDER)
@@ -229,7 +238,7 @@ def wander_on_curve(
 
 
 @wp.kernel
-def act_at_random(observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
+def act_at_random(observation: Observation, action_out: Actions):
     """Draw each component of the action in each step."""
     w, i = wp.tid()
     key = own_key(w, i, observation)
@@ -239,15 +248,19 @@ def act_at_random(observation: wp.array3d(dtype=float), action_out: wp.array3d(d
 
 
 class _Patrol(Policy):
-    """Robots that patrol, with a memory of their own, if they are cars by `driving`."""
+    """Base class of patrols, which have a memory for each robot and drive cars by `baselines.policies.driving`."""
 
     arrays = "warp"
     remembers = ("_memory",)
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
-        robot = to_struct(RobotStruct, self.scenario.robot)
-        self._inputs = [curve_struct(self.scenario.curve, self.device), robot, scaled_gain(self.scenario, SPEED_GAIN)]
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._inputs = [
+            curve_struct(self.scenario.curve, self.device),
+            self._robot,
+            scaled_gain(self.scenario, SPEED_GAIN),
+        ]
 
 
 class Sweep(_Patrol):
@@ -315,7 +328,7 @@ class RandomWaypoint(_Patrol):
         """Write `action`."""
         kernel, inputs = {
             "car": (wander, [*self._inputs, self._near, self._memory, observation]),
-            "curve": (wander_on_curve, [self._inputs[1], self._rate, observation]),
+            "curve": (wander_on_curve, [self._robot, self._rate, observation]),
         }.get(self.scenario.actuation, (act_at_random, [observation]))
         self.launch(kernel, self.shape, inputs, [self.action])
 

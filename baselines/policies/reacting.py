@@ -9,6 +9,7 @@ Distances in their settings are in units of `sensing.sight`, and `Lanes.reach` i
 is in units of the sensing radius over the top speed.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -34,7 +35,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def towards(offset: np.ndarray, slow: float) -> np.ndarray:
-    """Return velocities [top speed] to relative places (..., 2) [m], slower within a distance `slow` [m] of them."""
+    """Return velocities [top speed] along offsets (..., 2), proportional to their lengths up to a length `slow`."""
     return unit(offset) * np.minimum(np.linalg.norm(offset, axis=-1, keepdims=True) / slow, 1.0)
 
 
@@ -58,7 +59,7 @@ def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
     far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
     near = np.clip(_APART * rows.scenario.robot.radius / np.maximum(far, 1e-9) - 1, 0.0, 3.0)
     wish = wish - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
-    return unit(wish) * np.minimum(np.linalg.norm(wish, axis=-1, keepdims=True), 1.0)
+    return towards(wish, 1.0)
 
 
 def known_places(rows: Rows) -> np.ndarray:
@@ -140,7 +141,8 @@ class Lanes(Reacting):
     """Patrol in lanes: robots follow each other, evenly spaced, on one closed tour; it observes no target.
 
     The lanes are parallel to the shorter side of the rectangle. Each robot takes the nearest free place on the tour at
-    the start, as soon as the first messages can have arrived.
+    the start, as soon as the first messages can have arrived. If messages are lost, robots may disagree, so they choose
+    anew in every step until they have had time to reach a place.
     """
 
     lanes: int | None = None
@@ -164,7 +166,9 @@ class Lanes(Reacting):
         self._slot = np.zeros(self.shape, int)
         noise = self.scenario.noise
         delay = round(noise.message_delay / self.step)
-        self._last_choice = delay + (4 if noise.message_loss > 0 else 0)
+        self._spacing = self._along[-1] / self.num_robots
+        longest = math.ceil(1.25 * self._spacing / (self.top * self.step))  # until robots are apart in their places
+        self._delay, self._last_choice = delay, delay + (longest if noise.message_loss > 0 else 0)
         self._earlier = np.zeros((*self.shape, delay + 1, 2))
         """Own places in the latest steps, the earliest last: a choice uses places of one step for the whole team."""
 
@@ -179,22 +183,31 @@ class Lanes(Reacting):
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Follow the robot's place on the tour."""
-        spacing = self._along[-1] / self.num_robots
         starts, chooses = self._steps == 0, self._steps <= self._last_choice
         self._earlier = np.concatenate([rows.position[:, :, None], self._earlier[:, :, :-1]], axis=2)
         self._earlier[starts] = rows.position[starts][:, :, None]
         if chooses.any():
             places = known_places(rows)
             places[:, :, 0] = self._earlier[:, :, -1]
-            self._slot[chooses] = self._nearest_slots(places[chooses], spacing)
-        way = 0.95 * self.top * self.step * self._steps + self._ahead
+            then = self._way(np.maximum(self._steps - self._delay, 0))
+            self._slot[chooses] = self._nearest_slots(places[chooses], then[chooses])
+        way = self._way(self._steps)
         self._steps += 1
-        return towards(self.place(way[:, None] + spacing * self._slot) - rows.position, 0.5 * self._ahead)
+        return towards(self.place(way[:, None] + self._spacing * self._slot) - rows.position, 0.5 * self._ahead)
 
-    def _nearest_slots(self, places: np.ndarray, spacing: float) -> np.ndarray:
-        """Return the slot (W, N) of each robot, for the places (W, N, 1 + M, 2) [m] that it knows, its own first."""
-        slots = self.place(self._ahead + spacing * np.arange(self.num_robots))
-        far = np.linalg.norm(places[..., None, :] - slots, axis=-1)
+    def _way(self, steps: np.ndarray) -> np.ndarray:
+        """Return the way (W,) of slot 0 along the tour after some steps [m]."""
+        return 0.95 * self.top * self.step * steps + self._ahead
+
+    def _nearest_slots(self, places: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Return the slot (W, N) of each robot.
+
+        Args:
+            places: (W, N, 1 + M, 2) places of the robots that it knows, its own first [m].
+            way: (W,) way of slot 0 when the robots were there [m].
+        """
+        slots = self.place(way[:, None] + self._spacing * np.arange(self.num_robots))
+        far = np.linalg.norm(places[..., None, :] - slots[:, None, None], axis=-1)
         far = np.where(np.isnan(far), np.inf, far)
 
         def take(slot: np.ndarray) -> None:

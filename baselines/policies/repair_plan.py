@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.loops import are_adjacent, closed_loop, evenly_spaced, length_of
-from baselines.policies.partition_plan import PartitionLoops, Room, rating_of, smallest_distance, speed_on
+from baselines.policies.partition_plan import PartitionLoops, Problem, rating_of, smallest_distance, speed_on
 
 SHAPES = 4
 """Loops of different shapes for each case."""
@@ -76,7 +76,7 @@ def _at_even_distances(loop: np.ndarray, count: int) -> np.ndarray:
 
 
 def takeover_of(
-    plan: PartitionLoops, cell: np.ndarray, neighbours: np.ndarray, room: Room, unit: float, offset: float
+    plan: PartitionLoops, cell: np.ndarray, neighbours: np.ndarray, problem: Problem, unit: float, offset: float
 ) -> Takeover:
     """Return the loops of robots that take over the cells of ring neighbours.
 
@@ -86,13 +86,13 @@ def takeover_of(
         plan: The plan without failures, all loops in phase.
         cell: (N,) cell of each robot.
         neighbours: (N, 2) previous and next robot on the ring, -1 for none.
-        room: Constants of the plan.
+        problem: Constants of the plan.
         unit: Half height of the rectangle [m].
         offset: Spacing of the distances at which the quality of a loop is computed [m].
     """
     cells, own = plan.cells[cell][:, :4] / unit, plan.loop[cell] / unit
     count, adjacent = len(cells), are_adjacent(cells)
-    search = _LoopSearch(room, own.shape[1], offset / unit)
+    search = _LoopSearch(problem, own.shape[1], offset / unit)
     corners = np.zeros((CASES * SHAPES, count), dtype=int)
     chosen = []
     for robot, case in itertools.product(range(count), range(CASES)):
@@ -100,7 +100,7 @@ def takeover_of(
         failed = [other for other in failed if other >= 0 and adjacent[robot, other]]
         low = (cells[[robot, *failed], :2] - cells[[robot, *failed], 2:4]).min(axis=0)
         high = (cells[[robot, *failed], :2] + cells[[robot, *failed], 2:4]).max(axis=0)
-        corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, room.half_width)
+        corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, problem.half_width)
         half, unmoved = (high - low) / 2, _Option(own[robot], np.zeros(2), search.around(0.0))
         options = search.alone(half, (low + high) / 2)
         if not failed:  # the loop of the plan comes first
@@ -109,7 +109,7 @@ def takeover_of(
             towards = (cells[failed, :2] - cells[robot, :2]).sum(axis=0)
             options = search.beside(half, middle_of(own[robot]) + _TOWARDS * towards, towards)
         others = own[np.delete(np.arange(count), [robot, *failed])]
-        options = [option for option in options if smallest_distance(option.loop[None], others) >= room.apart]
+        options = [option for option in options if smallest_distance(option.loop[None], others) >= problem.apart]
         chosen.append(options or [unmoved])
     rows = [  # of the first SHAPES of the options, the last of which is repeated
         [of_robot[min(shape, len(of_robot) - 1)] for of_robot in chosen[case::CASES]]
@@ -130,16 +130,16 @@ def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
 class _LoopSearch:
     """Loops of the period of the plan, each with its middle less the best place for it, and the costs around that."""
 
-    def __init__(self, room: Room, count: int, offset: float):
-        self.room, self.count, self.offset = room, count, offset
+    def __init__(self, problem: Problem, count: int, offset: float):
+        self.problem, self.count, self.offset = problem, count, offset
         self._alone: dict[bytes, list] = {}
 
     def alone(self, half: np.ndarray, middle: np.ndarray) -> list[_Option]:
         """Return loops by which one robot alone watches a rectangle, the best first; the cost is by how well."""
         key = np.round(half, 9).tobytes()
         if key not in self._alone:
-            loops = _loops_in(half, self.room, self.count)[:SHAPES]
-            self._alone[key] = [(around, _quality(half, around, self.room, self.offset)) for around in loops]
+            loops = _loops_in(half, self.problem, self.count)[:SHAPES]
+            self._alone[key] = [(around, _quality(half, around, self.problem, self.offset)) for around in loops]
         placed = [(self._inside(around, middle), cost) for around, cost in self._alone[key]]
         return [_Option(loop, middle_of(loop) - middle, cost) for loop, cost in placed]
 
@@ -150,23 +150,23 @@ class _LoopSearch:
         discs. A loop that is as long as the rectangle across the row can lead around a robot that has stopped there.
         The middle is the best place, whose cost grows with the distance.
         """
-        room, along_x = self.room, abs(towards[0]) >= abs(towards[1])
-        half, options = np.minimum(half, room.driven), []
+        problem, along_x = self.problem, abs(towards[0]) >= abs(towards[1])
+        half, options = np.minimum(half, problem.driven), []
         for share in (1.0, 0.5, 0.0):
-            long = room.turning + share * max((half[1] if along_x else half[0]) - room.turning, 0)
-            loop = closed_loop(*((room.turning, long) if along_x else (long, room.turning)), room.turning)
-            if loop is not None and _is_drivable(loop, room.turning, room, self.count):
+            long = problem.turning + share * max((half[1] if along_x else half[0]) - problem.turning, 0)
+            loop = closed_loop(*((problem.turning, long) if along_x else (long, problem.turning)), problem.turning)
+            if loop is not None and _is_drivable(loop, problem.turning, problem, self.count):
                 placed = self._inside(evenly_spaced(loop, self.count), middle)
                 options.append(_Option(placed, np.zeros(2), self.around(5.0 * (1.0 - share))))
         return options
 
     def around(self, least: float) -> np.ndarray:
         """Return costs (OFFSETS, OFFSETS) that grow with the square of the distance, in sensing radii."""
-        steps = self.offset * np.arange(OFFSETS) / self.room.sensing
+        steps = self.offset * np.arange(OFFSETS) / self.problem.sensing
         return least + 10 * (steps[:, None] ** 2 + steps**2)
 
     def _inside(self, around: np.ndarray, middle: np.ndarray) -> np.ndarray:
-        limit = np.maximum(np.array(self.room.driven) - np.ptp(around, axis=0) / 2, 0)
+        limit = np.maximum(np.array(self.problem.driven) - np.ptp(around, axis=0) / 2, 0)
         return np.clip(middle, -limit, limit) + around - middle_of(around)
 
 
@@ -175,12 +175,12 @@ def middle_of(loop: np.ndarray) -> np.ndarray:
     return (loop.min(axis=-2) + loop.max(axis=-2)) / 2
 
 
-def _is_drivable(loop: np.ndarray, corner: float, room: Room, count: int) -> bool:
+def _is_drivable(loop: np.ndarray, corner: float, problem: Problem, count: int) -> bool:
     """Return whether a car can drive a loop with corners of a radius in so many control steps."""
-    return length_of(loop) <= speed_on(corner, room) * count * (1 + 1e-9)
+    return length_of(loop) <= speed_on(corner, problem) * count * (1 + 1e-9)
 
 
-def _quality(half: np.ndarray, around: np.ndarray, room: Room, offset: float) -> np.ndarray:
+def _quality(half: np.ndarray, around: np.ndarray, problem: Problem, offset: float) -> np.ndarray:
     """Return the costs (OFFSETS, OFFSETS) of a loop that watches a rectangle alone: the worst-case undetected time.
 
     They are in periods, and above `_UNKNOWN` where there is no guarantee.
@@ -191,27 +191,27 @@ def _quality(half: np.ndarray, around: np.ndarray, room: Room, offset: float) ->
             cost[k, m] = max(cost[k - 1, m], cost[k, m - 1]) + 0.1
             continue
         moved = around + offset * np.array([k, m])
-        worst, unvisited, gap = rating_of(moved[None], half, room, coarse=True)
+        worst, unvisited, gap = rating_of(moved[None], half, problem, coarse=True)
         cost[k, m] = min(worst / len(around), _UNKNOWN + gap / len(around)) + _UNKNOWN * unvisited
     return cost
 
 
-def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
+def _loops_in(half: np.ndarray, problem: Problem, count: int) -> list[np.ndarray]:
     """Return loops (K, 2) around the origin that a car can drive in K control steps, the best for a rectangle first."""
     rated = []
-    largest = np.maximum(np.minimum(half, room.driven), room.turning)
+    largest = np.maximum(np.minimum(half, problem.driven), problem.turning)
     for share_x, share_y in itertools.product(_SHARES, _SHARES):
-        size = room.turning + np.array([share_x, share_y]) * (largest - room.turning)
-        for corner in dict.fromkeys(np.linspace(room.turning, size.min(), 4).tolist()):
+        size = problem.turning + np.array([share_x, share_y]) * (largest - problem.turning)
+        for corner in dict.fromkeys(np.linspace(problem.turning, size.min(), 4).tolist()):
             loop = closed_loop(size[0], size[1], corner)
-            if loop is not None and _is_drivable(loop, corner, room, count):
+            if loop is not None and _is_drivable(loop, corner, problem, count):
                 around = evenly_spaced(loop, count)
-                rated.append((*rating_of(around[None], half, room), len(rated), around))
+                rated.append((*rating_of(around[None], half, problem), len(rated), around))
     rated.sort(key=lambda rating: rating[:4])
     distinct: list[np.ndarray] = []
     for *_, around in rated:
         size = np.ptp(around, axis=0) / 2
         differences = [np.abs(np.ptp(other, axis=0) / 2 - size).max() for other in distinct]
-        if min(differences, default=math.inf) >= _DISTINCT * room.turning:
+        if min(differences, default=math.inf) >= _DISTINCT * problem.turning:
             distinct.append(around)
     return distinct

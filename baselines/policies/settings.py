@@ -5,7 +5,7 @@ two: `parameters` are the tracker's, `coordinator` are the coordinator's. Omitte
 a dataclass with a method `of(scenario, **overrides)` scales to the scenario.
 
 A folder with such settings in `policy.toml`, and the scenario that they were made for beside it in `scenario.toml`, is
-accepted wherever a policy is named, as that of a checkpoint is. Nothing in it is executed.
+accepted wherever a policy is named, like the folder of a checkpoint. Nothing in it is executed.
 
     policy = "arc-mpcc"
     [parameters]

@@ -22,7 +22,7 @@ import warp as wp
 
 from baselines.policies.driving import SPREAD_MAX
 from baselines.policies.inside import DEVIATIONS, ROUNDING, margin_of
-from baselines.policies.own_row import own_heading, own_position, own_speed, own_works
+from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
@@ -42,8 +42,8 @@ SPEEDS = wp.constant(2)
 
 
 @wp.struct
-class Room:
-    """Constants of the rule."""
+class Limits:
+    """Limits of the motion of drives, and of the rectangle K."""
 
     half: wp.vec2
     """Half of the width and of the height of K [m]."""
@@ -72,7 +72,7 @@ class Room:
     substeps: wp.int32
     """Integration steps in a control step."""
     braking: wp.int32
-    """Integration steps in which the weakest motor brakes from the top speed."""
+    """Integration steps in which the weakest motor brakes from the top speed, measured with the largest error."""
 
 
 @wp.struct
@@ -86,117 +86,117 @@ class Drive:
 
 
 @wp.func
-def moved(room: Room, robot: RobotStruct, drive: Drive, speed: float, turning: float, push: float) -> Drive:
+def moved(limits: Limits, robot: RobotStruct, drive: Drive, speed: float, turning: float, push: float) -> Drive:
     """Return a drive after an integration step towards a speed [m/s] and a yaw rate [rad/s]."""
-    most = yaw_limit(robot, drive.pose[3], ramp(drive.pose[3], speed, push * room.substep))
+    most = yaw_limit(robot, drive.pose[3], ramp(drive.pose[3], speed, push * limits.substep))
     turned = wp.clamp(drive.yaw_rate, -most, most)
     towards = wp.clamp(turning, -most, most)
     after = Drive()
-    after.pose = drive_step(robot, drive.pose, turned, speed, towards, push, room.substep)
-    after.yaw_rate = ramp(turned, towards, robot.yaw_acceleration_max * room.substep)
+    after.pose = drive_step(robot, drive.pose, turned, speed, towards, push, limits.substep)
+    after.yaw_rate = ramp(turned, towards, robot.yaw_acceleration_max * limits.substep)
     return after
 
 
 @wp.func
-def is_in(room: Room, half: wp.vec2, drive: Drive) -> bool:
+def is_in(limits: Limits, half: wp.vec2, drive: Drive) -> bool:
     """Return whether a drive is in a rectangle of half extents `half` [m], within the rounding errors."""
     x, y = wp.abs(drive.pose[0]), wp.abs(drive.pose[1])
-    return x <= half[0] + room.rounding and y <= half[1] + room.rounding
+    return x <= half[0] + limits.rounding and y <= half[1] + limits.rounding
 
 
 @wp.func
-def room_to_stop(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> float:
+def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> float:
     """Return the least distance from the edge of a rectangle while a drive brakes with an action of the yaw rate [m].
 
     It is below 0 if the drive leaves the rectangle.
     """
     now = drive
     least = float(1.0e30)
-    for _ in range(room.braking):
+    for _ in range(limits.braking):
         if now.pose[3] == 0.0:
             break
-        now = moved(room, robot, now, 0.0, turn * room.turns[0], room.pushes[0])
+        now = moved(limits, robot, now, 0.0, turn * limits.turns[0], limits.pushes[0])
         least = wp.min(least, wp.min(half[0] - wp.abs(now.pose[0]), half[1] - wp.abs(now.pose[1])))
     return least
 
 
 @wp.func
-def can_stop(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> bool:
+def can_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> bool:
     """Return whether a drive stays in a rectangle while it brakes with an action of the yaw rate."""
-    return room_to_stop(room, robot, half, drive, turn) >= -room.rounding
+    return room_to_stop(limits, robot, half, drive, turn) >= -limits.rounding
 
 
 @wp.func
-def beside(room: Room, action: float, side: float) -> float:
-    """Return the yaw rate of an action for the drive that turns farthest to a side, 1 or -1 [rad/s]."""
-    return action * wp.where(action * side > 0.0, room.turns[1], room.turns[0])
+def yaw_rate_towards(limits: Limits, action: float, side: float) -> float:
+    """Return the yaw rate of an action for the wheels that turn a drive farthest to a side, 1 or -1 [rad/s]."""
+    return action * wp.where(action * side > 0.0, limits.turns[1], limits.turns[0])
 
 
 @wp.func
-def is_safe_after(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, action: wp.vec2) -> bool:
+def is_safe_after(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, action: wp.vec2) -> bool:
     """Return whether a drive of any motor and wheels stays in a rectangle during an action, and can stop after it.
 
     With noise, the drive is faster than measured and heads to the left or to the right of what is measured and wanted,
     or as measured and wanted: it may have ways to stop after turns to the left and to the right, but not between them.
     """
-    speed = commanded_speed(robot, wp.clamp(action[0] + wp.sign(action[0]) * room.action_error, -1.0, 1.0))
-    for k in range(wp.where(room.is_exact == 1, 1, 6)):
+    speed = commanded_speed(robot, wp.clamp(action[0] + wp.sign(action[0]) * limits.action_error, -1.0, 1.0))
+    for k in range(wp.where(limits.is_exact == 1, 1, 6)):
         side = 1.0 - float(k % 3)
         now = Drive()
         now.pose = drive.pose
-        now.pose[2] += side * room.heading_error
-        now.pose[3] += wp.sign(drive.pose[3]) * room.speed_error
-        now.yaw_rate = beside(room, drive.yaw_rate / robot.yaw_rate_max, side)
-        turning = beside(room, wp.clamp(action[1] + side * room.action_error, -1.0, 1.0), side)
-        for _ in range(room.substeps):
-            now = moved(room, robot, now, speed, turning, room.pushes[k / 3])
-            if not is_in(room, half, now):
+        now.pose[2] += side * limits.heading_error
+        now.pose[3] += wp.sign(drive.pose[3]) * limits.speed_error
+        now.yaw_rate = yaw_rate_towards(limits, drive.yaw_rate / robot.yaw_rate_max, side)
+        turning = yaw_rate_towards(limits, wp.clamp(action[1] + side * limits.action_error, -1.0, 1.0), side)
+        for _ in range(limits.substeps):
+            now = moved(limits, robot, now, speed, turning, limits.pushes[k / 3])
+            if not is_in(limits, half, now):
                 return False
         if not (
-            can_stop(room, robot, half, now, 0.0)
-            or can_stop(room, robot, half, now, room.turn)
-            or can_stop(room, robot, half, now, -room.turn)
+            can_stop(limits, robot, half, now, 0.0)
+            or can_stop(limits, robot, half, now, limits.turn)
+            or can_stop(limits, robot, half, now, -limits.turn)
         ):
             return False
     return True
 
 
 @wp.func
-def turn_to_stop(room: Room, robot: RobotStruct, half: wp.vec2, drive: Drive, want: float) -> float:
+def turn_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, want: float) -> float:
     """Return the action of the yaw rate of a way to stop: to the wanted side, straight on, or to the other one.
 
     Without a wanted side, or a way to stop, this is the side of the middle of the rectangle.
     """
     ahead = cos_sin(drive.pose[2])
-    middle = wp.where(ahead[0] * drive.pose[1] < ahead[1] * drive.pose[0], room.turn, -room.turn)
-    side = wp.where(wp.abs(want) > 1.0e-3, wp.sign(want) * room.turn, middle)
-    if can_stop(room, robot, half, drive, side):
+    middle = wp.where(ahead[0] * drive.pose[1] < ahead[1] * drive.pose[0], limits.turn, -limits.turn)
+    side = wp.where(wp.abs(want) > 1.0e-3, wp.sign(want) * limits.turn, middle)
+    if can_stop(limits, robot, half, drive, side):
         return side
-    if can_stop(room, robot, half, drive, 0.0):
+    if can_stop(limits, robot, half, drive, 0.0):
         return 0.0
-    return wp.where(can_stop(room, robot, half, drive, -side), -side, middle)
+    return wp.where(can_stop(limits, robot, half, drive, -side), -side, middle)
 
 
 @wp.func
-def stopping(room: Room, robot: RobotStruct, drive: Drive, want: wp.vec2) -> wp.vec2:
+def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) -> wp.vec2:
     """Return the wanted action, or the first of the others after which a drive can stop.
 
     With noise or spreads there may be none. The drive then stops in the way that stays farthest inside.
     """
-    half = wp.vec2(wp.max(room.half[0], wp.abs(drive.pose[0])), wp.max(room.half[1], wp.abs(drive.pose[1])))
-    if is_safe_after(room, robot, half, drive, want):
+    half = wp.vec2(wp.max(limits.half[0], wp.abs(drive.pose[0])), wp.max(limits.half[1], wp.abs(drive.pose[1])))
+    if is_safe_after(limits, robot, half, drive, want):
         return want
-    turning = turn_to_stop(room, robot, half, drive, want[1])
+    turning = turn_to_stop(limits, robot, half, drive, want[1])
     for k in range(SPEEDS):
         for n in range(BLENDS + 1):
             share = float(n) / float(BLENDS)
             action = wp.vec2(want[0] * (1.0 - float(k) / float(SPEEDS)), want[1] + share * (turning - want[1]))
-            if is_safe_after(room, robot, half, drive, action):
+            if is_safe_after(limits, robot, half, drive, action):
                 return action
     most = float(-1.0e30)
-    for k in range(wp.where(room.is_exact == 1, 0, 3)):
-        turn = float(k - 1) * room.turn
-        least = room_to_stop(room, robot, room.half, drive, turn)
+    for k in range(wp.where(limits.is_exact == 1, 0, 3)):
+        turn = float(k - 1) * limits.turn
+        least = room_to_stop(limits, robot, limits.half, drive, turn)
         if least > most:
             most = least
             turning = turn
@@ -205,13 +205,13 @@ def stopping(room: Room, robot: RobotStruct, drive: Drive, want: wp.vec2) -> wp.
 
 @wp.kernel
 def leave_a_way_to_stop(
-    room: Room,
+    limits: Limits,
     robot: RobotStruct,
     curve: CurveStruct,
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
     yaw_rate: wp.array2d(dtype=float),
     heading: wp.array2d(dtype=float),
-    action: wp.array3d(dtype=float),
+    action: Actions,
 ):
     """Change the speeds and the yaw rates by the rule; an action that is not finite passes."""
     w, i = wp.tid()
@@ -221,21 +221,21 @@ def leave_a_way_to_stop(
     place = own_position(w, i, curve, observation)
     drive = Drive()
     drive.pose = wp.vec4(
-        place[0], place[1], own_heading(w, i, observation), own_speed(w, i, room.speed_unit, observation)
+        place[0], place[1], own_heading(w, i, observation), own_speed(w, i, limits.speed_unit, observation)
     )
     if own_works(w, i, observation):  # otherwise it is at rest, but may resume in this step
         drive.yaw_rate = yaw_rate[w, i]
         if heading[w, i] != 0.0:
-            missed = wrap(drive.pose[2] - heading[w, i]) / (float(room.substeps) * room.substep)
-            drive.yaw_rate += wp.clamp(missed, -room.yaw_error, room.yaw_error)
+            missed = wrap(drive.pose[2] - heading[w, i]) / (float(limits.substeps) * limits.substep)
+            drive.yaw_rate += wp.clamp(missed, -limits.yaw_error, limits.yaw_error)
     clipped = wp.vec2(wp.clamp(want[0], -1.0, 1.0), wp.clamp(want[1], -1.0, 1.0))
-    chosen = stopping(room, robot, drive, clipped)
+    chosen = stopping(limits, robot, drive, clipped)
     if chosen[0] != clipped[0] or chosen[1] != clipped[1]:
         action[w, i, 0] = chosen[0]
         action[w, i, 1] = chosen[1]
-    for _ in range(room.substeps):
+    for _ in range(limits.substeps):
         speed = commanded_speed(robot, chosen[0])
-        drive = moved(room, robot, drive, speed, chosen[1] * robot.yaw_rate_max, robot.acceleration_max)
+        drive = moved(limits, robot, drive, speed, chosen[1] * robot.yaw_rate_max, robot.acceleration_max)
     yaw_rate[w, i] = drive.yaw_rate
     heading[w, i] = drive.pose[2]
 
@@ -251,7 +251,7 @@ class Stopping(Copyable):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         shape = (num_worlds, scenario.num_robots)
-        self._room = room_of(scenario)
+        self._limits = limits_of(scenario)
         self._robot = to_struct(RobotStruct, scenario.robot)
         self._curve = curve_struct(scenario.curve, as_device(device))
         self.yaw_rate = wp.zeros(shape, dtype=wp.float32, device=as_device(device))
@@ -269,29 +269,30 @@ class Stopping(Copyable):
 
     def __call__(self, observation: wp.array, action: wp.array) -> None:
         """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""
-        given = [self._room, self._robot, self._curve, observation]
+        given = [self._limits, self._robot, self._curve, observation]
         self._launch(leave_a_way_to_stop, self.yaw_rate.shape, given, [self.yaw_rate, self.heading, action])
 
 
-def room_of(scenario: Scenario) -> Any:
+def limits_of(scenario: Scenario) -> Any:
     """Return the constants of the rule."""
     robot, noise, curve, task = scenario.robot, scenario.noise, scenario.curve, scenario.task
-    room: Any = Room()
+    limits: Any = Limits()
     margin = margin_of(scenario)
-    room.half = wp.vec2(curve.half_width - margin, curve.half_height - margin)
-    room.rounding = ROUNDING * (curve.half_width + curve.half_height)
+    limits.half = wp.vec2(curve.half_width - margin, curve.half_height - margin)
+    limits.rounding = ROUNDING * (curve.half_width + curve.half_height)
     motors = scenario.drive_factors
     weakest = robot.top_acceleration * (2 - noise.most_drive) * float(motors.min())
-    room.pushes = wp.vec2(weakest, robot.top_acceleration * noise.most_drive * float(motors.max()))
+    limits.pushes = wp.vec2(weakest, robot.top_acceleration * noise.most_drive * float(motors.max()))
     spread = SPREAD_MAX * noise.wheelbase_spread
-    room.turns = wp.vec2(robot.top_yaw_rate / (1 + spread), robot.top_yaw_rate / (1 - spread))
-    room.action_error, room.heading_error = DEVIATIONS * noise.actuator, DEVIATIONS * noise.heading
-    room.yaw_error = room.action_error * robot.top_yaw_rate
-    room.speed_error = DEVIATIONS * noise.speed
-    room.turn = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
+    limits.turns = wp.vec2(robot.top_yaw_rate / (1 + spread), robot.top_yaw_rate / (1 - spread))
+    limits.action_error, limits.heading_error = DEVIATIONS * noise.actuator, DEVIATIONS * noise.heading
+    limits.yaw_error = limits.action_error * robot.top_yaw_rate
+    limits.speed_error = DEVIATIONS * noise.speed
+    limits.turn = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
     spreads = noise.wheelbase_spread, noise.drive_spread, *(factor - 1 for factor in motors)
-    room.is_exact = int(not any((noise.actuator, noise.heading, noise.speed, *spreads)))
-    room.speed_unit = robot.top_speed
-    room.substep, room.substeps = task.step / task.substeps, task.substeps
-    room.braking = math.ceil(max(robot.top_speed, -robot.lowest_speed) / (weakest * room.substep)) + 1
-    return room
+    limits.is_exact = int(not any((noise.actuator, noise.heading, noise.speed, *spreads)))
+    limits.speed_unit = robot.top_speed
+    limits.substep, limits.substeps = task.step / task.substeps, task.substeps
+    measured = max(robot.top_speed, -robot.lowest_speed) + DEVIATIONS * noise.speed
+    limits.braking = math.ceil((measured + limits.speed_error) / (weakest * limits.substep)) + 1
+    return limits

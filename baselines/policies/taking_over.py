@@ -1,4 +1,4 @@
-"""Takeovers: what a robot knows about failed robots, and the loop that it drives because of them.
+"""Takeovers: the estimate of each robot of which others have failed, and the loop that it drives because of them.
 
 A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
 age of its last message grows, or the time since the reset without any. A robot receives nothing else: it has no
@@ -8,6 +8,8 @@ information about robots that are not its ring neighbours unless they are in its
 import warp as wp
 
 from baselines.policies.own_row import (
+    Actions,
+    Observation,
     hears,
     message_age,
     offset_heard,
@@ -25,10 +27,10 @@ from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
 
-WORKS, STANDS, SILENT = (wp.constant(k) for k in range(3))
+WORKING, STANDING, SILENT = (wp.constant(k) for k in range(3))
 """States of a ring neighbour, as a robot believes."""
 # Entries of the memory of a ring neighbour.
-STATE, HEARD_X, HEARD_Y, AGE, STILL = (wp.constant(k) for k in range(5))
+STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_STEPS = (wp.constant(k) for k in range(5))
 WATCH = 5
 PLACES = wp.constant(4)
 """Places of robots that have stopped: of the two ring neighbours, then of two that were sensed."""
@@ -90,7 +92,7 @@ class Repair:
 def watch_neighbours(
     curve: CurveStruct,
     repair: Repair,
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
     memory: wp.array4d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
     case_out: wp.array2d(dtype=int),
@@ -105,29 +107,29 @@ def watch_neighbours(
     for side in range(2):
         known = memory[w, i, side]
         if not hears(w, i, side, observation):
-            if known[AGE] <= 0.0 and repair.neighbours[i][side] >= 0:
-                known[AGE] -= repair.step
-            if known[AGE] > 0.0 or known[AGE] < -repair.time_unit - 0.5 * repair.step:
+            if known[MESSAGE_AGE] <= 0.0 and repair.neighbours[i][side] >= 0:
+                known[MESSAGE_AGE] -= repair.step
+            if known[MESSAGE_AGE] > 0.0 or known[MESSAGE_AGE] < -repair.time_unit - 0.5 * repair.step:
                 known[STATE] = float(SILENT)
         else:
             place = position + offset_heard(w, i, side, curve, observation)
             # Both have one step more: the age, and with a negative sign the time since the reset without a message.
             age = message_age(w, i, side, repair.time_unit, observation) + repair.step
-            is_first = known[AGE] <= 0.0
+            is_first = known[MESSAGE_AGE] <= 0.0
             # A message that was heard before is older by a step and does not count.
-            if is_first or age < known[AGE] + 0.5 * repair.step:
+            if is_first or age < known[MESSAGE_AGE] + 0.5 * repair.step:
                 moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
-                known[STILL] = wp.where(moved < repair.still and not is_first, known[STILL] + 1.0, 0.0)
+                known[STILL_STEPS] = wp.where(moved < repair.still and not is_first, known[STILL_STEPS] + 1.0, 0.0)
                 known[HEARD_X] = place[0]
                 known[HEARD_Y] = place[1]
-            known[AGE] = age
-            if known[STILL] == 0.0:
-                known[STATE] = float(WORKS)
-            if known[STILL] >= float(repair.patience):
-                known[STATE] = float(STANDS)
-        if known[STATE] != float(WORKS):
+            known[MESSAGE_AGE] = age
+            if known[STILL_STEPS] == 0.0:
+                known[STATE] = float(WORKING)
+            if known[STILL_STEPS] >= float(repair.patience):
+                known[STATE] = float(STANDING)
+        if known[STATE] != float(WORKING):
             case_out[w, i] += 1 + side
-        stands = wp.where(known[STATE] == float(STANDS), 1.0, 0.0)
+        stands = wp.where(known[STATE] == float(STANDING), 1.0, 0.0)
         standing[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], stands)
     watch_disc(w, i, position, repair, observation, standing)
 
@@ -138,7 +140,7 @@ def watch_disc(
     i: int,
     position: wp.vec2,
     repair: Repair,
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
     standing: wp.array3d(dtype=wp.vec3),
 ):
     """Update the places of stopped robots that are, or were, in sight."""
@@ -153,16 +155,16 @@ def watch_disc(
             velocity = own + velocity_seen(w, i, seen, repair.speed_unit, observation)
             place = position + offset_seen(w, i, seen, repair.radius, observation)
             is_known = bool(False)
-            room = int(0)
+            free = int(0)
             for k in range(PLACES):
                 known = standing[w, i, k]
                 if known[2] > 0.0:
                     if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * repair.still + 0.1 * repair.radius:
                         is_known = True
                 elif k >= 2:
-                    room = k
-            if wp.length(velocity) * repair.step < repair.still and not is_known and room > 0:
-                standing[w, i, room] = wp.vec3(place[0], place[1], 1.0)
+                    free = k
+            if wp.length(velocity) * repair.step < repair.still and not is_known and free > 0:
+                standing[w, i, free] = wp.vec3(place[0], place[1], 1.0)
 
 
 @wp.func
@@ -190,7 +192,7 @@ def clearance_of(
 def unseen_corners(
     repair: Repair, path: wp.array(dtype=wp.vec4), shift: wp.vec2, corners: int, curve: CurveStruct
 ) -> float:
-    """Return the sum of the distances of a shifted loop from corners that it never senses [sensing radii]."""
+    """Return the sum of the distances of a shifted loop from the corners that it never covers [sensing radii]."""
     unseen = float(0.0)
     for k in range(4):
         if ((corners >> k) & 1) == 1:
@@ -225,7 +227,7 @@ def take_over(
     curve: CurveStruct,
     pose: wp.array3d(dtype=wp.vec4),
     cases: wp.array2d(dtype=int),
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
     standing: wp.array3d(dtype=wp.vec3),
     avoided: wp.array3d(dtype=wp.vec3),
     target: wp.array2d(dtype=wp.vec2),
@@ -236,8 +238,8 @@ def take_over(
 
     Of those that are clear it is the one of the least cost (`Takeover`), in which a corner of the rectangle that the
     robot alone watches counts for more than any place if the loop never senses it. Then it is the one that is moved
-    the least. `target` is the shift that was chosen. A robot that has failed keeps its loop, for which the others leave
-    room when it resumes.
+    the least. `target` is the shift that was chosen. The loop of a robot that has failed does not change, so
+    that the others leave room for it when it resumes.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
@@ -292,11 +294,11 @@ def take_over(
 def rest_after_failure(
     steps: float,
     rest: wp.vec2,
-    observation: wp.array3d(dtype=float),
+    observation: Observation,
     resting: wp.array2d(dtype=float),
-    action: wp.array3d(dtype=float),
+    action: Actions,
 ):
-    """Let a robot that resumes rest for some more control steps, in which the others return to their own shares."""
+    """Let a robot that resumes rest for some more control steps, in which the others return to their own loops."""
     w, i = wp.tid()
     if not own_works(w, i, observation):
         resting[w, i] = steps

@@ -1,8 +1,8 @@
 """Cars that follow timed paths: the shared base of policies that plan the motion of the team beforehand.
 
 A car is a flat system: its place as a function of time determines its heading, speed, steering and throttle. The tables
-(`baselines.policies.path_tables`) contain these; the kernel adds a feedback of the errors along and across the path, so
-that uneven cars, noise, and a stop are made up for.
+(`baselines.policies.path_tables`) contain these. The kernel adds a feedback of the errors along and across the path,
+which corrects for uneven cars, noise, and stops.
 
 The reference of a robot is the sample of its table at the present time. Its *progress* is the sample nearest to it,
 searched around the one before. With the curvature k and speed u of the path at the progress, the distance y to the
@@ -16,8 +16,7 @@ path, h the control step and d = v h,
 These are the gains that place both poles of a double integrator with a held input at p = exp(-h / settling), per
 control step. A car that is far from its path drives straight towards it, and one that is late drives a share faster
 than the path, or slower where it is early (`catch_up`); neither vanishes. a and b are what the robot has learned of its
-own car: the ratio of the curvature that it drives to the one it commands, and the acceleration of its motor beyond the
-model's.
+own car: the ratio of the driven curvature to the commanded one, and the acceleration of the motor beyond the model's.
 
 On flatness: M. Fliess, J. Levine, P. Martin, P. Rouchon, "Flatness and defect of non-linear systems: introductory
 theory and examples", International Journal of Control 61 (1995).
@@ -33,7 +32,7 @@ import warp as wp
 from baselines.policies.base import Policy
 from baselines.policies.driving import steady_speed
 from baselines.policies.inside import Inside
-from baselines.policies.own_row import own_heading, own_position, own_speed, own_works
+from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from baselines.policies.path_tables import FINE, PathTables
 from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.similarity import manoeuvring_length, motion_scale
@@ -68,27 +67,27 @@ ARRIVING = SafetyParameters(clearance=0.07, growth=0.2)
 
 @wp.struct
 class Tracking:
-    """Constants of the following."""
+    """Constants of the feedback, and lengths of the tables."""
 
     step: float
     """Control step h [s]."""
     pole: float
     """Pole p of an error, exp(-h / settling)."""
-    room: float
+    manoeuvring: float
     """Length in which a car manoeuvres [m]."""
     lead_in: int
     """Length of the lead-in [control steps]."""
     loop: int
     """Length of the loop [control steps]."""
-    lead: int
+    turns_early: int
     """Samples by which a curvature is commanded early: half of the time in which a drive gains the largest yaw rate."""
     waits: int
     """1 if a car that has stopped beside its loop waits until its reference passes."""
 
 
 @wp.func
-def on_table(sample: int, tracking: Tracking) -> int:
-    """Return the sample of a table for one beyond its end, where the table continues at the start of the loop."""
+def sample_on_table(sample: int, tracking: Tracking) -> int:
+    """Return a sample of a table for a number that may be beyond its end: there the loop begins again."""
     begin = tracking.lead_in * _FINE
     return wp.where(sample < begin, wp.max(sample, 0), begin + (sample - begin) % (tracking.loop * _FINE))
 
@@ -112,7 +111,7 @@ def nearest_sample(path: wp.array(dtype=wp.vec4), first: int, count: int, place:
     nearest = int(0)
     least = float(wp.inf)
     for k in range(first, first + count):
-        sample = on_table(k, tracking)
+        sample = sample_on_table(k, tracking)
         away = wp.vec2(path[sample][0], path[sample][1]) - place
         square = wp.dot(away, away)
         if square < least:
@@ -131,7 +130,7 @@ def joining_sample(
     for sample in range(path.shape[0]):
         away = wp.vec2(path[sample][0], path[sample][1]) - place
         late = 0.5 * lateness(float(sample), steps, tracking) * path[sample][3] * tracking.step
-        turned = 4.0 * tracking.room * tracking.room * (1.0 - wp.cos(path[sample][2] - heading))
+        turned = 4.0 * tracking.manoeuvring * tracking.manoeuvring * (1.0 - wp.cos(path[sample][2] - heading))
         cost = wp.dot(away, away) + late * late + turned
         if cost < least:
             least = cost
@@ -146,8 +145,8 @@ def integrator_gains(pole: float) -> wp.vec2:
 
 
 @wp.func
-def learned(memory: wp.array(dtype=float), heading: float, speed: float, tracking: Tracking):
-    """Learn from the prediction of the control step before: the motor's bias [m/s^2], and the ratio of curvatures."""
+def learn(memory: wp.array(dtype=float), heading: float, speed: float, tracking: Tracking):
+    """Correct the motor's bias [m/s^2] and the ratio of curvatures by the error of the latest prediction."""
     turn = memory[NEXT_TURN]
     if memory[NEXT_SPEED] > 0.0:
         share = _LEARNING
@@ -156,6 +155,31 @@ def learned(memory: wp.array(dtype=float), heading: float, speed: float, trackin
         missed = wrap(heading - memory[NEXT_HEADING])
         ratio = memory[TURN_RATIO] + share * missed * turn / (turn * turn + 0.01)
         memory[TURN_RATIO] = wp.clamp(ratio, -0.3, 0.3)
+
+
+@wp.func
+def predict(
+    memory: wp.array(dtype=float),
+    robot: RobotStruct,
+    heading: float,
+    speed: float,
+    wanted_steering: float,
+    wanted_throttle: float,
+    moves: bool,
+    tracking: Tracking,
+):
+    """Store the speed and the heading after the control step; speed 0 where the model cannot predict them."""
+    steering = wp.clamp(wanted_steering, -robot.steering_max, robot.steering_max)
+    throttle = wp.clamp(wanted_throttle, robot.throttle_min, robot.throttle_max)
+    decay = wp.exp(-robot.drag * tracking.step)
+    push = robot.drive * throttle - robot.model_offset + memory[PUSH_BIAS]
+    next_speed = wp.max(decay * speed + (1.0 - decay) * push / robot.drag, 0.0)
+    turn = wp.tan(steering) / robot.wheelbase * 0.5 * (speed + next_speed) * tracking.step
+    slides = speed * speed * wp.abs(wp.tan(steering)) > 0.9 * robot.wheelbase * robot.lateral_acceleration_max
+    coasts = throttle <= robot.dead_zone
+    memory[NEXT_SPEED] = wp.where(moves and not slides and not coasts, next_speed, 0.0)
+    memory[NEXT_HEADING] = heading + (1.0 + memory[TURN_RATIO]) * turn
+    memory[NEXT_TURN] = turn
 
 
 @wp.kernel
@@ -168,8 +192,8 @@ def follow_paths(
     variant: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
     memory: wp.array3d(dtype=float),
-    observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    action_out: Actions,
 ):
     """Follow the timed path of each robot in its variant of the tables, shifted by some distance [m]."""
     w, i = wp.tid()
@@ -187,38 +211,39 @@ def follow_paths(
     if known[VARIANT] != float(variant[w, i] + 1):
         sample = joining_sample(path, steps, position, heading, tracking)
     sample = nearest_sample(path, sample - _FINE, 4 * _FINE, position, tracking)
-    learned(known, heading, speed, tracking)
+    learn(known, heading, speed, tracking)
 
-    at = path[sample]
-    ahead = feedforward[variant[w, i], i, sample]
-    along = cos_sin(at[2])
-    off = position - wp.vec2(at[0], at[1])
-    beyond = wp.clamp(wp.dot(off, along), -at[3] * tracking.step, at[3] * tracking.step)
-    left = along[0] * off[1] - along[1] * off[0] - 0.5 * ahead[0] * beyond * beyond
-    turned = wrap(heading - at[2] - ahead[0] * beyond)
+    nearest = path[sample]
+    path_speed = nearest[3]
+    planned = feedforward[variant[w, i], i, sample]
+    direction = cos_sin(nearest[2])
+    offset = position - wp.vec2(nearest[0], nearest[1])
+    past = wp.clamp(wp.dot(offset, direction), -path_speed * tracking.step, path_speed * tracking.step)
+    left = direction[0] * offset[1] - direction[1] * offset[0] - 0.5 * planned[0] * past * past
+    heading_error = wrap(heading - nearest[2] - planned[0] * past)
     least_speed = 0.02 * top_speed
-    behind = lateness(float(sample), steps, tracking) * at[3] * tracking.step - beyond
+    behind = lateness(float(sample), steps, tracking) * path_speed * tracking.step - past
 
     gains = integrator_gains(tracking.pole)
-    way = wp.max(speed, wp.max(0.25 * at[3], least_speed)) * tracking.step
-    aside = wp.clamp(wp.atan(gains[0] / gains[1] * left / way), -_APPROACH, _APPROACH)
-    bend = feedforward[variant[w, i], i, on_table(sample + tracking.lead, tracking)][0]
-    curvature = bend - gains[1] / way * (turned + aside)
+    step_length = wp.max(speed, wp.max(0.25 * path_speed, least_speed)) * tracking.step
+    approach = wp.clamp(wp.atan(gains[0] / gains[1] * left / step_length), -_APPROACH, _APPROACH)
+    path_curvature = feedforward[variant[w, i], i, sample_on_table(sample + tracking.turns_early, tracking)][0]
+    curvature = path_curvature - gains[1] / step_length * (heading_error + approach)
 
-    grip = wp.sqrt(robot.lateral_acceleration_max / wp.max(wp.abs(curvature), 1.0e-3 / tracking.room))
-    more = wp.max(wp.min(_CATCH_UP * at[3], grip - at[3]), 0.0)
-    late = wp.clamp(gains[0] / gains[1] * behind / tracking.step, -_CATCH_UP * at[3], more)
-    if wp.abs(left) > 2.0 * tracking.room:  # there is no use in being in time far from the path
-        late = more
-    acceleration = ahead[1] + gains[1] / tracking.step * (at[3] - speed + late)
+    grip_speed = wp.sqrt(robot.lateral_acceleration_max / wp.max(wp.abs(curvature), 1.0e-3 / tracking.manoeuvring))
+    faster_max = wp.max(wp.min(_CATCH_UP * path_speed, grip_speed - path_speed), 0.0)
+    catch_up = wp.clamp(gains[0] / gains[1] * behind / tracking.step, -_CATCH_UP * path_speed, faster_max)
+    if wp.abs(left) > 2.0 * tracking.manoeuvring:  # there is no use in being in time far from the path
+        catch_up = faster_max
+    acceleration = planned[1] + gains[1] / tracking.step * (path_speed - speed + catch_up)
     # The mean drag of the step is that at half of it.
     push = acceleration + robot.drag * (speed + 0.5 * acceleration * tracking.step)
     if tracking.waits == 1 and speed < least_speed and steps >= float(tracking.lead_in):
-        # A car loses half of the time in which it reaches the speed of its path: it starts early by half of this, and
-        # is late by as much in the end.
-        pull = wp.max(robot.drive * robot.throttle_max - robot.model_offset, least_speed / tracking.step)
-        early = -behind / wp.max(at[3] * tracking.step, least_speed * tracking.step)
-        start = 0.25 * at[3] / (pull * tracking.step)
+        # While it accelerates, a car loses half of the time in which it reaches the speed of its path. It starts early
+        # by half of this loss, and is late by as much afterwards.
+        push_max = wp.max(robot.drive * robot.throttle_max - robot.model_offset, least_speed / tracking.step)
+        early = -behind / wp.max(path_speed * tracking.step, least_speed * tracking.step)
+        start = 0.25 * path_speed / (push_max * tracking.step)
         if early > start + 0.5 or early < -1.0:
             push = -robot.model_offset
     steering = wp.atan(robot.wheelbase * curvature / (1.0 + known[TURN_RATIO]))
@@ -227,18 +252,8 @@ def follow_paths(
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
-    steering = wp.clamp(steering, -robot.steering_max, robot.steering_max)
-    throttle = wp.clamp(throttle, robot.throttle_min, robot.throttle_max)
-    decay = wp.exp(-robot.drag * tracking.step)
-    push = robot.drive * throttle - robot.model_offset + known[PUSH_BIAS]
-    next_speed = wp.max(decay * speed + (1.0 - decay) * push / robot.drag, 0.0)
-    turn = wp.tan(steering) / robot.wheelbase * 0.5 * (speed + next_speed) * tracking.step
-    slides = speed * speed * wp.abs(wp.tan(steering)) > 0.9 * robot.wheelbase * robot.lateral_acceleration_max
-    coasts = throttle <= robot.dead_zone
-    predicts = own_works(w, i, observation) and speed > least_speed and not slides and not coasts
-    known[NEXT_SPEED] = wp.where(predicts, next_speed, 0.0)
-    known[NEXT_HEADING] = heading + (1.0 + known[TURN_RATIO]) * turn
-    known[NEXT_TURN] = turn
+    moves = own_works(w, i, observation) and speed > least_speed
+    predict(known, robot, heading, speed, steering, throttle, moves, tracking)
     known[VARIANT] = float(variant[w, i] + 1)
     known[PROGRESS] = float(sample)
     known[STEPS] = steps + 1.0
@@ -254,22 +269,22 @@ def take_filtered(
     variant: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
     memory: wp.array3d(dtype=float),
-    observation: wp.array3d(dtype=float),
-    filtered: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
+    observation: Observation,
+    filtered: Actions,
+    action_out: Actions,
 ):
     """Take the actions of the collision filter up to control step `until`.
 
-    Later on, take them for a robot that is farther from its reference than `tolerance` [m], for others do not expect it
-    there.
+    Later on, take them for a robot that is farther from its reference on the loop than `tolerance` [m], where others do
+    not expect it.
     """
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[variant[w, i], i]
-    first = tracking.lead_in * _FINE
-    at = path[first + wp.max(_FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
-    off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
-    if steps <= until or wp.length(off) > tolerance:
+    sample = wp.max(_FINE * (int(steps) - 1), _FINE * tracking.lead_in)
+    reference = path[sample_on_table(sample, tracking)]
+    offset = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(reference[0], reference[1])
+    if steps <= until or wp.length(offset) > tolerance:
         action_out[w, i, 0] = filtered[w, i, 0]
         action_out[w, i, 1] = filtered[w, i, 1]
 
@@ -320,11 +335,11 @@ class TimedPaths(Policy):
         settling = max(_SETTLING * motion_scale(self.scenario).time, _SETTLING_STEPS * step)
         settling = max(settling, robot.top_yaw_acceleration**-0.5)
         self._tracking.step, self._tracking.pole = step, math.exp(-step / settling)
-        self._tracking.room, self._tracking.waits = manoeuvring_length(robot), int(self.waits)
+        self._tracking.manoeuvring, self._tracking.waits = manoeuvring_length(robot), int(self.waits)
         self._tracking.lead_in, self._tracking.loop = tables.lead_in, tables.loop
         yaw_rate = float(np.abs(tables.feedforward[..., 0] * tables.pose[..., 3]).max())
         gained_in = yaw_rate / robot.top_yaw_acceleration
-        self._tracking.lead = round(FINE * min(gained_in / (2 * step), 1.0))
+        self._tracking.turns_early = round(FINE * min(gained_in / (2 * step), 1.0))
         self._pose = wp.array(tables.pose, dtype=wp.vec4, device=self.device)
         self._feedforward = wp.array(tables.feedforward, dtype=wp.vec2, device=self.device)
         self.variant = wp.zeros(self.shape, dtype=wp.int32, device=self.device)

@@ -1,7 +1,7 @@
-"""Trackers: what makes a robot follow the phase rates of a coordinator, and the policies that they make, by name.
+"""Trackers, by which robots follow the phase rates of a coordinator, and the policies that consist of both.
 
 Points follow them exactly, cars by the paper's model predictive contouring control (`WithMpcc`) or by a vector field.
-A name consists of the coordinator's name and the tracker's suffix, as `kuramoto-mpcc`; points have no suffix.
+A policy has the coordinator's name and the tracker's suffix, as `kuramoto-mpcc`; points have no suffix.
 Coordination and tracking can thus be compared separately: `consensus-gvf` is the whole method of Yao et al., and
 `consensus-mpcc` their coordination alone.
 
@@ -19,8 +19,8 @@ Here w = gamma L / 2 pi [m], L the length of a lap, so that f(w) = r(gamma) has 
     chi_w  = 1 + k off . f'(w)
     q' = V chi_xy,  w' = V chi_w + (L / 2 pi) c    V = omega L / 2 pi [m/s], the mean speed of the formation
 
-where c = alpha (theta' - omega / alpha) [rad/s] is what the coordinator adds to the natural rate. c moves w alone; the
-robot follows because off then draws it along.
+where c = alpha (theta' - omega / alpha) [rad/s] is the rate that the coordinator adds to the natural one. c moves w
+alone; the robot follows because of the pull of off.
 
 A car follows q' as heading and speed, e [rad] being the angle from its heading to q':
 
@@ -73,12 +73,12 @@ from lissajous_env.theory.geometry import curve_length
 from lissajous_env.wording import nearest, shown
 
 wp.set_module_options(OPTIONS)
-Factory = Callable[[Scenario, int, Any], Coordinator]
+CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
 """A coordinator's class, or a `partial` of it that fixes parameters of its own."""
 
 
 class Coordinated(Policy):
-    """Robots that follow a coordinator, each kind in its own way.
+    """Base class of trackers: policies whose robots follow a coordinator.
 
     Warns:
         AssumptionWarning: the scenario violates an assumption of the paper about its formation.
@@ -87,7 +87,12 @@ class Coordinated(Policy):
     arrays = "warp"
 
     def __init__(
-        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
+        self,
+        coordinator: CoordinatorFactory,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: Any = None,
     ):
         super().__init__(scenario, num_worlds, device, parameters)
         warn_of_violations(self.scenario)
@@ -100,7 +105,7 @@ class Coordinated(Policy):
 
 @wp.kernel
 def follow_as_point(robot: RobotStruct, phase_rate: PhaseRates, action_out: Actions):
-    """Return the action of a point on the curve: its phase rate over the largest."""
+    """Write the action of a point on the curve: its phase rate over the largest."""
     w, i = wp.tid()
     action_out[w, i, 0] = wp.clamp(phase_rate[w, i] / robot.phase_rate_max, -1.0, 1.0)
 
@@ -141,7 +146,7 @@ def read_cars(
 
 @wp.kernel
 def scale_controls(robot: RobotStruct, control: Actions, action_out: Actions):
-    """Return a car's action: steering and throttle of the first stage, scaled to [-1, 1]."""
+    """Write a car's action: steering and throttle of the first stage, scaled to [-1, 1]."""
     w, i = wp.tid()
     k = w * action_out.shape[1] + i
     action = car_action(robot, control[k, 0, 0], control[k, 0, 1])
@@ -156,7 +161,12 @@ class WithMpcc(Coordinated):
     Parameters = MpccParameters
 
     def __init__(
-        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
+        self,
+        coordinator: CoordinatorFactory,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: Any = None,
     ):
         super().__init__(coordinator, scenario, num_worlds, device, parameters)
         self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
@@ -282,7 +292,12 @@ class WithVectorField(Coordinated):
     Parameters = FieldParameters
 
     def __init__(
-        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
+        self,
+        coordinator: CoordinatorFactory,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: Any = None,
     ):
         super().__init__(coordinator, scenario, num_worlds, device, parameters)
         self._field = field_of(self.scenario, self.parameters)
@@ -299,7 +314,7 @@ class WithVectorField(Coordinated):
 def field_of(scenario: Scenario, parameters: FieldParameters) -> Any:
     """Return the constants of the field.
 
-    The pull is less where, at the formation's speed, a step would correct half of `off`.
+    The pull is limited so that at the formation's speed a step corrects at most half of `off`.
     """
     field = Field()
     field.least = 0.1 * motion_scale(scenario).speed
@@ -362,11 +377,13 @@ def register_coordinator(name: str, coordinator: Callable[..., Coordinator] | No
     """
     if coordinator is None:
         return partial(register_coordinator, name, about=about)
-    what = (about or getattr(coordinator, "__doc__", None) or "").partition("\n")[0].rstrip(".")
-    for tracker, (_, how) in TRACKERS.items():
+    description = (about or getattr(coordinator, "__doc__", None) or "").partition("\n")[0].rstrip(".")
+    for tracker, (_, ending) in TRACKERS.items():
         word = name if tracker == "points" else f"{name}-{tracker}"
         on_request = tracker == "gvf" and coordinator is not Consensus
-        registry.register(word, None, with_tracker(coordinator, tracker), about=f"{what}{how}.", on_request=on_request)
+        registry.register(
+            word, None, with_tracker(coordinator, tracker), about=f"{description}{ending}.", on_request=on_request
+        )
     return coordinator
 
 

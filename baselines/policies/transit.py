@@ -1,9 +1,9 @@
-"""Transits: the ways of a team of cars from where they start into loops that are synchronised, without collisions.
+"""Transits: the ways of a team of cars from their starts into synchronised loops, without collisions.
 
-Each car gets a shortest path of bounded curvature that enters a loop where this loop's reference is at that time, and a
-speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of the fourth powers of
-the arrival times. The paths are then selected one car after the other, those that arrive last first: each enters its
-loop as early as it can without coming near the cars before it.
+Each car has a shortest path of bounded curvature, which enters a loop at the place of this loop's reference at that
+time, and a speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of the fourth
+powers of the arrival times. The paths are then selected one car after the other, those that arrive last first: each
+enters its loop as early as it can without coming near the cars before it.
 
 Shortest paths of bounded curvature are made of arcs of the smallest radius and straight lines: L. E. Dubins, "On curves
 of minimal length with a constraint on average curvature, and with prescribed initial and terminal positions and
@@ -31,8 +31,8 @@ RESERVE = 0.75
 """Share of the top speed and of the grip that ways and loops use."""
 TURN = 0.4
 """Largest turn in a control step [rad], in which steering is constant."""
-_ROOM = 1.02
-"""Corners are wider than the tightest turn of the widest-turning car by this factor."""
+_WIDER = 1.02
+"""Radius of planned turns, over that of the tightest turn of the car with the longest wheelbase."""
 _PROFILE = np.linspace(0, 1, 21)
 _TRIES = 24
 """Orders of the cars that are tried."""
@@ -45,17 +45,17 @@ _LONGEST = 6.0
 def radius_for_all_cars(scenario: Scenario) -> float:
     """Return the radius of a turn that all cars of a scenario can drive, also that of the longest wheelbase [m]."""
     spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
-    return _ROOM * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+    return _WIDER * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 
 
 def required_distance(scenario: Scenario, clearance: float | None = None) -> float:
-    """Return the least distance of two robots in a plan, whose bodies keep a clearance, or a radius [m]."""
+    """Return the least distance of two robots in a plan [m]: two radii and a clearance, a radius by default."""
     radius = scenario.robot.radius
     return 2 * radius + (radius if clearance is None else clearance)
 
 
 def slowest_speed(scenario: Scenario) -> float:
-    """Return the speed below which a car cannot drive for long [m/s]."""
+    """Return the steady speed of a car at the least throttle [m/s], below which it cannot drive for long."""
     robot = scenario.robot
     if robot.throttle_min <= robot.dead_zone:
         return 0.0
@@ -64,7 +64,7 @@ def slowest_speed(scenario: Scenario) -> float:
 
 @dataclass(frozen=True)
 class Car:
-    """Limits of the weakest car of a scenario in a transit."""
+    """Limits on the motion in a transit, which every car of a scenario can drive."""
 
     turning: float
     """Radius of turns [m]."""
@@ -100,8 +100,8 @@ def start_is_known(scenario: Scenario) -> bool:
 def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return poses (..., N, 3), x, y [m] and heading [rad], and speeds (..., N) [m/s] of a start in the equilibrium.
 
-    A robot starts at its own top speed if that is lower than the formation's.
-    `turned` (...) are angles by which the whole formation is turned [rad].
+    A robot starts at its own top speed if that is lower than the formation's. `turned` (...) are angles by which the
+    whole formation is turned [rad].
     """
     gamma = scenario.alpha * (scenario.equilibrium + scenario.displacements + np.asarray(turned)[..., None])
     velocity = closed_forms.curve_derivatives(scenario.driven, gamma)[0] * scenario.formation.phase_rate
@@ -119,7 +119,7 @@ def speed_of(loop: np.ndarray, step: float) -> float:
 
 
 def arrival_steps(scenario: Scenario, loop: np.ndarray, speed: float) -> int:
-    """Return the time after which cars of a speed [m/s] are on loops (..., K, 2) from any start [control step]."""
+    """Return the time that cars of a speed [m/s] need from any start to loops (..., K, 2) [control step]."""
     time = 2 * (scenario.curve.half_width + scenario.curve.half_height) / speed
     return math.ceil(time / scenario.task.step) + 2 * loop.shape[-2]
 
@@ -310,7 +310,7 @@ def dubins_lengths(start: np.ndarray, end: np.ndarray, radius: float) -> np.ndar
 def dubins_poses(
     start: np.ndarray, pieces: np.ndarray, turns: np.ndarray, radius: np.ndarray, along: np.ndarray
 ) -> np.ndarray:
-    """Return x, y [m] and heading [rad] (..., M, 3) on paths at some distances; beyond its end a path goes straight on.
+    """Return x, y [m] and heading [rad] (..., M, 3) on paths at some distances, straight on beyond the end.
 
     Args:
         start: (..., 3) x, y [m] and heading [rad] of the starts.
@@ -324,11 +324,7 @@ def dubins_poses(
         length, turn = (pieces[..., k, None], turns[..., k, None]) if k < 3 else (np.inf, 0.0)
         gone = np.clip(left, 0, length)
         left = left - gone
-        turned = turn * gone / radius[..., None]
-        chord = (gone * np.sinc(turned / (2 * np.pi)))[..., None]
-        middle = heading + turned / 2
-        place = place + chord * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
-        heading = heading + turned
+        place, heading = _along_arc(place, heading, gone, turn * gone / radius[..., None])
     return np.concatenate([place, heading[..., None]], axis=-1)
 
 
@@ -348,13 +344,16 @@ def dubins_reach(start: np.ndarray, pieces: np.ndarray, turns: np.ndarray, radiu
         # An arc is farthest out at its ends, or where it is parallel to an axis.
         until = wide * _turned(turn * (np.arange(4) * np.pi / 2 - heading[..., None]))
         gone = np.concatenate([np.minimum(until, length), length], axis=-1)
-        turned = turn * gone / wide
-        middle = heading[..., None] + turned / 2
-        chord = (gone * np.sinc(turned / (2 * np.pi)))[..., None]
-        passed = place[..., None, :] + chord * np.stack([np.cos(middle), np.sin(middle)], axis=-1)
+        passed, headings = _along_arc(place[..., None, :], heading[..., None], gone, turn * gone / wide)
         reach = np.maximum(reach, np.abs(passed).max(axis=-2))
-        place, heading = passed[..., -1, :], heading + turned[..., -1]
+        place, heading = passed[..., -1, :], headings[..., -1]
     return reach
+
+
+def _along_arc(place: Any, heading: Any, length: Any, turned: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return places (..., 2) [m] and headings [rad] after arcs of some lengths [m] that turn by some angles [rad]."""
+    chord, middle = length * np.sinc(turned / (2 * np.pi)), heading + turned / 2
+    return place + chord[..., None] * np.stack([np.cos(middle), np.sin(middle)], axis=-1), heading + turned
 
 
 def _centre(pose: np.ndarray, side: float, radius: float) -> np.ndarray:

@@ -34,8 +34,8 @@ FIRST_SCENARIOS = 64
 """Number of scenarios at the beginning of a split whose largest team and most target slots are those of a batch."""
 _FROM_SYSTEM, _NEXT = -2, -1
 """Codes for the seed of a world's next episode: the operating system draws it, or it follows from the latest one."""
-_DRIVER = "driver."
-"""Prefix of the arrays of the policy that drives the robots."""
+_POLICY = "robot_policy."
+"""Prefix of the saved arrays of the policy that drives the robots."""
 
 
 class Batch:
@@ -49,6 +49,7 @@ class Batch:
     Attributes:
         sides: The sides whose actions `step` requires.
         simulations: The simulation of each group.
+        robot_policy: Policy that drives the robots if only the rogues act, or None.
         space: Space of scenarios, or None.
 
     Args:
@@ -117,7 +118,7 @@ class Batch:
         self.sides = sides_of(first, largest.num_robots, discrete_actions, roles)
         # Until the first reset, a space is represented by the first scenario of its split.
         self.simulations = [self._simulation(first)] * num_groups
-        self.driver = None if robots is None else driver_of(robots, self.scenario, num_worlds, device)
+        self.robot_policy = None if robots is None else robot_policy_of(robots, self.scenario, num_worlds, device)
         self._draws: Draws | None = None
         self._views: dict[tuple[int, str, str], Rows] = {}
         self._seeds = np.full(self.num_worlds, _FROM_SYSTEM, dtype=np.int64)
@@ -180,8 +181,8 @@ class Batch:
         if (rest := chosen & ~seeded).any():
             simulation.reset(rest)
         self._seeds[chosen] = _NEXT
-        if self.driver is not None:
-            self.driver.reset(chosen)
+        if self.robot_policy is not None:
+            self.robot_policy.reset(chosen)
 
     def _reset_groups(self, chosen: np.ndarray) -> None:
         """Begin episodes in the worlds of a space; groups that are reset as a whole draw their next scenario.
@@ -215,7 +216,8 @@ class Batch:
         if self.space is not None and self._draws is None:
             raise ResetNeeded("step needs a running episode: call reset first")
         for group, simulation in enumerate(self.simulations):
-            of_robots = self.driver.act(simulation.observation) if self.driver is not None else actions["robot"]
+            policy = self.robot_policy
+            of_robots = actions["robot"] if policy is None else policy.act(simulation.observation)
             if self.space is not None:
                 of_robots = of_robots[self.worlds_of(group), : simulation.num_robots]
                 of_robots = np.ascontiguousarray(of_robots) if isinstance(of_robots, np.ndarray) else of_robots
@@ -261,7 +263,7 @@ class Batch:
     def over(self) -> np.ndarray:
         """(W,) bool on the host: worlds whose episode has ended or, if only rogues act, that have no rogue left."""
         over = self._status() != int(RUNNING)
-        if self.driver is not None:
+        if self.robot_policy is not None:
             over = over | self.simulation.rogues.terminated.numpy().astype(bool).all(axis=1)
         return over
 
@@ -292,17 +294,17 @@ class Batch:
 
         They include those of the policy that drives the robots, if it has a method `save_state`.
         """
-        saved, driver = self.simulation.save_state(), cast("Any", self.driver)
-        if hasattr(driver, "save_state"):
-            saved |= {_DRIVER + name: array for name, array in driver.save_state().items()}
+        saved, policy = self.simulation.save_state(), cast("Any", self.robot_policy)
+        if hasattr(policy, "save_state"):
+            saved |= {_POLICY + name: array for name, array in policy.save_state().items()}
         return saved
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned."""
-        of_driver = {name.removeprefix(_DRIVER): saved[name] for name in saved if name.startswith(_DRIVER)}
-        self.simulation.load_state({name: array for name, array in saved.items() if not name.startswith(_DRIVER)})
-        if hasattr(self.driver, "load_state"):
-            cast("Any", self.driver).load_state(of_driver)
+        of_policy = {name.removeprefix(_POLICY): saved[name] for name in saved if name.startswith(_POLICY)}
+        self.simulation.load_state({name: array for name, array in saved.items() if not name.startswith(_POLICY)})
+        if hasattr(self.robot_policy, "load_state"):
+            cast("Any", self.robot_policy).load_state(of_policy)
         self._seeds[:] = _NEXT
 
     @property
@@ -331,7 +333,7 @@ class Batch:
             raise ValueError(f"scenarios of a space {rule}, got others in {self._first.name} and {scenario.name}")
 
 
-def driver_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "cpu") -> ActingPolicy:
+def robot_policy_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "cpu") -> ActingPolicy:
     """Return the policy that drives the robots of some worlds, as `Batch` describes it.
 
     Raises:

@@ -76,7 +76,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
             variant = named.with_cycles(variant, max_episode_steps)
         self._steps = variant.task.steps
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
-        self.batch = Batch(variant, num_envs, roles="robots", **settings)
+        self.batch = Batch(variant, whole_number("num_envs", num_envs), roles="robots", **settings)
         (self._side,) = self.batch.sides
         self.simulation, self.scenario = self.batch.simulation, self.batch.scenario
         self._rows_each, self._agents_as_rows = self._side.slots if agents_as_rows else 1, agents_as_rows

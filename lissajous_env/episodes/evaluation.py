@@ -164,7 +164,8 @@ def evaluate(
     """
     seeds, variant = list(seeds), named.build(scenario, **overrides)
     if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
-        raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
+        hint = "; `baselines.make` makes a policy by its name" if isinstance(policy, str) else ""
+        raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}{hint}")
     acting: Any = policy
     if not hasattr(policy, "act"):
         acting = FunctionPolicy(acting, max(min(len(seeds), _TOGETHER), 1))

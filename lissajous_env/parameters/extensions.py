@@ -1,7 +1,7 @@
 """Extensions of a scenario: reward terms, score columns, observation entries, and how targets enter and move.
 
-An extension is a function of a `lissajous_env.world.extended.WorldView` (NumPy views of the state), or a Warp kernel
-over the structs of `lissajous_env.world.state` that runs as a stage of `lissajous_env.world.stages`:
+An extension is a function of a `lissajous_env.world.extension_stages.WorldView` (NumPy views of the state), or a Warp
+kernel over the structs of `lissajous_env.world.state` that runs as a stage of `lissajous_env.world.stages`:
 
     @lissajous_env.reward_term(weight=-0.1)
     def near_wall(world):

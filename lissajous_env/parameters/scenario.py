@@ -231,8 +231,9 @@ class Scenario(BringsRogues):
 
     @cached_property
     def _fitted(self) -> Curve:
-        """The curve as it is given, of the rectangle without the inset; (6) to (8) apply to it."""
-        return dataclasses.replace(self.curve, inset=self.inset).driven if self.inset else self.curve
+        """The Lissajous curve, also where it is rounded, of the rectangle without the inset; (6) to (8) apply to it."""
+        curve = closed_forms.unrounded(self.curve)
+        return dataclasses.replace(curve, inset=self.inset).driven if self.inset else curve
 
     @cached_property
     def _followed(self) -> Curve:

@@ -10,7 +10,7 @@ PAPER = (250, 249, 246)
 GROUND = (255, 255, 255)
 """The rectangle where it was sensed just now."""
 IDLE = (238, 221, 188)
-"""The rectangle where it was not sensed for long."""
+"""The rectangle where it was not covered for long."""
 EDGE = (170, 178, 188)
 INK = (34, 46, 60)
 MUTED = (118, 128, 140)

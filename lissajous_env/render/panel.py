@@ -78,7 +78,7 @@ class Panel:
             if self.scenario.targets.fleeing > 0:
                 entries.insert(2, ("fleeing", 15.0, "evading target"))
         if self.scenario.task.grid is not None:
-            entries.append(("ramp", _RAMP + 8.0, f"not sensed for {float(f'{self.idle_full:.2g}'):g} s or more"))
+            entries.append(("ramp", _RAMP + 8.0, f"not covered for {float(f'{self.idle_full:.2g}'):g} s or more"))
         return entries
 
     def _draw_sign(self, fine: pygame.Surface, kind: str, x: float) -> None:

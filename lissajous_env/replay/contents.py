@@ -20,7 +20,7 @@ from lissajous_env.episodes.recording import Recording
 from lissajous_env.episodes.snapshot import thinned
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.render.targets import flash_time
-from lissajous_env.render.team import trail_time
+from lissajous_env.render.team import MOST_CONTACTS, trail_time
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.state import NEVER
 
@@ -52,7 +52,6 @@ _MOST_GROUND = 2**24
 """Limit on the total number of values of the ground."""
 _MOST_PLACES = 6_000_000
 """Limit on the positions of all targets in all moments; further targets are omitted."""
-_MOST_CONTACTS = 2_000
 
 
 def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue | None = None) -> dict[str, Any]:
@@ -222,7 +221,7 @@ def _contacts(contact: np.ndarray, every: int) -> list[list[int]]:
     begins = np.flatnonzero((apart[:, 0] != 1) | apart[:, 1:].any(axis=1))
     ends = np.append(begins[1:], len(order))[: len(begins)] - 1
     touches = np.stack([order[begins, 1], order[begins, 2], order[begins, 0] // every, order[ends, 0] // every], axis=1)
-    return touches[np.argsort(touches[:, 2], kind="stable")][:_MOST_CONTACTS].tolist()
+    return touches[np.argsort(touches[:, 2], kind="stable")][:MOST_CONTACTS].tolist()
 
 
 def _plain(value: Any) -> Any:

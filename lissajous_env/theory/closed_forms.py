@@ -242,6 +242,14 @@ def rounded(curve: Curve) -> Curve:
     return dataclasses.replace(curve, harmonics=tuple(map(tuple, rows.tolist())))
 
 
+def unrounded(curve: Curve) -> Curve:
+    """Return the Lissajous curve whose rounded form a curve is; the curve itself if it is none."""
+    if not curve.harmonics or (curve.a, curve.b) not in ROUNDED:
+        return curve
+    plain = dataclasses.replace(curve, harmonics=())
+    return plain if rounded(plain) == curve else curve
+
+
 def ellipse_residual(curve: Curve, positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:
     """y^2/B^2 + x^2/A^2 - 2 x y sin((a + b) gamma)/(A B) - cos^2((a + b) gamma), equation (5): 0 on the ellipse.
 

@@ -19,7 +19,7 @@ from lissajous_env.wording import shown
 from lissajous_env.world.clock import initial_of
 from lissajous_env.world.columns import number_names, plain, score_of
 from lissajous_env.world.episode import episodes_of
-from lissajous_env.world.extended import ExtensionStages
+from lissajous_env.world.extension_stages import ExtensionStages
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.robots.nearby import bins_of
 from lissajous_env.world.selection import checked_seeds, chosen_worlds, world_mask

@@ -25,6 +25,9 @@ FORMULAS = {
 
 TERMS = tuple(FORMULAS)
 _TERMS = wp.constant(len(TERMS))
+_DETECTION, _WAITING, _COLLISION, _IDLENESS, _EFFORT = (wp.constant(k) for k in range(5))
+_FORMATION, _OUTSIDE, _CONTAMINATION, _OBSERVATION = (wp.constant(k) for k in range(5, 9))
+"""Index of each term, in the order of `FORMULAS`."""
 
 
 @stage(ROBOT, writes="latest: collisions, detections, idle_ended, in_sight, waiting")
@@ -55,24 +58,24 @@ def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, late
         else:
             # A robot that was removed in an earlier step has no share in the team's later rewards.
             is_new = latest.collisions[w, i] > 0 or latest.outside[w, i] == 1
-            part = wp.where(latest.terminated[w, i] and not is_new, 0.0, 1.0)
+            share = wp.where(latest.terminated[w, i] and not is_new, 0.0, 1.0)
             detection = task.reward_detection * float(latest.detections[w, i])
             collision = task.reward_collision * float(latest.collisions[w, i])
-            effort = part * task.reward_effort * latest.effort[w, i]
+            effort = share * task.reward_effort * latest.effort[w, i]
             outside = task.reward_outside * float(latest.outside[w, i]) * task.step
-            latest.terms[w, i, 0] = detection
-            latest.terms[w, i, 1] = part * waiting
-            latest.terms[w, i, 2] = collision
-            latest.terms[w, i, 3] = part * idleness
-            latest.terms[w, i, 4] = effort
-            latest.terms[w, i, 5] = part * formation
-            latest.terms[w, i, 6] = outside
-            latest.terms[w, i, 7] = part * age_reduction
-            latest.terms[w, i, 8] = part * observation
-            reward = detection + part * (waiting + idleness + formation + age_reduction) + collision + effort + outside
-            reward += part * observation
+            latest.terms[w, i, _DETECTION] = detection
+            latest.terms[w, i, _WAITING] = share * waiting
+            latest.terms[w, i, _COLLISION] = collision
+            latest.terms[w, i, _IDLENESS] = share * idleness
+            latest.terms[w, i, _EFFORT] = effort
+            latest.terms[w, i, _FORMATION] = share * formation
+            latest.terms[w, i, _OUTSIDE] = outside
+            latest.terms[w, i, _CONTAMINATION] = share * age_reduction
+            latest.terms[w, i, _OBSERVATION] = share * observation
+            reward = detection + share * (waiting + idleness + formation + age_reduction) + collision + effort + outside
+            reward += share * observation
             for term in range(_TERMS, count):
-                latest.terms[w, i, term] = wp.where(part > 0.0, latest.terms[w, i, term], 0.0)
+                latest.terms[w, i, term] = wp.where(share > 0.0, latest.terms[w, i, term], 0.0)
                 reward += latest.terms[w, i, term]
             latest.reward[w, i] = reward
             tally.returns[w, i] += wp.float64(reward)

@@ -21,7 +21,7 @@ from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
-from lissajous_env.world.observing import clear_slots, clip_coordinate, insert_nearest
+from lissajous_env.world.observing import clear_entries, clear_slots, clip_coordinate, insert_nearest
 from lissajous_env.world.state import DETECTED, GONE, HIDDEN, REMOVED
 
 wp.set_module_options(OPTIONS)
@@ -131,49 +131,64 @@ def write_position(w, i, entry: int, offset: wp.vec2, age: float, curve, observa
     observation_out[w, i, entry + 3] = wp.min(age, 1.0)
 
 
+@part
+def fill_tracks(
+    w, i, now, entry: int, here: wp.vec2, curve, sensing, task, speed_unit, tracks, nearest, observation_out
+):
+    """Fill the entries of a robot's tracks from `entry` on, nearest first; the robot is at `here` [m]."""
+    unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
+    count = int(0)
+    for t in range(tracks.sighted_at.shape[2]):
+        age = float(now - tracks.sighted_at[w, i, t]) * task.step
+        if tracks.sighted_at[w, i, t] >= 0 and age <= sensing.memory:
+            offset = (tracks.position[w, i, t] - here) / unit
+            count = insert_nearest(w, i, count, sensing.tracks_seen, offset, t, nearest)
+    sent_at = now - (tracks.sighted.shape[2] - 1)
+    for k in range(count):
+        t = int(nearest[w, i, k][1])
+        start = entry + k * TRACK_SIZE
+        age = float(now - tracks.sighted_at[w, i, t]) * task.step / sensing.memory
+        write_position(w, i, start, tracks.position[w, i, t] - here, age, curve, observation_out)
+        velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
+        observation_out[w, i, start + 4] = wp.clamp(velocity[0], -1.0, 1.0)
+        observation_out[w, i, start + 5] = wp.clamp(velocity[1], -1.0, 1.0)
+        observation_out[w, i, start + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
+        observation_out[w, i, start + 7] = wp.where(tracks.other_sighted_at[w, i, t] == sent_at, 1.0, 0.0)
+        observation_out[w, i, start + 8] = float(tracks.leaves[w, i, t])
+    clear_slots(w, i, entry + count * TRACK_SIZE, TRACK_SIZE, sensing.tracks_seen - count, observation_out)
+
+
+@part
+def fill_teammates(w, i, now, entry: int, here: wp.vec2, curve, sensing, task, tracks, nearest, observation_out):
+    """Fill the entries of the teammates that a robot knows, as `fill_tracks` does."""
+    unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
+    count = int(0)
+    for j in range(tracks.mate_sent_at.shape[2]):
+        age = float(now - tracks.mate_sent_at[w, i, j]) * task.step
+        if tracks.mate_sent_at[w, i, j] >= 0 and age <= sensing.memory:
+            offset = (tracks.mate_position[w, i, j] - here) / unit
+            count = insert_nearest(w, i, count, sensing.teammates_seen, offset, j, nearest)
+    for k in range(count):
+        j = int(nearest[w, i, k][1])
+        age = float(now - tracks.mate_sent_at[w, i, j]) * task.step / sensing.memory
+        start = entry + k * TEAMMATE_SIZE
+        write_position(w, i, start, tracks.mate_position[w, i, j] - here, age, curve, observation_out)
+    clear_slots(w, i, entry + count * TEAMMATE_SIZE, TEAMMATE_SIZE, sensing.teammates_seen - count, observation_out)
+
+
 @stage(ROBOT, writes="nearest; observation_out")
 def observe_tracks(
     w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, nearest, observation_out
 ):
-    """Fill the entries of each robot's tracks, then of its teammates, nearest first; a removed robot has none."""
-    now = clock.step[w]
-    unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
-    sent_at = now - (tracks.sighted.shape[2] - 1)
-    here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
-    count = int(0)
-    if robots.status[w, i] != REMOVED:
-        for t in range(tracks.sighted_at.shape[2]):
-            age = float(now - tracks.sighted_at[w, i, t]) * task.step
-            if tracks.sighted_at[w, i, t] >= 0 and age <= sensing.memory:
-                offset = (tracks.position[w, i, t] - here) / unit
-                count = insert_nearest(w, i, count, sensing.tracks_seen, offset, t, nearest)
-    entry = int(track_start)
-    for k in range(count):
-        t = int(nearest[w, i, k][1])
-        age = float(now - tracks.sighted_at[w, i, t]) * task.step / sensing.memory
-        write_position(w, i, entry, tracks.position[w, i, t] - here, age, curve, observation_out)
-        velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
-        observation_out[w, i, entry + 4] = wp.clamp(velocity[0], -1.0, 1.0)
-        observation_out[w, i, entry + 5] = wp.clamp(velocity[1], -1.0, 1.0)
-        observation_out[w, i, entry + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
-        observation_out[w, i, entry + 7] = wp.where(tracks.other_sighted_at[w, i, t] == sent_at, 1.0, 0.0)
-        observation_out[w, i, entry + 8] = float(tracks.leaves[w, i, t])
-        entry += TRACK_SIZE
-    clear_slots(w, i, entry, TRACK_SIZE, sensing.tracks_seen - count, observation_out)
-    entry = track_start + TRACK_SIZE * sensing.tracks_seen
-    mates = int(0)
-    if robots.status[w, i] != REMOVED:
-        for j in range(tracks.mate_sent_at.shape[2]):
-            age = float(now - tracks.mate_sent_at[w, i, j]) * task.step
-            if tracks.mate_sent_at[w, i, j] >= 0 and age <= sensing.memory:
-                offset = (tracks.mate_position[w, i, j] - here) / unit
-                mates = insert_nearest(w, i, mates, sensing.teammates_seen, offset, j, nearest)
-    for k in range(mates):
-        j = int(nearest[w, i, k][1])
-        age = float(now - tracks.mate_sent_at[w, i, j]) * task.step / sensing.memory
-        write_position(w, i, entry, tracks.mate_position[w, i, j] - here, age, curve, observation_out)
-        entry += TEAMMATE_SIZE
-    clear_slots(w, i, entry, TEAMMATE_SIZE, sensing.teammates_seen - mates, observation_out)
+    """Fill the entries of each robot's tracks, then of its teammates; those of a removed robot are zeros."""
+    mate_start = track_start + TRACK_SIZE * sensing.tracks_seen
+    if robots.status[w, i] == REMOVED:
+        clear_entries(w, i, track_start, mate_start + TEAMMATE_SIZE * sensing.teammates_seen, observation_out)
+    else:
+        now = clock.step[w]
+        here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
+        fill_tracks(w, i, now, track_start, here, curve, sensing, task, speed_unit, tracks, nearest, observation_out)
+        fill_teammates(w, i, now, mate_start, here, curve, sensing, task, tracks, nearest, observation_out)
 
 
 @part

@@ -35,10 +35,8 @@ RULES = "[policies]\nwatch-v1 = ['lanes']\nintercept-v1 = {}\nhotspots-v1 = ['la
         ("nam = 1", "must have the keys name, by, command, machine, policies, got nam; did you mean name"),
         ("", "must have the keys name, by, command, machine, policies, policies is missing"),
         ("[policies]\nwatch-v2 = ['lanes']", "tasks|watch-v1, intercept-v1, hotspots-v1, got watch-v2; did you mean"),
-        (
-            RULES.format("'lanes'"),
-            "intercept-v1 of mine.toml must be a list of policies, one for each training, got lanes",
-        ),
+        ("[policies", "mine.toml must be a TOML file that can be read: "),
+        (RULES.format("'lanes'"), "intercept-v1 of mine.toml must be a list of policies, one for each training, got"),
         (RULES.format("['lanes', 'lanes']"), "must have as many trainings for each task, got {'watch-v1': 1, 'int"),
         (RULES.format("['laness']"), "policy must be .* got 'laness'; did you mean lanes"),
         (RULES.format("['nowhere:rule']"), "policy must be module:factory that can be loaded, got 'nowhere:rule'"),

@@ -52,6 +52,7 @@ def test_arguments_of_a_simulation(words):
     (parallel_env, {"render_mode": "ansi"}, "render_mode must be None, rgb_array or human, got 'ansi'"),
     (env, {"render_mode": 1}, "render_mode must be None, rgb_array or human, got 1"),
     (LissajousEnv, {"render_mode": ""}, "render_mode must be None, rgb_array or human, got ''"),
+    (vector_env, {"num_envs": 0}, "num_envs must be a whole number of at least 1, got 0"),
     (vector_env, {"autoreset_mode": "NEVER"}, "must be one of NEXT_STEP, SAME_STEP, DISABLED, got 'NEVER'"),
     (vector_env, {"robot.radios": 1.0}, r"got 'robot.radios'; did you mean robot.radius\?"),
 ])  # fmt: skip

@@ -89,7 +89,7 @@ def test_a_scenario_is_the_task_as_it_is():
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({}, "width must be given without a scenario [m], got None"),
+        ({}, "width must be given if no scenario is named [m], got None"),
         ({"scenario": "evaders", "failures": 5}, "failures must be a whole number from 0 to 4"),
         ({"scenario": "evaders", "seconds": 0}, "seconds must be from 1 to 1000000 [s], got 0"),
         ({"scenario": "evaders", "plans": 0}, "plans must be a whole number of at least 1, got 0"),

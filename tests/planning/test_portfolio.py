@@ -43,6 +43,14 @@ def test_the_order_depends_on_no_unit(name):
     assert orders[0] != orders[1] or orders[1] != orders[2], "it depends on the scenario"
 
 
+def test_rows_of_faults_that_repeat_or_overlap_count_once():
+    once = {"faults.schedule": ((0, 0.5, 1.5),), "faults.removed": ((1, 1.0),)}
+    rows = (0, 1.0, 1.5), (0, 0.5, 1.2), (0, 1.0, 1.5), (2, 3.0, 4.0)
+    again = {"faults.schedule": rows, "faults.removed": ((1, 1.0), (1, 1.0))}
+    one, other = (features_of(lissajous_env.scenario(SCENARIO, **fields)).tolist() for fields in (once, again))
+    assert one == other != features_of(SCENARIO).tolist()
+
+
 @pytest.mark.parametrize("objective", [DETECTION, GUARANTEE])
 def test_the_best_of_the_rehearsed_patrols_is_chosen(objective):
     """Oracle: the patrols' own episodes; the prior prefers the one that stands still."""

@@ -9,13 +9,13 @@ import lissajous_env
 from baselines.policies.line_abreast import LineAbreast, line_tables
 from baselines.policies.line_path import (
     LineParameters,
-    best_plan,
+    best_lines,
+    failed_condition,
     ideal_worst_case,
-    plans_of,
+    lines_of,
     spacing_of,
     speed_limit,
     turn_of,
-    what_fails,
 )
 from lissajous_env.theory.geometry import turning_radius
 
@@ -78,8 +78,8 @@ def test_a_turn_comes_back_into_its_lane(curvature):
 def test_lines_share_the_span():
     """Oracle: every place across is sensed by each line, and cars of two lines pass clear of each other."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
-    assert [bool(plans_of(scenario, LineParameters(), count)[0]) for count in (1, 2, 3)] == [True, True, False]
-    (plan,), _ = plans_of(scenario, LineParameters(), 2)
+    assert [bool(lines_of(scenario, LineParameters(), count)[0]) for count in (1, 2, 3)] == [True, True, False]
+    (plan,), _ = lines_of(scenario, LineParameters(), 2)
     across = np.linspace(-2.4, 2.4, 1001)
     for line in range(2):
         lanes = plan.lanes[plan.line_of == line]
@@ -106,19 +106,19 @@ def test_rogues_pass_lines_that_turn_inside_only_above_the_speed_limit():
     """Oracle: the spacing law, solved for the speed of rogues."""
     walls = {"task.boundary": "wall", "sensing.radius": 1.5}
     scenario = lissajous_env.scenario("intruders", **walls).resolve()
-    plan = plans_of(scenario, LineParameters(), 1)[0][0]
+    plan = lines_of(scenario, LineParameters(), 1)[0][0]
     spacing = spacing_of(scenario, 1, plan.aside)
     for share, words in ((0.9, "cross a line within a step"), (1.1, "")):
         rogues = speed_limit(spacing, 1.5, share * plan.speed, plan.step)
         faster = lissajous_env.scenario("intruders", **walls, **{"targets.speed_limit": rogues}).resolve()
-        assert words in what_fails(faster, 1, plan.speed, plan.aside)
-        assert bool(words) == bool(what_fails(faster, 1, plan.speed, plan.aside))
+        assert words in failed_condition(faster, 1, plan.speed, plan.aside)
+        assert bool(words) == bool(failed_condition(faster, 1, plan.speed, plan.aside))
 
 
 def test_lines_far_from_the_end_of_the_rectangle_leave_places_unsensed():
     """Oracle: by hand, from half circles of 0.2 m that end 1.2 m from the wall, 3.2 m apart: hypot(1.4, 1.6) - 0.2."""
     far = lissajous_env.scenario("intruders", **{"curve.inset": 1.2, "sensing.radius": 1.7}).resolve()
-    assert "end of the rectangle would be 1.93 m from sensors of 1.7 m" in what_fails(far, 1, 1.0, 0.2)
+    assert "end of the rectangle would be 1.93 m from sensors of 1.7 m" in failed_condition(far, 1, 1.0, 0.2)
 
 
 def test_all_starts_have_the_same_guarantee_and_no_cars_collide():
@@ -152,10 +152,10 @@ def test_uneven_cars_keep_the_line():
 def test_more_lines_guarantee_more():
     """Oracle: half of the period less the time of a turn, at which two lines meet again."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
-    one, two = (plans_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
+    one, two = (lines_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
     assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * two.step, rel=0.1)
     assert ideal_worst_case(scenario, two) < 0.7 * ideal_worst_case(scenario, one)
-    assert best_plan(scenario, LineParameters()).line_of.max() == 1
+    assert best_lines(scenario, LineParameters()).line_of.max() == 1
 
 
 def test_lines_stand_upright_in_an_upright_rectangle():
@@ -184,7 +184,7 @@ def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
         scenario = lissajous_env.scenario("intruders", **{"task.boundary": "wall"}, **halves, **cars).resolve()
         reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
         for lines in (1, 2):
-            for plan in plans_of(scenario, LineParameters(), lines)[0]:
+            for plan in lines_of(scenario, LineParameters(), lines)[0]:
                 played += 1
                 path = plan.path
                 y = path[:, 1, None] + plan.lanes

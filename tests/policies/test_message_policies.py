@@ -100,3 +100,7 @@ def test_readers_of_rows_find_messages(k):
     expected = heard(simulation) if k else np.zeros((2, 5, 2, 0))
     rows = baselines.Rows(simulation.observation.numpy(), simulation.scenario)
     np.testing.assert_array_equal(rows.message, expected)
+    with pytest.raises(
+        ValueError, match=r"observation must have rows of \d+ numbers for experiment, got shape \(2, 5, 1\)"
+    ):
+        baselines.Rows(rows.values[..., :1], simulation.scenario)

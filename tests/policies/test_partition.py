@@ -13,7 +13,7 @@ from baselines.policies.as_cars import like_cars
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart
-from baselines.policies.partition_plan import PartitionParameters, partition_plans, room_of, smallest_distance
+from baselines.policies.partition_plan import PartitionParameters, partition_plans, problem_of, smallest_distance
 from baselines.policies.timed_paths import plain_of
 from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, radius_for_all_cars
 
@@ -249,13 +249,13 @@ def test_a_plan_has_the_least_worst_case_and_not_the_most_frequent_visits(monkey
 
 def test_long_periods_are_compared_at_fewer_times():
     """Law: places of the loops at even times, at least 256, between which robots move a quarter of a sensing radius."""
-    room = room_of(plain_of(lissajous_env.scenario("evaders").resolve()), PartitionParameters(speed=0.02))
+    problem = problem_of(plain_of(lissajous_env.scenario("evaders").resolve()), PartitionParameters(speed=0.02))
     placed = np.random.default_rng(0).uniform(size=(5, 3000, 2))
-    thin, step = partition_module._thinned(placed, room)
+    thin, step = partition_module._thinned(placed, problem)
     assert 256 <= thin.shape[1] < 400
-    assert step * room.speed <= 0.25 * room.sensing
+    assert step * problem.speed <= 0.25 * problem.sensing
     np.testing.assert_array_equal(thin, placed[:, (np.arange(thin.shape[1]) * step + 1e-9).astype(int)])
-    np.testing.assert_array_equal(partition_module._thinned(placed[:, :400], room)[0], placed[:, :400])
+    np.testing.assert_array_equal(partition_module._thinned(placed[:, :400], problem)[0], placed[:, :400])
 
 
 def test_loops_that_cross_do_not_lie_apart():

@@ -214,6 +214,7 @@ def test_numbers_that_are_none_are_refused_by_name(given):
         policy.act(rows)
 
 
+@pytest.mark.filterwarnings("error:invalid value encountered in cast")
 @pytest.mark.parametrize(("name", "scenario"), CASES)
 def test_absurd_observations_give_finite_actions(name, scenario):
     policy, draw = baselines.make(name, scenario, 8), np.random.default_rng(0)

@@ -7,7 +7,7 @@ from test_proved import FIVE, driven, towards_the_nearest
 
 import lissajous_env
 from baselines.policies.safety.proved import Proved, ProvedParameters
-from baselines.policies.safety.tails import Tail, gap, place_on, roll_on
+from baselines.policies.safety.tails import Tail, place_on, roll_on, segment_distance
 
 FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30.0}
 """Robots can fail, and the test chooses when."""
@@ -64,7 +64,7 @@ def test_robots_assumed_to_coast_are_hit_where_they_stop_dead():
 def measure_gaps(ends: wp.array2d(dtype=wp.vec3), out: wp.array(dtype=float)):
     """Measure the distance of two segments in each row."""
     k = wp.tid()
-    out[k] = gap(ends[k, 0], ends[k, 1], ends[k, 2], ends[k, 3])
+    out[k] = segment_distance(ends[k, 0], ends[k, 1], ends[k, 2], ends[k, 3])
 
 
 def test_distance_of_segments():

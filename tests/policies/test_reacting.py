@@ -57,6 +57,15 @@ def test_the_lanes_are_a_closed_tour_that_drives_no_stretch_twice():
     assert lissajous_env.evaluate(policy, "hotspots", seeds=[0])[0]["sensed_fraction"] > 0.95
 
 
+@pytest.mark.parametrize("noise", [{}, {"noise.message_delay": 3.0}, {"noise.message_loss": 0.3}])
+def test_no_two_robots_follow_one_place_in_the_lanes(noise):
+    scenario = lissajous_env.scenario("watch", **noise)
+    policy, simulation = Lanes(scenario, 50), lissajous_env.Simulation(scenario, 50, seed=1)
+    for _ in range(40):
+        simulation.step(policy.act(simulation.observation))
+    assert all(len(set(slots)) == policy.num_robots for slots in policy._slot.tolist())
+
+
 def test_a_force_draws_a_robot_to_its_target_and_away_from_others():
     # Story: one target to the right of robot 4; then another robot observes it, and robot 4 patrols.
     simulation = lissajous_env.Simulation("watch", seed=1)

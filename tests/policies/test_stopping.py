@@ -66,6 +66,18 @@ def test_mirrored_drives_act_alike(axis):
     np.testing.assert_allclose(policy.act(rows) * [1, -1], found, atol=1e-3)
 
 
+def test_ways_to_stop_end_at_rest():
+    """Law: more time for braking changes nothing, also at speeds that are measured above the top speed."""
+    scenario = lissajous_env.scenario("evaders", **(EXACT | DRIVES), **{"noise.speed": 0.3})
+    policy = Straight(scenario, 4000)
+    rows = np.random.default_rng(0).uniform(-1, 1, policy.observation_shape)
+    rows[..., 4], rows[..., 7] = rows[..., 4] * (1 + 3 * 0.3 / scenario.robot.top_speed), 1
+    found = policy.act(rows)
+    policy.reset()
+    policy._stay_inside._room.braking *= 10
+    np.testing.assert_array_equal(policy.act(rows), found)
+
+
 def test_a_drive_that_stands_at_a_wall_turns_on_the_spot_and_leaves_it():
     scenario = lissajous_env.scenario("evaders", **(EXACT | DRIVES)).resolve()
     policy, simulation = Straight(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=3)

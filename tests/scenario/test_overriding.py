@@ -52,7 +52,7 @@ TAKES_A_SCENARIO = {
     "check_follows": guarantee.check_follows,
     "Simulation": lambda given: lissajous_env.Simulation(given).observation.numpy().tolist(),
     "names": baselines.names,
-    "Rows": lambda given: baselines.Rows(np.zeros((1, 5, 100)), given).scenario.to_dict(),
+    "Rows": lambda given: baselines.Rows(np.zeros((1, 5, 42)), given).scenario.to_dict(),
 }
 
 

@@ -70,7 +70,7 @@ def test_every_write(root, tmp_path, name, full):
 
 def test_a_kill_after_the_best_is_written_and_before_the_checkpoint(tmp_path, monkeypatch):
     # Oracle: the command that nobody killed. The best policy is ahead of the training that is resumed.
-    monkeypatch.setattr("training.trainer.rank_of", lambda point, limit: point["steps"])
+    monkeypatch.setattr("training.trainer.rating_of", lambda point, limit: point["steps"])
     killing.train(tmp_path / "whole")
     claim, seen = Folder._claim, []
 

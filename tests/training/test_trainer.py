@@ -13,7 +13,7 @@ import lissajous_env
 import training
 from lissajous_env.world.observation import layout
 from training.learned import checkpoint
-from training.learned.perception import OWN, TOKEN, Perception, axes_of, commanded_velocity, perceive, wish_of
+from training.learned.perception import OWN, TOKEN, Perception, axes_of, base_action, commanded_velocity, perceive
 
 pytest.importorskip("torch")
 
@@ -21,8 +21,8 @@ import torch
 
 from training.settings import TrainingSettings
 from training.trainer import TeamModule, Training, train
-from training.validation import limit_of, rank_of
-from training.worlds import TRUTH, Rollout, Worlds, truth
+from training.validation import limit_of, rating_of
+from training.worlds import TRUTH, Rollout, Worlds, true_view
 
 QUIET = Console(quiet=True)
 SMALL = {
@@ -55,7 +55,7 @@ def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     assert history["curve"][0]["steps"] == 0
     assert history["curve"][-1]["steps"] >= 640
     limit = limit_of(None, history["rivals"])
-    assert rank_of(history["best"], limit) >= rank_of(history["curve"][0], limit), "the rule is the first candidate"
+    assert rating_of(history["best"], limit) >= rating_of(history["curve"][0], limit), "the rule is the first candidate"
     policy = training.load(tmp_path / "run" / "best", num_worlds=2)
     rows = lissajous_env.evaluate(policy, policy.scenario, seeds=[1, 2])
     assert all(np.isfinite(row["return_mean"]) for row in rows)
@@ -168,8 +168,8 @@ def test_collisions_cost_more_where_there_are_too_many(tmp_path):
     assert costs[1e5] < settings.penalty < costs[0.0]
     assert limit_of(None, [{"score": 1.0, "collisions": 2.0, "worth": 1.0}]) == pytest.approx(1.6)
     careful, careless = ({"worth": 1.1, "collisions": hits} for hits in (0.5, 2.0))
-    assert rank_of(careful, 0.5) == 1.1
-    assert rank_of(careless, 0.5) < rank_of({"worth": 0.9, "collisions": 0.1}, 0.5)
+    assert rating_of(careful, 0.5) == 1.1
+    assert rating_of(careless, 0.5) < rating_of({"worth": 0.9, "collisions": 0.1}, 0.5)
 
 
 def test_trainings_that_differ_only_in_their_seeds_are_a_row_of_the_ablations(tmp_path, monkeypatch):
@@ -245,7 +245,7 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
         worlds.step(np.full((worlds.count, 2), 0.5))
     simulation = worlds.batch.simulation
     simulation.robots.position.assign(simulation.robots.position.numpy() * [0.05, 0.05, 1])
-    tokens, present, own, near = truth(simulation)
+    tokens, present, own, near = true_view(simulation)
     robots, targets = simulation.robots.position.numpy()[..., :2], simulation.targets.position.numpy()
     far = np.linalg.norm(targets[:, None] - robots[:, :, None], axis=-1) / 4.0
     assert tokens[:, :, :10, 4] == pytest.approx(far / (1 + far), abs=1e-5)
@@ -271,7 +271,8 @@ def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, wo
 
 
 def test_cars_rest_where_a_network_wishes_a_slow_velocity():
-    alone, scenario = np.zeros((1, 3, 200), np.float32), lissajous_env.scenario("watch").resolve()
+    scenario = lissajous_env.scenario("watch").resolve()
+    alone = np.zeros((1, 3, len(layout(scenario).names)), np.float32)
     wish = np.array([[[0.2, -0.1], [0.26, 0.0], [0.6, -0.8]]], np.float32)
     assert commanded_velocity(wish, alone, scenario) == pytest.approx(wish * np.array([[0], [1], [1]]))
 
@@ -287,7 +288,7 @@ def test_mirror_images_of_a_team_are_perceived_alike(axis):
     mirrored = {axis, {"x": "cos", "y": "sin"}[axis] + "_heading"}, (f"_{axis}", f"_{axis}_velocity")
     names = layout(scenario).names
     image = row * np.array([-1 if name in mirrored[0] or name.endswith(mirrored[1]) else 1 for name in names])
-    wish, signs = wish_of(base, row), np.where(np.array(["x", "y"]) == axis, -1, 1)
+    wish, signs = base_action(base, row), np.where(np.array(["x", "y"]) == axis, -1, 1)
     one, other = perceive(row, scenario, wish), perceive(image.astype(np.float32), scenario, wish * signs)
     assert (axes_of(image, scenario) == signs * axes_of(row, scenario)).all()
     assert all(np.abs(a - b).max() < 1e-5 for a, b in zip(one, other, strict=True))
@@ -308,5 +309,5 @@ def test_a_base_begins_anew_with_its_world(tmp_path):
     simulation = worlds.batch.simulation
     fresh = baselines.make("greedy-cover", simulation.scenario, 2)
     observation = simulation.observation.numpy()
-    wish = wish_of(fresh, observation) * axes_of(observation, simulation.scenario)
+    wish = base_action(fresh, observation) * axes_of(observation, simulation.scenario)
     assert (worlds.rows()[0][:5, -2:] == wish[0]).all()

@@ -1,4 +1,4 @@
-"""Card of a learned policy: its description without the weights, validated at construction."""
+"""Card of a learned policy: everything about it except its weights, validated at construction."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,12 +9,12 @@ from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
 
 _NAMES = "scenario", "kind", "inputs", "action_size", "base"
-"""Fields that `checkpoint.json` contains under `policy`."""
+"""Fields that are stored under `policy` in `checkpoint.json`."""
 
 
 @dataclass(frozen=True)
 class Card:
-    """Description of a policy without its weights: scenario, inputs and base.
+    """Description of a learned policy: its training, inputs, outputs and base.
 
     Raises:
         ValueError: a value has another type or violates a rule.
@@ -23,16 +23,15 @@ class Card:
     scenario: str
     """Name of the scenario of the training."""
     kind: str
-    """Kind of robot that the policy drives, `velocity` for velocities of cars, or `rogue`."""
+    """Kind of robot that the policy drives; `velocity` if its actions are velocities of cars; or `rogue`."""
     inputs: tuple[str, ...]
     """Names of the entries of a rogue's row that its network reads, in order; empty for robots."""
     action_size: int
     """Number of components of a robot's action."""
-    fields: Mapping[str, Any]
+    scenario_fields: Mapping[str, Any]
     """Scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
     base: str | None = None
-    """Name of the classical policy whose action the network reads and adds its output to; None: the output is the
-    action."""
+    """Name of the classical policy whose action the network reads and corrects; None if the output is the action."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the training."""
 
@@ -44,7 +43,7 @@ class Card:
         require("inputs", words and len(set(self.inputs)) == len(self.inputs), "must be words, each once", self.inputs)
         size = self.action_size
         require("action_size", type(size) is int and size >= 1, "must be a whole number of at least 1", size)
-        # A folder or a learned policy could have this very policy as its base.
+        # A learned policy as a base could have this policy as its own base.
         base = self.base
         known = base is None or (isinstance(base, str) and registry.is_classical(base))
         require("base", known, "must be a registered classical policy, or none", base)
@@ -68,14 +67,14 @@ class Card:
         values: dict[str, Any] = {name: policy[name] for name in _NAMES}
         if isinstance(values["inputs"], list):
             values["inputs"] = tuple(values["inputs"])
-        return cls(**values, settings=settings, fields=fields)
+        return cls(**values, settings=settings, scenario_fields=fields)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values of all fields but the settings and the scenario."""
+        """Return plain values of the fields that are stored under `policy`."""
         return {name: getattr(self, name) for name in _NAMES}
 
     def check(self, scenario: Scenario) -> None:
-        """Accept a scenario that the policy can play; a policy without messages also plays one with messages.
+        """Check that the policy can play a scenario; one without messages also plays a scenario with messages.
 
         Raises:
             ValueError: the robots or the actions of the scenario do not fit the policy.
@@ -85,7 +84,7 @@ class Card:
                 f"policy trained on {self.scenario} must drive robots of kind {self.kind}, "
                 f"got {scenario.name}, with robots of kind {scenario.robot.kind}"
             )
-        robot = self.fields.get("robot")
+        robot = self.scenario_fields.get("robot")
         reverses = isinstance(robot, Mapping) and (robot.get("speed_min") or 0.0) < 0.0
         if scenario.robot.reverses != reverses:
             rule = f"must be {'below 0' if reverses else '0'} for the policy trained on {self.scenario}"
@@ -95,7 +94,7 @@ class Card:
         require("action_size", fits, f"must be {size} for {scenario.name}", self.action_size)
 
 
-def require(name: str, holds: Any, rule: str, got: Any) -> None:
-    """Raise ValueError with name, rule and value if a rule is violated."""
-    if not holds:
+def require(name: str, is_right: Any, rule: str, got: Any) -> None:
+    """Raise ValueError with name, rule and value unless the value is right."""
+    if not is_right:
         raise ValueError(f"{name} {rule}, got {repr(got)[:60]}")

@@ -1,8 +1,8 @@
 """Checkpoints: folders with `checkpoint.json` and the safetensors files that it names.
 
 `checkpoint.json` is the commit point. It is replaced atomically after the files that it names, with their SHA-256, have
-been written; so a kill at any moment leaves the previous or the new checkpoint. The best policy so far is a checkpoint
-of its own in the folder `best`. No pickle is read, and inconsistent files are rejected.
+been written; so a kill at any moment leaves the previous or the new checkpoint. The best policy so far is a separate
+checkpoint in the folder `best`. No pickle is read, and inconsistent files are rejected.
 """
 
 import contextlib
@@ -83,7 +83,7 @@ def save(
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
-            "scenario": card.fields,
+            "scenario": card.scenario_fields,
             "versions": _versions(),
             "files": files,
             **(notes or {}),
@@ -165,7 +165,7 @@ def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndar
 
 @contextlib.contextmanager
 def resuming(folder: str | Path, text: Mapping[str, Any]) -> Iterator[None]:
-    """Turn an error while a state is loaded into a ValueError that names its file."""
+    """Convert an error while a state is loaded to a ValueError with the name of its file."""
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
@@ -180,12 +180,12 @@ def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the arrays of a set with the prefix of the set."""
+    """Return arrays with the name of their set before their own names."""
     return {f"{part}.{name}": array for name, array in arrays.items()}
 
 
 def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the arrays of one set without its prefix."""
+    """Return the arrays of one set, without the name of the set."""
     start = f"{part}."
     return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
@@ -199,14 +199,14 @@ def own_scenario(card: Card) -> Scenario:
     Raises:
         ValueError: the values are invalid, or the module of an extension has not been imported.
     """
-    extensions = card.fields.get("extensions") or ()
+    extensions = card.scenario_fields.get("extensions") or ()
     if not isinstance(extensions, (list, tuple)):
         raise ValueError(f"extensions of a scenario must be a list, got {shown(extensions)}")
-    return scenario_of(card.fields, [_brought(entry, card) for entry in extensions])
+    return scenario_of(card.scenario_fields, [_brought(entry, card) for entry in extensions])
 
 
 def _brought(entry: Any, card: Card) -> Extension:
-    """Return an extension whose module the program has imported."""
+    """Return an extension of a card, whose module the program must have imported."""
     place = entry.get("place") if isinstance(entry, Mapping) else None
     require("place of an extension", isinstance(place, str), "must be module:name", place)
     module = str(place).partition(":")[0]
@@ -220,7 +220,7 @@ def _brought(entry: Any, card: Card) -> Extension:
 
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Add the name of the file to the error about a value."""
+    """Add the name of the file to a ValueError."""
     try:
         yield
     except ValueError as error:

@@ -1,7 +1,4 @@
-"""Learned policies, with the same interface as the classical ones.
-
-Their network reads sets: what a robot perceives, of any number of tracks and teammates.
-"""
+"""Learned policies of robots, with the interface of the classical ones: load, register and play them."""
 
 import json
 from functools import partial
@@ -14,10 +11,10 @@ import baselines
 from baselines.policies.base import Policy
 from baselines.policies.registry import LOADERS, Loader
 from lissajous_env import Scenario
-from lissajous_env.wording import few_of
+from lissajous_env.wording import few_of, nearest
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.perception import axes_of, commanded_velocity, perceive, wish_of
+from training.learned.perception import axes_of, base_action, commanded_velocity, perceive
 from training.learned.team_network import TeamNetwork
 
 
@@ -37,7 +34,7 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
 
 
 def own_scenario(name: str | Path) -> Scenario:
-    """Return the scenario on which an included policy, or that in a folder, was trained.
+    """Return the scenario on which an included policy, or the policy in a folder, was trained.
 
     Raises:
         ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
@@ -56,10 +53,8 @@ def find(name: str | Path) -> Path:
         return shipped
     if (Path(name) / checkpoint.FILE).is_file():
         return Path(name)
-    raise ValueError(
-        f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder with {checkpoint.FILE}, "
-        f"got {str(name)!r}"
-    )
+    rule = f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder with {checkpoint.FILE}"
+    raise ValueError(f"{rule}, got {str(name)!r}{nearest(name, names())}")
 
 
 def register_shipped() -> None:
@@ -79,15 +74,15 @@ _SHIPPED = Path(__file__).parent.parent / "policies"
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the included policies whose actions a network computes."""
+    """Return the names of the included learned policies."""
     return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{checkpoint.FILE}")))
 
 
 class LearnedTeam(Policy):
-    """Policy whose action is a network's output, added to the wish of the base if the card has one, in [-1, 1].
+    """Policy whose action is a network's output, added to the action of the base if the card has one, in [-1, 1].
 
-    Velocities are changed to lead away from robots that are near, as those of the classical policies are. The same
-    network decides for each robot, from the robot's own row and memory alone.
+    Velocities are changed by `commanded_velocity`. The same network computes the action of each robot, from the robot's
+    own row and memory alone.
 
     Args:
         network: Network of the policy.
@@ -112,18 +107,18 @@ class LearnedTeam(Policy):
         self._memory = np.zeros((*self.shape, network.memory), np.float32)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget everything in the masked worlds."""
+        """Reset the base and the memory of the robots in the masked worlds."""
         super().forget(mask)
         self._memory[mask] = 0.0
 
     def decide(self, observation: np.ndarray) -> np.ndarray:
-        """Return the actions; entries far outside of their ranges count as at most 10."""
+        """Return the actions; entries of rows are clipped to [-10, 10], for rows far outside of their ranges."""
         observation = observation.clip(-10.0, 10.0)
-        wish = None if self.base is None else wish_of(self.base, observation)
-        outputs, self._memory = self.network(perceive(observation, self.scenario, wish), self._memory)
+        of_base = None if self.base is None else base_action(self.base, observation)
+        outputs, self._memory = self.network(perceive(observation, self.scenario, of_base), self._memory)
         outputs[..., :2] *= axes_of(observation, self.scenario)[..., : outputs.shape[-1]]
-        if wish is not None:
-            outputs[..., :2] += wish[..., :2]
+        if of_base is not None:
+            outputs[..., :2] += of_base[..., :2]
         action = np.zeros(self.action.shape, np.float32)
         action[..., : outputs.shape[-1]] = outputs.clip(-1.0, 1.0)
         if self.scenario.task.action == "velocity":

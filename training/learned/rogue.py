@@ -19,7 +19,7 @@ from training.learned.card import Card
 from training.learned.rogue_network import RogueNetwork
 
 KIND = "rogue"
-"""Kind of a card whose policy drives no robots."""
+"""`Card.kind` of a rogue, which drives no robots."""
 
 
 def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> Card:
@@ -29,7 +29,7 @@ def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
 
 
 def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
-    """Return the rogue in the folder of a checkpoint, under a name; by default that of the folder.
+    """Return the rogue of a checkpoint; its name is by default that of the folder.
 
     Raises:
         ValueError: there is none, it is damaged, or its policy drives robots.
@@ -44,10 +44,10 @@ def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
 
 
 def as_rogue(name: str, network: RogueNetwork, card: Card) -> Rogue:
-    """Return the rogue of a network under a name.
+    """Return a rogue with a name whose actions a network computes.
 
-    A scenario may have more robots than that of the training, of which the nearest are read, or fewer: the entries of
-    absent robots are zero in any row.
+    A scenario may have other numbers of robots than that of the training: the network reads the nearest robots, and the
+    entries of absent ones are zero in every row.
     """
 
     def decide(rows: np.ndarray) -> np.ndarray:

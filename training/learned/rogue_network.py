@@ -42,7 +42,7 @@ class RogueNetwork:
                 )
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
-        """Return y (W, ..., outputs) for rows (W, ..., n), which count as x up to its size; what they lack is zero.
+        """Return y (W, ..., outputs) for rows (W, ..., n), cut or padded with zeros to the size of x.
 
         Each world is computed by matrix products of its own, so that it does not depend on the others of a batch.
         """
@@ -93,7 +93,11 @@ class RogueNetwork:
 
 
 def numbers(name: str, array: Any) -> np.ndarray:
-    """Return a read-only float32 copy."""
+    """Return a read-only float32 copy of an array; `name` is that of errors.
+
+    Raises:
+        ValueError: the array has other contents than finite numbers.
+    """
     given = np.asarray(array)
     if given.dtype.kind not in "fiu":
         raise ValueError(f"{name} must be numbers, got an array of {given.dtype}")

@@ -1,9 +1,9 @@
-"""The network of a team as plain arrays: what a robot perceives becomes its action, for any number of tokens.
+"""The network of a team as plain arrays: it maps what a robot perceives, any number of tokens, to its action.
 
-A layer maps each token to features, which the robot pools by attention: each head has a query, computed from the
-robot's own numbers, and its result is the mean of the features with the weights softmax(query . features). Without
-heads, the features are averaged over all slots, of which an empty one counts as zeros. With a memory, a gated recurrent
-unit follows (Cho et al., EMNLP 2014).
+A layer maps each token to features, which attention pools: each head has a query, computed from the robot's own
+numbers, and returns the mean of the features with the weights softmax(query . features). Without heads, the features
+are averaged over all slots for tokens, where those of an empty slot are zeros. With a memory, a gated recurrent unit
+follows (Cho et al., EMNLP 2014).
 
 Each world is computed by matrix products of its own, so that actions do not depend on the other worlds of a batch.
 """
@@ -19,7 +19,7 @@ from training.learned.rogue_network import numbers
 _LAYERS = "own", "token", "query", "trunk", "memory.input", "memory.hidden", "last", "action"
 _OPTIONAL = "query", "memory.input", "memory.hidden"
 _ABSENT = 1e4
-"""Subtracted from the score of a token that is not there."""
+"""Number that is subtracted from the score of an absent token."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class TeamNetwork:
     """Vector (outputs,) of each layer, by name."""
 
     inputs = 0
-    """Number of entries of a card that it reads: it reads what `perceive` returns."""
+    """Number of `Card.inputs` that it requires: none, because it reads a `Perception`."""
 
     def __post_init__(self) -> None:
         for part in ("weights", "biases"):
@@ -67,7 +67,7 @@ class TeamNetwork:
 
     @property
     def memory(self) -> int:
-        """Number of numbers that a robot remembers from step to step."""
+        """Size of a robot's memory."""
         return self.weights["memory.hidden"].shape[1] if "memory.hidden" in self.weights else 0
 
     def __call__(self, seen: Perception, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

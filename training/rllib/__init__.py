@@ -10,7 +10,7 @@ from lissajous_env import LissajousParallelEnv, Scenario
 __all__ = ["LissajousMultiAgentEnv"]
 
 _APART = 100_000
-"""Difference between the seeds of two processes that collect episodes."""
+"""Difference between the seeds of RLlib's processes."""
 
 
 class LissajousMultiAgentEnv(MultiAgentEnv):
@@ -59,10 +59,10 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         observations, rewards, terminated, truncated, _ = self.inner.step(action_dict)
         self.agents = list(self.inner.agents)
         timed_out = any(truncated[agent] and not terminated[agent] for agent in truncated)
-        gone = not self.agents and not timed_out
+        all_removed = not self.agents and not timed_out
         if len(observations) > len(acted):  # a rogue that has just appeared has no reward yet
-            rewards, terminated = ({a: of[a] for a in of if a in acted} for of in (rewards, terminated))
-        return observations, rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
+            rewards, terminated = ({a: each[a] for a in each if a in acted} for each in (rewards, terminated))
+        return observations, rewards, terminated | {"__all__": all_removed}, {"__all__": timed_out}, {}
 
     def render(self) -> Any:
         """Draw the world, as `LissajousParallelEnv.render`."""

@@ -18,9 +18,9 @@ class BatchVecEnv(VecEnv):
     """`VecEnv` of a batch of one side of a scenario: row k N + i is agent i of world k.
 
     Several rows share a world, and rows have no attributes or methods of their own. A world whose episode is over is
-    reset in the same step, which ends the episodes of all of its rows. The row of an agent that ended earlier has ended
-    then; it is constant, with reward 0 and actions without effect. Infos contain `TimeLimit.truncated` and, where a row
-    is done, `terminal_observation`; they report the episodes of agents as `Monitor` does.
+    reset in the same step, and all of its rows are done. The row of an agent that ended earlier is done in that step,
+    too; afterwards it is constant, with reward 0 and actions without effect. Infos contain `TimeLimit.truncated` and,
+    where a row is done, `terminal_observation`; they report the episodes of agents as `Monitor` does.
 
     Args:
         scenario: Scenario, or its name.
@@ -118,9 +118,9 @@ class BatchVecEnv(VecEnv):
         return self._begun(), rewards, dones, infos
 
     def _report(self, rewards: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
-        """Count a step, and report the episodes that ended with it: return, length [steps], time since the start [s].
+        """Count a step, and report the episodes that it ended: return, length [steps], time since the start [s].
 
-        The episode of a removed robot ends with its removal, so that it has none at the end of its world's episode.
+        The episode of a removed robot is reported at its removal, and not again at the end of its world's episode.
         """
         self._returns += rewards
         self._lengths += self._acts
@@ -130,7 +130,7 @@ class BatchVecEnv(VecEnv):
         self._returns[dones], self._lengths[dones] = 0.0, 0
 
     def _begun(self) -> np.ndarray:
-        """Note which agents act in the next step, and return a copy of their rows (W N, inputs)."""
+        """Store which agents act in the next step, and return a copy of all rows (W N, inputs)."""
         rows = self.batch.rows(self._side)
         self._acts = (rows.mask & ~rows.terminated).reshape(-1)
         return rows.observation.reshape(self.num_envs, -1).copy()

@@ -4,9 +4,9 @@
 
     task = LissajousTask.INTRUDERS.get_task({"task.duration": 30.0})
 
-A config overrides fields of the scenario, as in `lissajous_env.parameters.scenario`; `state` (True: central critics
-read the true state instead of all observations) and `threads` are arguments of the environment. Your own scenario is a
-task as well:
+A config contains overrides of scenario fields, as in `lissajous_env.parameters.scenario`, and the arguments `state`
+(True: central critics read the true state instead of all observations) and `threads` of the environment. Your own
+scenario is a task as well:
 
     task = LissajousTaskClass("two cars", {"scenario": my_scenario})
 
@@ -138,9 +138,9 @@ LissajousTask: Any = _NamedTask("LissajousTask", [(name, None) for name in _NAME
 
 
 def _of_groups(env: EnvBase, name: str) -> Composite:
-    """Return the spec of an entry that the environment returns for each agent."""
+    """Return the spec of an entry of the observations, by groups of agents."""
     whole = env.full_observation_spec_unbatched
     group_map: Any = env.group_map
-    groups = {group: whole[group] for group in group_map if name in whole[group]}
-    specs = {group: Composite({name: of[name]}, shape=of.shape, device=env.device) for group, of in groups.items()}
+    specs = {group: whole[group] for group in group_map if name in whole[group]}
+    specs = {key: Composite({name: spec[name]}, shape=spec.shape, device=env.device) for key, spec in specs.items()}
     return Composite(specs, device=env.device)

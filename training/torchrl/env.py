@@ -5,8 +5,8 @@
 
 Keys, for W worlds, N agents of a group, D entries of an observation and A components of an action:
 
-* `GROUP, observation` (W, N, D), and `GROUP, mask` (W, N, 1): False for places without a robot or a live rogue, whose
-  other entries are 0; losses should leave them out.
+* `GROUP, observation` (W, N, D), and `GROUP, mask` (W, N, 1): False for slots without a robot or a live rogue, whose
+  other entries are 0; losses should omit them.
 * `GROUP, action` (W, N, A) in [-1, 1], or (W, N) rows of the action table; `next, GROUP, reward` (W, N, 1).
 * `done`, `terminated`, `truncated` (W, 1) of a world, truncated at the time limit and terminated when all its robots
   are removed; `GROUP, done` ... (W, N, 1) of each agent, which has its row until the end of the episode.
@@ -43,7 +43,7 @@ SCORES = tuple(column.name for column in (
 
 
 class LissajousTorchEnv(EnvBase):
-    """A batch of worlds as a TorchRL `EnvBase` of batch size (W,); the module lists its keys.
+    """A batch of worlds as a TorchRL `EnvBase` of batch size (W,); the docstring of the module lists its keys.
 
     Tensors are copies on the device of the simulation; only the masks of ended worlds are copied to the host.
 
@@ -60,8 +60,8 @@ class LissajousTorchEnv(EnvBase):
         device: `cpu`, `cuda` or `cuda:k`.
         seed: Seed of world 0, where world k has seed + k, or of the sequence of a space's scenarios. Without a seed
             here or by `set_seed`, seeds are drawn from the operating system.
-        discrete_actions: Let actions be rows of the tables of `lissajous_env.envs.sides`.
-        state: Return the true state, `lissajous_env.envs.sides.state_names`.
+        discrete_actions: True for actions that are indices of the tables of `lissajous_env.envs.sides`.
+        state: True to return the true state, whose names are `lissajous_env.envs.sides.state_names`.
         threads: CPU threads of the simulation; all cores by default.
         **overrides: Fields of the scenario.
 
@@ -150,7 +150,7 @@ class LissajousTorchEnv(EnvBase):
         return after
 
     def _read(self, rewards: bool = False) -> TensorDict:
-        """Copy the rows, flags and scores from the simulation's arrays, which the next step overwrites."""
+        """Copy rows, flags and scores, with `rewards` after a step, because the next step overwrites the arrays."""
         scores = torch.full((len(SCORES), *self.batch_size, 1), torch.nan, device=self.device)
         ended = self.batch.just_ended
         if ended.any():
@@ -158,23 +158,23 @@ class LissajousTorchEnv(EnvBase):
             scores[:, torch.as_tensor(ended, device=self.device), 0] = torch.tensor(rows, device=self.device).float().T
         world: dict[str, Any] = {"score": self._batched(dict(zip(SCORES, scores, strict=True)))}
         for side in self.batch.sides:
-            of = self.batch.rows(side, torch)
+            rows = self.batch.rows(side, torch)
             copied = ("mask", "terminated", "truncated", "reward") if rewards else ("mask", "terminated", "truncated")
-            team = {name: getattr(of, name).unsqueeze(-1).clone() for name in copied}
-            team |= {"observation": of.observation.clone(), "done": team["terminated"] | team["truncated"]}
+            team = {name: getattr(rows, name).unsqueeze(-1).clone() for name in copied}
+            team |= {"observation": rows.observation.clone(), "done": team["terminated"] | team["truncated"]}
             if side.is_robots:
-                terms = of.terms.clone().unsqueeze(-2).unbind(-1)
+                terms = rows.terms.clone().unsqueeze(-2).unbind(-1)
                 names = [f"reward_{name}" for name in self.batch.simulation.reward_term_names]
                 team["info"] = self._batched(dict(zip(names, terms, strict=True)), side.slots)
-                gone, late = of.terminated.all(1, True), (of.mask & of.truncated).any(1, True)
-                world |= {"terminated": gone, "truncated": late, "done": gone | late}
+                all_removed, timed_out = rows.terminated.all(1, True), (rows.mask & rows.truncated).any(1, True)
+                world |= {"terminated": all_removed, "truncated": timed_out, "done": all_removed | timed_out}
             world[side.agent] = self._batched(team, side.slots)
         if self._with_state:
             world["state"] = self.batch.state(torch)
         return self._batched(world)
 
-    def _batched(self, entries: dict[str, Any], *places: int) -> TensorDict:
-        return TensorDict(entries, batch_size=(*self.batch_size, *places), device=self.device)
+    def _batched(self, entries: dict[str, Any], *shape: int) -> TensorDict:
+        return TensorDict(entries, batch_size=(*self.batch_size, *shape), device=self.device)
 
     def _on_torch_stream(self) -> AbstractContextManager:
         """Run the simulation on torch's CUDA stream, because Warp's own stream is not synchronised with it."""

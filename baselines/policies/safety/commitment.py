@@ -27,7 +27,7 @@ from baselines.policies.safety.own_motion import (
     tail_from,
     within_limits,
 )
-from baselines.policies.safety.tails import POINTS, Plan, Tail, lay_out, place_on, roll_on, room_between, swept_room
+from baselines.policies.safety.tails import POINTS, Plan, Tail, gap_between, lay_out, place_on, roll_on, swept_gap
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
@@ -71,7 +71,7 @@ class Memory:
 
 
 @wp.func
-def room_inside(plan: Plan, bounds: Bounds) -> float:
+def gap_to_edge(plan: Plan, bounds: Bounds) -> float:
     """Return the least distance of a plan from the edge of the rectangle that tails stay in [m] (condition 1)."""
     least = float(FAR)
     for k in range(1, POINTS):
@@ -82,7 +82,7 @@ def room_inside(plan: Plan, bounds: Bounds) -> float:
 
 
 @wp.func
-def room_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, memory: Memory) -> float:
+def gap_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, memory: Memory) -> float:
     """Return the least distance of a plan from all plans of robot j in this step, at the times that matter [m].
 
     A value below `enough` is only a bound. These are equal times, unless a robot of the two can stop dead (condition
@@ -92,45 +92,45 @@ def room_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, me
     has_decided = memory.decided[w, j] == 1
     if bounds.stops[i] == 1 or bounds.stops[j] == 1:
         other = memory.plans[w, j, wp.where(has_decided, NEW, OLD)]
-        return swept_room(one, other, bounds.stops[i] == 1, bounds.stops[j] == 1, bounds.touch, enough)
+        return swept_gap(one, other, bounds.stops[i] == 1, bounds.stops[j] == 1, bounds.touch, enough)
     least = float(FAR)
     if has_decided:
-        least = room_between(one, memory.plans[w, j, NEW], bounds.touch, enough)
+        least = gap_between(one, memory.plans[w, j, NEW], bounds.touch, enough)
     if least >= enough and (not has_decided or bounds.coasts == 1):
-        least = wp.min(least, room_between(one, memory.plans[w, j, OLD], bounds.touch, enough))
+        least = wp.min(least, gap_between(one, memory.plans[w, j, OLD], bounds.touch, enough))
     return least
 
 
 @wp.func
-def room_of(w: int, i: int, plan: int, enough: float, first: int, bounds: Bounds, memory: Memory) -> wp.vec2:
+def smallest_gap(w: int, i: int, plan: int, enough: float, first: int, bounds: Bounds, memory: Memory) -> wp.vec2:
     """Return the least distance of a plan from the committed tails of the others [m], and the robot (condition 4).
 
     The search begins with robot `first` and ends at a value below `enough`.
     """
-    least = wp.vec2(room_inside(memory.plans[w, i, plan], bounds), -1.0)
+    least = wp.vec2(gap_to_edge(memory.plans[w, i, plan], bounds), -1.0)
     for k in range(-1, memory.presence.shape[1]):
         if least[0] < enough:
             return least
         j = wp.where(k < 0, first, k)
         if j >= 0 and j != i and memory.presence[w, j] != GONE:
-            room = room_to(w, i, plan, j, enough, bounds, memory)
-            if room < least[0]:
-                least = wp.vec2(room, float(j))
+            gap = gap_to(w, i, plan, j, enough, bounds, memory)
+            if gap < least[0]:
+                least = wp.vec2(gap, float(j))
     return least
 
 
 @wp.func
 def is_compatible(w: int, bounds: Bounds, memory: Memory) -> int:
-    """Return 1 if the tails of all robots are compatible, with which the induction begins (condition 6)."""
+    """Return 1 if the tails of all robots are compatible, which begins the induction (condition 6)."""
     for i in range(memory.presence.shape[1]):
-        if memory.presence[w, i] != GONE and room_of(w, i, OLD, 0.0, -1, bounds, memory)[0] < 0.0:
+        if memory.presence[w, i] != GONE and smallest_gap(w, i, OLD, 0.0, -1, bounds, memory)[0] < 0.0:
             return 0
     return 1
 
 
 @wp.func
 def is_off_the_wall(bounds: Bounds, car: wp.vec4, speed: float) -> bool:
-    """Return whether a car that had a speed [m/s] a step before cannot have met the wall since."""
+    """Return whether a car that had a speed [m/s] a step before cannot have touched the wall since."""
     way = (speed + car[3]) * bounds.step + bounds.place
     return wp.min(bounds.half_width - wp.abs(car[0]), bounds.half_height - wp.abs(car[1])) > way
 
@@ -266,18 +266,18 @@ def leads_out(bounds: Bounds, tail: Tail) -> bool:
 
 @wp.func
 def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: Memory) -> wp.vec2:
-    """Return the first of the changed actions after which a tail has room, or continue the old tail.
+    """Return the first of the changed actions after which the gap of a tail is large enough, or continue the old tail.
 
     A tail whose end leaves the car no way out of the walls is not taken, unless that of the old one does not either.
-    If the old tail has no room either, which can happen if conditions are violated, the plan with most room is used.
+    If that of the old tail is negative, which can happen if conditions are violated, the plan with the largest is used.
     """
     known = memory.known[w, i]
     old = memory.tail[w, i]
     chosen = wp.vec2(old.steering, -1.0)
     enough = float(0.0)
     if memory.holds[w] == 0:
-        enough = wp.min(room_of(w, i, OLD, -FAR, -1, bounds, memory)[0], 0.0)
-    room = wp.vec2(-FAR, -1.0)
+        enough = wp.min(smallest_gap(w, i, OLD, -FAR, -1, bounds, memory)[0], 0.0)
+    gap = wp.vec2(-FAR, -1.0)
     ends_well = leads_out(bounds, old)
     for k in range(bounds.changes.shape[0] * bounds.tails):
         change = bounds.changes[k / bounds.tails]
@@ -289,19 +289,19 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
         turn = turn_after(k % bounds.tails, bounds, known, car[3], action)
         tail = propose(w, i, bounds, car, action, turn, memory)
         if ends_well and not leads_out(bounds, tail):
-            room = wp.vec2(-FAR, -1.0)  # not this one
+            gap = wp.vec2(-FAR, -1.0)  # not this one
             continue
-        room = room_of(w, i, NEW, enough, int(room[1]), bounds, memory)
-        if room[0] >= enough:
+        gap = smallest_gap(w, i, NEW, enough, int(gap[1]), bounds, memory)
+        if gap[0] >= enough:
             memory.decided[w, i] = 1
             memory.tail[w, i] = tail
             chosen = action
             if bounds.stops[i] == 1:
                 stand(w, i, wp.vec3(car[0], car[1], car[2]), old.steering, bounds.place, memory)
-            enough = room[0]
+            enough = gap[0]
             if enough >= 0.0:
                 break
-    if room[0] < enough and memory.decided[w, i] == 1:
+    if gap[0] < enough and memory.decided[w, i] == 1:
         # The plan that was laid out last is not the chosen one.
         propose(w, i, bounds, car, chosen, memory.tail[w, i].steering, memory)
     return chosen

@@ -1,8 +1,8 @@
-"""A filter under any car policy that changes its actions by the smallest amount that separates the cars.
+"""The filter `-safe`, which changes the actions of any policy of cars by the smallest amount that separates the cars.
 
-The paper's Section IV-A (i), "implement a lower level controller for collision avoidance", at the cost that it names,
-"deviating from the Lissajous path or from the desired velocity": a car that swerves leaves the curve by decimetres, the
-formation opens for a while, and targets between two cars are detected later. `SafetyParameters` contains the constants.
+This is Section IV-A (i) of the paper, "implement a lower level controller for collision avoidance", and it has the cost
+that the paper names, "deviating from the Lissajous path or from the desired velocity": a car that swerves leaves the
+curve by decimetres, and targets between two cars are detected later. `SafetyParameters` contains the constants.
 
 The car has no brakes: from 1.1 m/s it coasts 1.2 m, so it must steer, and in time. The filter therefore evaluates an
 action u by the manoeuvres that remain after it. The car applies u for one step and then one of nine ways out b (full
@@ -101,7 +101,7 @@ class Safe(Filter):
 
 
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
-    """Speed [m/s] that the filter does not drive above: `speed_in_sight`.
+    """Return the largest speed to which the filter accelerates [m/s]: `speed_in_sight`.
 
     It is at least `HEADROOM` times the formation's speed, and at most the top speed of the car.
     """
@@ -111,7 +111,7 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
 
 
 def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
-    """Speed [m/s] up to which two cars that drive towards each other can still pass once they are in sight.
+    """Return the speed up to which two cars that drive towards each other can still pass once they are in sight [m/s].
 
     On its tightest circle, of radius R = l / tan(delta_max), a car moves aside by half of D = 2 r + clearance within s
     = sqrt(R^2 - (R - D / 2)^2), whatever its speed. A step may pass before either senses the other, so, with the

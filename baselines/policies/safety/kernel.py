@@ -163,7 +163,7 @@ def price(safety: SafetyStruct, k: int) -> float:
 
 @wp.func
 def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out: wp.vec2) -> float:
-    """m(action; way_out) = min over the horizon of distance - (2 r + clearance + growth t) [m].
+    """Return m(action; way_out) = min over the horizon of distance - (2 r + clearance + growth t) [m].
 
     The car applies the action for one step and then follows the way out; the other (x, y, x', y') goes straight on.
     """
@@ -264,7 +264,7 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
 
 @wp.func
 def see(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
-    """Write relative x, y [m] and velocity [m/s] of the robots in sight of one with a velocity; return their number."""
+    """Write relative x, y [m] and velocity [m/s] of the robots in sight; `own` is this robot's velocity. Return n."""
     n = int(0)
     for k in range(wp.min(c.sensing.robots_seen, NEAREST)):
         if sees(w, i, k, observation):

@@ -17,7 +17,7 @@ from lissajous_env.device.trig import cos_sin
 wp.set_module_options(OPTIONS)
 
 BIAS = wp.constant(0.003)
-"""Bound of the bias of a mean of factors: of the curvature's dependence on the steering, and of noisy ways."""
+"""Bound of the bias of a mean of factors, from the curvature's dependence on the steering and from noisy ways."""
 EDGE = wp.constant(1.0e-6)
 """Distance of a throttle from the dead zone, in full throttles, within which rounding decides if the motor is on."""
 
@@ -149,7 +149,7 @@ def drive(bounds: Bounds, known: wp.vec4, car: wp.vec4, action: wp.vec2) -> tupl
 
 @wp.func
 def narrowed(low: float, high: float, value: float, error: float, widest: wp.vec2) -> wp.vec2:
-    """Intersect [low, high] with value -+ error; if the intersection is empty, the conditions are violated."""
+    """Return [low, high] within value -+ error; `widest` if that is empty, because the conditions are violated."""
     lower = wp.max(low, value - error)
     upper = wp.min(high, value + error)
     if lower > upper:
@@ -193,7 +193,7 @@ def learn(bounds: Bounds, known: wp.vec4, widest: wp.vec4, last: wp.vec4, headin
 
 @wp.func
 def felt(action: float, wobble: float) -> wp.vec2:
-    """Return mean and standard deviation of an action with noise, clipped at 1; deviation 0: neither is known.
+    """Return mean and standard deviation of a noisy action, clipped to [-1, 1]; deviation 0 if these are not known.
 
     At an end of the range, half of the noise is clipped: of min(n, 0), the mean is -1 / sqrt(2 pi) and the variance
     1 / 2 - 1 / (2 pi).

@@ -20,6 +20,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Filter, clear_worlds
+from baselines.policies.driving import SPREAD_MAX
 from baselines.policies.inside import Inside, Walls, walls_of
 from baselines.policies.safety.commitment import PLANS, Memory, commit
 from baselines.policies.safety.own_motion import Bounds
@@ -45,7 +46,7 @@ _COARSEST = 0.01
 _MIXED = 5e-4
 """Relative error of the integration above which turning and slowing down at the same time matters."""
 _SEEN = 3.9
-"""Largest coordinate of a tail [half widths] and speed of a car [top speeds], which an observation shows."""
+"""Largest coordinate of a tail [half widths], and speed of a car [top speeds], for which observations are exact."""
 _FLOAT = 2.0**-24
 """Relative error of a rounded float32."""
 
@@ -97,7 +98,7 @@ class Proved(Filter):
 
     @property
     def holds(self) -> np.ndarray:
-        """True for each world (W,) whose committed tails were compatible before the latest step.
+        """Return for each world (W,) whether its committed tails were compatible before the latest step.
 
         From a step where they are, by the theorem, they remain so; if they do not, a condition is violated.
         """
@@ -160,11 +161,8 @@ def stops_of(scenario: Scenario) -> np.ndarray:
 
 
 def widest_of(scenario: Scenario) -> np.ndarray:
-    """Return the bounds (N, 4) of each car's curvature and drive as factors of the nominal: least, most; least, most.
-
-    The draws of a spread are clipped at three standard deviations.
-    """
-    wheelbase, drive = 3 * scenario.noise.wheelbase_spread, 3 * scenario.noise.drive_spread
+    """Return the bounds (N, 4) of each car's curvature and drive over the nominal ones: least, most; least, most."""
+    wheelbase, drive = SPREAD_MAX * scenario.noise.wheelbase_spread, SPREAD_MAX * scenario.noise.drive_spread
     turning = (1 / (1 + wheelbase) - _ROUNDING, 1 / (1 - wheelbase) + _ROUNDING)
     rows = [(*turning, f * (1 - drive - _ROUNDING), f * (1 + drive + _ROUNDING)) for f in scenario.drive_factors]
     return np.array(rows, dtype=np.float32)
@@ -192,14 +190,14 @@ def farthest_speed(scenario: Scenario) -> float:
     The weakest motor brakes just above the dead zone where its drive is less than the offset.
     """
     robot, noise = scenario.robot, scenario.noise
-    weakest = robot.drive * (1 - 3 * noise.drive_spread) * float(scenario.drive_factors.min())
+    weakest = robot.drive * (1 - SPREAD_MAX * noise.drive_spread) * float(scenario.drive_factors.min())
     return fastest_of(scenario) + max(robot.offset - weakest * robot.dead_zone, 0.0) / robot.drag
 
 
 def rounding_error(scenario: Scenario) -> float:
-    """Return a bound of how far float32 moves a simulated car off its path until it has come to rest [m].
+    """Return a bound of the distance by which float32 moves a simulated car off its path until it is at rest [m].
 
-    A car stands once a step of its integration, h, is below the rounding error of its place, which is at a distance of
+    A car stands still once its way in an integration step h is below the rounding error of its place, at a distance of
     1 / (c h) times this error from the end of its path.
     """
     task, curve = scenario.task, scenario.curve
@@ -216,7 +214,7 @@ def integration_error(scenario: Scenario) -> float:
     """
     robot, noise = scenario.robot, scenario.noise
     h = scenario.task.step / scenario.task.substeps
-    shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
+    shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
     turn = fastest_of(scenario) * h / turning_radius(shortest, robot.steering_max)
     change = robot.drag * h * farthest_speed(scenario) / fastest_of(scenario)
     mixed = (turn / 7.33 + change / 3) ** 4

@@ -71,7 +71,7 @@ def least_violation(n: int, rows: HalfPlanes, top: float) -> float:
 
 @wp.func
 def nearest_action(n: int, rows: HalfPlanes, allowed: float, weight: float, top: float, wanted: wp.vec2) -> wp.vec3:
-    """Solve the program by trying every active set: none, one line, or two; (steering, throttle, cost)."""
+    """Return the best (steering, throttle, cost) over all active sets of no line, one or two; cost `_NONE` for none."""
     best = wp.vec3(0.0, 0.0, _NONE)
     relaxed = allowed - TOLERANCE
     for a in range(-1, n + 4):
@@ -104,7 +104,7 @@ def nearest_action(n: int, rows: HalfPlanes, allowed: float, weight: float, top:
 
 @wp.func
 def solve_quadratic_program(n: int, rows: HalfPlanes, weight: float, top: float, wanted: wp.vec2) -> wp.vec3:
-    """Minimise (u0 - w0)^2 + weight (u1 - w1)^2 over the box with g.u >= c for n rows; (steering, throttle, s).
+    """Minimise (u0 - w0)^2 + weight (u1 - w1)^2 over the box with g.u >= c for n rows; return (steering, throttle, s).
 
     If the rows contradict one another or the box, all are relaxed by the same least s > 0.
     """

@@ -7,7 +7,7 @@ within w(q) = w0 + w1 q + w2 q^2 of the arc's point at q, for every position, he
 bounds of noise and model allow (`own_motion.tail_from`).
 
 A plan is a step and the tail after it, as sampled points (`lay_out`). Two plans are compared at equal times
-(`room_between`) or, where a robot may stop dead, at any two times that matter (`swept_room`): a car that stops dead at
+(`gap_between`) or, where a robot may stop dead, at any two times that matter (`swept_gap`): a car that stops dead at
 a time stands at its plan's place of that time while the other one drives on.
 """
 
@@ -108,21 +108,21 @@ def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: fl
 
 
 @wp.func
-def room_of_reaches(one: Plan, other: Plan, touch: float) -> float:
+def gap_of_reaches(one: Plan, other: Plan, touch: float) -> float:
     """Return a lower bound of the distance of two plans from their reaches, less `touch` [m]."""
     apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1]))
     return apart - one[0][2] - other[0][2] - touch
 
 
 @wp.func
-def room_between(one: Plan, other: Plan, touch: float, enough: float) -> float:
+def gap_between(one: Plan, other: Plan, touch: float, enough: float) -> float:
     """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
 
     If the bound is below `enough`, any value below `enough` is returned. Along each piece it is the closest approach of
     the chords at equal times, less the bounds on both deviations. For two plans that are too far apart to meet, their
     reaches suffice.
     """
-    least = room_of_reaches(one, other, touch)
+    least = gap_of_reaches(one, other, touch)
     if least >= 0.0:
         return least
     least = float(1.0e30)
@@ -139,7 +139,7 @@ def room_between(one: Plan, other: Plan, touch: float, enough: float) -> float:
 
 
 @wp.func
-def gap(a: wp.vec3, a_end: wp.vec3, b: wp.vec3, b_end: wp.vec3) -> float:
+def segment_distance(a: wp.vec3, a_end: wp.vec3, b: wp.vec3, b_end: wp.vec3) -> float:
     """Return the distance of two line segments in the plane [m]; a third coordinate is ignored.
 
     The differences of their points are a parallelogram, and its distance from the origin is that of the segments.
@@ -181,31 +181,31 @@ def chord_bound(plan: Plan, block: int) -> float:
 
 
 @wp.func
-def room_of_blocks(
+def gap_of_blocks(
     one: Plan, other: Plan, block: int, other_block: int, stops: bool, other_stops: bool, touch: float, enough: float
 ) -> float:
-    """Return `swept_room` of two blocks."""
+    """Return `swept_gap` of two blocks."""
     least = float(1.0e30)
     for k in range(block_start(block), block_start(block + 1)):
         a_end = one[k + 1]
         for m in range(block_start(other_block), block_start(other_block + 1)):
             if (stops or k >= m) and (other_stops or m >= k):
                 b_end = other[m + 1]
-                least = wp.min(least, gap(one[k], a_end, other[m], b_end) - a_end[2] - b_end[2] - touch)
+                least = wp.min(least, segment_distance(one[k], a_end, other[m], b_end) - a_end[2] - b_end[2] - touch)
                 if least < enough:
                     return least
     return least
 
 
 @wp.func
-def swept_room(one: Plan, other: Plan, stops: bool, other_stops: bool, touch: float, enough: float) -> float:
+def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, touch: float, enough: float) -> float:
     """Return a lower bound of the distance of two cars, of which either may stop dead, less `touch` [m].
 
     If the bound is below `enough`, any value below `enough` is returned. A car that `stops` can be at any earlier place
     of its plan than at equal times: the places of piece k are compared with those of all pieces m >= k of the other
     plan, with those of k >= m if the other one stops, and with all if both do.
     """
-    least = room_of_reaches(one, other, touch)
+    least = gap_of_reaches(one, other, touch)
     if least >= 0.0:
         return least
     least = float(1.0e30)
@@ -223,10 +223,10 @@ def swept_room(one: Plan, other: Plan, stops: bool, other_stops: bool, touch: fl
             if (stops or block >= other_block) and (other_stops or other_block >= block):
                 start = other[block_start(other_block)]
                 finish = other[block_start(other_block + 1)]
-                room = gap(begin, end, start, finish) - wide - chord_bound(other, other_block) - touch
-                if room < 0.0:
-                    room = room_of_blocks(one, other, block, other_block, stops, other_stops, touch, enough)
-                least = wp.min(least, room)
+                gap = segment_distance(begin, end, start, finish) - wide - chord_bound(other, other_block) - touch
+                if gap < 0.0:
+                    gap = gap_of_blocks(one, other, block, other_block, stops, other_stops, touch, enough)
+                least = wp.min(least, gap)
                 if least < enough:
                     return least
     return least

@@ -16,7 +16,7 @@ export function legendOf(episode, ground, layer) {
   if (kinds.has("touch")) entries.push(["touch", "collision"]);
   if (kinds.has("fault")) entries.push(["failed", "failed"]);
   if (episode.losesMessages) entries.push(["lost", "message lost"]);
-  const what = { unseen: "target here undetected for", idle: "not sensed for" }[layer];
+  const what = { unseen: "target here undetected for", idle: "not covered for" }[layer];
   if (what) entries.push(["ramp", `${what} 0 – ${number(ground.full(layer))} s or more`]);
   return entries;
 }
