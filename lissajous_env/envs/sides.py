@@ -186,6 +186,8 @@ def sides_of(scenario: Scenario, robots: int, discrete: bool, roles: str = "any"
         raise ValueError(f"targets.rogues {rule} if the robots alone are agents, got {AGENTS}")
     if roles == "rogues" and not are_agents:
         raise ValueError(f"targets.rogues must be {AGENTS} if the rogues are agents, got {scenario.targets.rogues}")
+    if are_agents and scenario.target_capacity == 0:
+        raise ValueError("targets.count or targets.arrival_rate must be above 0 if the rogues are agents, got 0 and 0")
     rogues = [Side("rogue", scenario, scenario.target_capacity, discrete)] if are_agents else []
     return rogues if roles == "rogues" else [Side("robot", scenario, robots, discrete), *rogues]
 

@@ -312,25 +312,25 @@ def test_an_action_that_is_not_finite_is_refused_by_the_name_of_its_robot(name, 
 
 @pytest.mark.parametrize("name", ["parallel", "gymnasium", "sb3", "torchrl"])
 def test_rogues_that_do_not_fit_the_roles_are_refused(name):
-    if name in ("gymnasium", "sb3"):
-        with pytest.raises(ValueError, match=r"targets.rogues must be None or a scripted rogue if the robots alone"):
-            make(name, rogues="agents")
-        with pytest.raises(ValueError, match=r"targets.rogues must be agents if the rogues are agents, got flee"):
-            make(name, "rogues", rogues="flee")
-    if name != "sb3":
-        with pytest.raises(ValueError, match=r"targets.rogues must be None or a scripted rogue in an environment of a"):
-            make(name, "space", rogues="agents")
+    one_side, none = ("gymnasium", "sb3"), "targets.rogues must be None or a scripted rogue"
+    for names, roles, fields, words in (
+        (one_side, "robots", {"rogues": "agents"}, f"{none} if the robots alone"),
+        (one_side, "rogues", {"rogues": "flee"}, "targets.rogues must be agents if the rogues are agents, got flee"),
+        (one_side, "rogues", {"targets.count": 0}, "targets.count or targets.arrival_rate must be above 0 if the rog"),
+        (("parallel", "gymnasium", "torchrl"), "space", {"rogues": "agents"}, f"{none} in an environment of a"),
+    ):
+        if name in names:
+            with pytest.raises(ValueError, match=words):
+                make(name, roles, **fields)
 
 
 @pytest.mark.parametrize("name", ["parallel", "gymnasium", "torchrl"])
 def test_a_space_draws_another_scenario_at_each_reset_and_pads_to_its_largest_team(name):
-    adapter = make(name, "space")
-    met, teams = set(), set()
+    adapter, teams = make(name, "space"), {}
     for seed in range(8):
         rows = adapter.reset(seed=seed)["robot"]
-        met.add(adapter.scenario.digest())
-        teams.add(adapter.scenario.num_robots)
+        teams[adapter.scenario.digest()] = adapter.scenario.num_robots
         assert rows.shape[1] == 5
         assert rows[:, : adapter.scenario.num_robots, 2:4].any(axis=2).all()
-    assert len(met) > 4
-    assert teams == {3, 5}
+    assert len(teams) > 4
+    assert set(teams.values()) == {3, 5}
