@@ -137,7 +137,7 @@ def test_loops_that_cannot_be_driven_are_refused():
 
 
 def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
-    monkeypatch.setattr(partition, "_FORMS", 1)
+    monkeypatch.setattr(partition, "_MOST_CANDIDATES", 1)
     scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall", "robot.wheelbase": 0.2})
     words = r"partition-repair requires ways from the start .* at least 0\.375 m apart .* turn on 0\.594 m, and"
     with pytest.raises(UnsuitableScenarioError, match=words):
