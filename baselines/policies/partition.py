@@ -4,6 +4,7 @@ The cells and loops are those with the least worst-case undetected time (`baseli
 docs/policies.md has the literature, and the limits of both policies.
 """
 
+import contextlib
 import itertools
 import math
 import warnings
@@ -88,8 +89,27 @@ def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tupl
     plan, ways, _ = _with_ways(scenario, plans, parameters, "partition")
     if ways is not None:
         return plan, path_tables(scenario, ways.loop, ways.lead_in)
+    if _is_crowded(scenario, plan, parameters):
+        # Cars that share a loop would have to overtake each other to reach their places.
+        with contextlib.suppress(UnsuitableScenarioError):
+            plan = partition_plans(scenario, replace(parameters, in_phase=True))[0]
     loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
-    return plan, path_tables(scenario, loop, filtered_until=float(arrival_steps(scenario, loop, plan.speed)))
+    return plan, path_tables(scenario, loop, filtered_until=_filtered_until(scenario, plan, parameters))
+
+
+def _is_crowded(scenario: Scenario, plan: PartitionLoops, parameters: PartitionParameters) -> bool:
+    """Return whether the loops of a plan overlap between walls."""
+    return scenario.inset > 0 and not loops_lie_apart(plan.loop, required_distance(scenario, parameters.clearance))
+
+
+def _filtered_until(scenario: Scenario, plan: PartitionLoops, parameters: PartitionParameters) -> float:
+    """Return for how long the collision filter leads cars to the loops of a plan [control step].
+
+    Where loops overlap between walls, cars that give way meet walls and others: they collide less without the filter.
+    """
+    if _is_crowded(scenario, plan, parameters):
+        return 0.0
+    return float(arrival_steps(scenario, plan.loop, plan.speed))
 
 
 def _with_ways(
@@ -314,7 +334,7 @@ def timed_repair(
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height
     takeover = takeover_of(plan, cell, scenario.neighbours, problem, unit, _offset(scenario))
     if ways is None:
-        until = float(arrival_steps(scenario, plan.loop, plan.speed))
+        until = _filtered_until(scenario, plan, parameters)
         return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)
     loop = np.roll(takeover.loop, shift - ways.lead_in.shape[1], axis=2)
     lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)

@@ -188,9 +188,9 @@ def detect_together(
     near = Floats()
     for k in range(ABREAST):
         if k < width():
-            across = x[k] - before_x[k]
-            up = y[k] - before_y[k]
-            near[k] = radius + wp.sqrt(across * across + up * up)
+            dx = x[k] - before_x[k]
+            dy = y[k] - before_y[k]
+            near[k] = radius + wp.sqrt(dx * dx + dy * dy)
     comes_near = bool(False)
     for k in range(group.count):
         comes_near = comes_near or square[k] < (near[k] + beyond) * (near[k] + beyond)
