@@ -115,11 +115,11 @@ def _filtered_until(scenario: Scenario, plan: PartitionLoops, parameters: Partit
 def _with_ways(
     scenario: Scenario, plans: list[PartitionLoops], parameters: PartitionParameters, policy: str, in_ring: bool = False
 ) -> tuple[PartitionLoops, Transit | None, int]:
-    """Return a plan, the ways from a known start onto its loops, and the shift of the loops with them [control step].
+    """Return a plan, the ways from the start onto its loops, and the shift of the loops with them [control step].
 
-    It is the first plan that has ways. If the best plan has none, but its loops lie apart, it is returned without ways,
-    and the collision filter leads the cars onto its loops. Between walls there is no room to pass each other, so the
-    other plans are tried if its loops overlap.
+    It is the first plan that has ways. The best plan is returned without ways, so that the collision filter leads the
+    cars onto its loops, if the start is not known, or if it has no ways but the filter can separate the cars: between
+    walls, where there is no room to pass each other, loops must lie apart for this, and other plans are tried if not.
 
     Args:
         scenario: The scenario.
@@ -131,8 +131,10 @@ def _with_ways(
     Raises:
         UnsuitableScenarioError: no plan has ways, and its loops overlap between walls.
     """
-    budget = iter(range(_MOST_CANDIDATES))
-    for plan in plans if start_is_known(scenario) else ():
+    if not start_is_known(scenario):
+        return plans[0], None, 0
+    budget, apart = iter(range(_MOST_CANDIDATES)), required_distance(scenario, parameters.clearance)
+    for plan in plans:
         order, assigned = tour(plan.cells), None
         if in_ring:
             ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
@@ -142,16 +144,12 @@ def _with_ways(
             transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
             if transit is not None:
                 return form, transit, shift
-        apart = required_distance(scenario, parameters.clearance)
         if plan is plans[0] and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
-            break
-    else:
-        if start_is_known(scenario):
-            rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
-            rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
-            got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
-            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less problem, got {got}")
-    return plans[0], None, 0
+            return plan, None, 0
+    rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
+    rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
+    got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
+    raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
 
 
 def _candidates(scenario: Scenario, plan: PartitionLoops, in_ring: bool) -> Iterator[tuple[PartitionLoops, int, int]]:
