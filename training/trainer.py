@@ -84,13 +84,13 @@ def _train(
     began -= curve[-1]["seconds"] if curve else 0.0
     state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
     while True:
-        done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
-        last = curve[-1]["steps"] if curve else -every
-        if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
+        steps, every = numbers["steps"], settings.evaluate_every
+        last, done = curve[-1]["steps"] if curve else -every, steps >= settings.steps
+        if steps // every > last // every or (done and last < steps):
             network = state.actor.arrays()
             results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
             history["first"], means = history["first"] or results, mean_of(results)
-            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
+            point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
             curve.append(point)
             say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
             if history["best"] is None or rating_of(point, state.limit) > rating_of(history["best"], state.limit):

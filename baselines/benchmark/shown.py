@@ -134,7 +134,7 @@ def in_words(estimate: Estimate) -> tuple[str, str]:
     value = ("> " if estimate.at_least else "") + value if math.isfinite(estimate.value) else "no bound"
     median = f"median {number(estimate.median)}" if math.isfinite(estimate.median) else ""
     if not estimate.open:
-        return value, f"{median}, {estimate.known} {estimate.sample}"
+        return value, f"{median}, {counted(estimate.known, estimate.sample.removesuffix('s'))}"
     return value, ", ".join(filter(None, (median, f"{estimate.open} of {estimate.known} open")))
 
 

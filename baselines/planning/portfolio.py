@@ -9,7 +9,7 @@ messages, on processors of one kind.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from pathlib import Path
@@ -44,31 +44,32 @@ FEW, FIRST_SEED = 4, 800_000
 FINALISTS, MANY = 2, 16
 """Number of the best policies that are played again, and in how many episodes."""
 _CELLS_IN_A_SENSOR = 4.0
+"""Least sensing radius on the contamination grid of rehearsals [cell]."""
 FOLDER = Path(__file__).parent / "priors"
 DETECTION, GUARANTEE = "detection", "guarantee"
 """Objectives of a portfolio: the mean detection time, and the worst-case undetected time."""
 _OPEN = 2.0
-"""Worst case that counts where the episodes show no bound [episodes]."""
+"""Worst case that stands for one without a bound, in durations of an episode."""
 _COLLISION, MOST_COLLISIONS = 0.1, 20
 """Cost of a collision in an episode, and the largest number of collisions that counts."""
 
 
 class Feature(NamedTuple):
-    """A feature that the network reads of a scenario of cars: a number that is not negative."""
+    """A feature of a scenario of cars: a number that is not negative."""
 
     meaning: str
-    of: Callable[[Scenario], float]
+    value: float
     as_logarithm: bool = False
     """True if the network reads the logarithm of the feature."""
 
-    def read(self, scenario: Scenario) -> float:
-        """Return what the network reads."""
-        value = float(self.of(scenario))
-        return math.log(value) if self.as_logarithm else value
+    @property
+    def read(self) -> float:
+        """Return the number that the network reads."""
+        return math.log(self.value) if self.as_logarithm else float(self.value)
 
-    def written(self, value: float) -> str:
-        """Return the number that the network reads as `value`, in words."""
-        return f"{math.exp(min(value, 700.0)) if self.as_logarithm else value:.4g}"
+    def written(self, read: float) -> str:
+        """Return in words the value that the network reads as a number."""
+        return f"{math.exp(min(read, 700.0)) if self.as_logarithm else read:.4g}"
 
 
 def spacing(scenario: Scenario) -> float:
@@ -87,76 +88,49 @@ def scheduled_failures(scenario: Scenario) -> list[float]:
     return [min(end, scenario.task.duration) - start for _, start, end in failures]
 
 
-def _standstill(scenario: Scenario) -> float:
-    faults, time = scenario.faults, scenario.num_robots * scenario.task.duration
-    return min(faults.rate * faults.mean_duration + sum(scheduled_failures(scenario)) / time, 1.0)
-
-
-FEATURES = (
-    Feature("1 over the number of robots", lambda scenario: 1 / scenario.num_robots),
-    Feature(
-        "width of the rectangle over its height",
-        lambda scenario: scenario.curve.half_width / scenario.curve.half_height,
-        True,
-    ),
-    Feature(
-        "sensing radius over the robots' spacing", lambda scenario: scenario.sensing_radius / spacing(scenario), True
-    ),
-    Feature(
-        "sensing radius over half of the height",
-        lambda scenario: scenario.sensing_radius / scenario.curve.half_height,
-        True,
-    ),
-    Feature(
-        "radius of a body over the robots' spacing", lambda scenario: scenario.robot.radius / spacing(scenario), True
-    ),
-    Feature(
-        "turning radius over the robots' spacing",
-        lambda scenario: turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max) / spacing(scenario),
-        True,
-    ),
-    Feature(
-        "distance that a robot can drive in an episode over the robots' spacing",
-        lambda scenario: scenario.robot.top_speed * scenario.task.duration / spacing(scenario),
-        True,
-    ),
-    Feature(
-        "targets' top speed over that of the robots",
-        lambda scenario: min(scenario.rogue_speed / scenario.robot.top_speed, 2.0),
-    ),
-    Feature("share of targets that wander", lambda scenario: scenario.targets.wandering),
-    Feature("share of targets that flee", lambda scenario: scenario.targets.fleeing),
-    Feature(
-        "distance at which targets flee over the sensing radius, times the share of those that do",
-        lambda scenario: scenario.targets.fleeing * scenario.targets.flee_radius / scenario.sensing_radius,
-    ),
-    Feature("1 if targets enter at the boundary", lambda scenario: scenario.targets.entry == "boundary"),
-    Feature("1 if targets enter where no robot senses them", lambda scenario: scenario.targets.entry == "unseen"),
-    Feature("1 if robots do not start in the equilibrium", lambda scenario: scenario.formation.start != "equilibrium"),
-    Feature(
-        "failures of a robot in an episode",
-        lambda scenario: (
-            scenario.faults.rate * scenario.task.duration + len(scheduled_failures(scenario)) / scenario.num_robots
+def described_features(scenario: Scenario) -> tuple[Feature, ...]:
+    """Return the features (F,) of a scenario of cars in the order in which the network reads them."""
+    curve, robot, targets, faults = scenario.curve, scenario.robot, scenario.targets, scenario.faults
+    count, duration, sensing, unit = (
+        scenario.num_robots,
+        scenario.task.duration,
+        scenario.sensing_radius,
+        spacing(scenario),
+    )
+    turning, failures = turning_radius(robot.wheelbase, robot.steering_max), scheduled_failures(scenario)
+    fleeing = targets.fleeing * targets.flee_radius / sensing
+    standstill = min(faults.rate * faults.mean_duration + sum(failures) / (count * duration), 1.0)
+    return (
+        Feature("1 over the number of robots", 1 / count),
+        Feature("width of the rectangle over its height", curve.half_width / curve.half_height, True),
+        Feature("sensing radius over the robots' spacing", sensing / unit, True),
+        Feature("sensing radius over half of the height", sensing / curve.half_height, True),
+        Feature("radius of a body over the robots' spacing", robot.radius / unit, True),
+        Feature("turning radius over the robots' spacing", turning / unit, True),
+        Feature(
+            "distance that a robot can drive in an episode over the robots' spacing",
+            robot.top_speed * duration / unit,
+            True,
         ),
-    ),
-    Feature("share of the time for which a robot has failed", _standstill),
-    Feature(
-        "share of robots that fail for good",
-        lambda scenario: (scenario.faults.lost + len(dict(scenario.faults.removed))) / scenario.num_robots,
-    ),
-    Feature(
-        "noise of measured positions over the radius of a body",
-        lambda scenario: scenario.noise.position / scenario.robot.radius,
-    ),
-    Feature("noise of measured headings [rad]", lambda scenario: scenario.noise.heading),
-    Feature("share of messages that are lost", lambda scenario: scenario.noise.message_loss),
-)
-"""Features in the order in which the network reads them."""
+        Feature("targets' top speed over that of the robots", min(scenario.rogue_speed / robot.top_speed, 2.0)),
+        Feature("share of targets that wander", targets.wandering),
+        Feature("share of targets that flee", targets.fleeing),
+        Feature("distance at which targets flee over the sensing radius, times the share of those that do", fleeing),
+        Feature("1 if targets enter at the boundary", targets.entry == "boundary"),
+        Feature("1 if targets enter where no robot senses them", targets.entry == "unseen"),
+        Feature("1 if robots do not start in the equilibrium", scenario.formation.start != "equilibrium"),
+        Feature("failures of a robot in an episode", faults.rate * duration + len(failures) / count),
+        Feature("share of the time for which a robot has failed", standstill),
+        Feature("share of robots that fail for good", (faults.lost + len(dict(faults.removed))) / count),
+        Feature("noise of measured positions over the radius of a body", scenario.noise.position / robot.radius),
+        Feature("noise of measured headings [rad]", scenario.noise.heading),
+        Feature("share of messages that are lost", scenario.noise.message_loss),
+    )
 
 
 def features_of(scenario: Scenario) -> np.ndarray:
     """Return the features (F,) of a scenario of cars as the network reads them."""
-    return np.array([feature.read(scenario) for feature in FEATURES])
+    return np.array([feature.read for feature in described_features(scenario)])
 
 
 class Layer(NamedTuple):
@@ -207,13 +181,13 @@ class Prior:
         """
         if scenario.robot.kind != "car":
             raise UnsuitableScenarioError(f"robot.kind must be car, got {scenario.robot.kind}")
-        values = features_of(scenario)
-        for feature, value, (low, high) in zip(FEATURES, values, self.limits, strict=True):
-            if not low <= value <= high:
+        features = described_features(scenario)
+        for feature, (low, high) in zip(features, self.limits, strict=True):
+            if not low <= feature.read <= high:
                 least = f"from {feature.written(low)} to" if feature.as_logarithm else "at most"
                 rule = f"must be {least} {feature.written(high)}, for which patrols are chosen"
-                raise UnsuitableScenarioError(f"{feature.meaning} {rule}, got {feature.written(value)}")
-        return costs_of(self.layers, np.clip(values, *self.seen.T))
+                raise UnsuitableScenarioError(f"{feature.meaning} {rule}, got {feature.written(feature.read)}")
+        return costs_of(self.layers, np.clip([feature.read for feature in features], *self.seen.T))
 
     def has_seen(self, scenario: Scenario) -> bool:
         """Return whether every feature of a scenario is in the range of the fit."""

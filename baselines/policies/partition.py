@@ -4,6 +4,7 @@ The cells and loops are those with the least worst-case undetected time (`baseli
 docs/policies.md has the literature, and the limits of both policies.
 """
 
+import contextlib
 import itertools
 import math
 import warnings
@@ -88,18 +89,37 @@ def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tupl
     plan, ways, _ = _with_ways(scenario, plans, parameters, "partition")
     if ways is not None:
         return plan, path_tables(scenario, ways.loop, ways.lead_in)
+    if _is_crowded(scenario, plan, parameters):
+        # Cars that share a loop would have to overtake each other to reach their places.
+        with contextlib.suppress(UnsuitableScenarioError):
+            plan = partition_plans(scenario, replace(parameters, in_phase=True))[0]
     loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
-    return plan, path_tables(scenario, loop, filtered_until=float(arrival_steps(scenario, loop, plan.speed)))
+    return plan, path_tables(scenario, loop, filtered_until=_filtered_until(scenario, plan, parameters))
+
+
+def _is_crowded(scenario: Scenario, plan: PartitionLoops, parameters: PartitionParameters) -> bool:
+    """Return whether the loops of a plan overlap between walls."""
+    return scenario.inset > 0 and not loops_lie_apart(plan.loop, required_distance(scenario, parameters.clearance))
+
+
+def _filtered_until(scenario: Scenario, plan: PartitionLoops, parameters: PartitionParameters) -> float:
+    """Return for how long the collision filter leads cars to the loops of a plan [control step].
+
+    Where loops overlap between walls, cars that give way meet walls and others: they collide less without the filter.
+    """
+    if _is_crowded(scenario, plan, parameters):
+        return 0.0
+    return float(arrival_steps(scenario, plan.loop, plan.speed))
 
 
 def _with_ways(
     scenario: Scenario, plans: list[PartitionLoops], parameters: PartitionParameters, policy: str, in_ring: bool = False
 ) -> tuple[PartitionLoops, Transit | None, int]:
-    """Return a plan, the ways from a known start onto its loops, and the shift of the loops with them [control step].
+    """Return a plan, the ways from the start onto its loops, and the shift of the loops with them [control step].
 
-    It is the first plan that has ways. If the best plan has none, but its loops lie apart, it is returned without ways,
-    and the collision filter leads the cars onto its loops. Between walls there is no room to pass each other, so the
-    other plans are tried if its loops overlap.
+    It is the first plan that has ways. The best plan is returned without ways, so that the collision filter leads the
+    cars onto its loops, if the start is not known, or if it has no ways but the filter can separate the cars: between
+    walls, where there is no room to pass each other, loops must lie apart for this, and other plans are tried if not.
 
     Args:
         scenario: The scenario.
@@ -111,8 +131,10 @@ def _with_ways(
     Raises:
         UnsuitableScenarioError: no plan has ways, and its loops overlap between walls.
     """
-    budget = iter(range(_MOST_CANDIDATES))
-    for plan in plans if start_is_known(scenario) else ():
+    if not start_is_known(scenario):
+        return plans[0], None, 0
+    budget, apart = iter(range(_MOST_CANDIDATES)), required_distance(scenario, parameters.clearance)
+    for plan in plans:
         order, assigned = tour(plan.cells), None
         if in_ring:
             ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
@@ -122,16 +144,12 @@ def _with_ways(
             transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
             if transit is not None:
                 return form, transit, shift
-        apart = required_distance(scenario, parameters.clearance)
         if plan is plans[0] and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
-            break
-    else:
-        if start_is_known(scenario):
-            rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
-            rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
-            got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
-            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less problem, got {got}")
-    return plans[0], None, 0
+            return plan, None, 0
+    rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
+    rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
+    got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
+    raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
 
 
 def _candidates(scenario: Scenario, plan: PartitionLoops, in_ring: bool) -> Iterator[tuple[PartitionLoops, int, int]]:
@@ -316,7 +334,7 @@ def timed_repair(
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height
     takeover = takeover_of(plan, cell, scenario.neighbours, problem, unit, _offset(scenario))
     if ways is None:
-        until = float(arrival_steps(scenario, plan.loop, plan.speed))
+        until = _filtered_until(scenario, plan, parameters)
         return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)
     loop = np.roll(takeover.loop, shift - ways.lead_in.shape[1], axis=2)
     lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)

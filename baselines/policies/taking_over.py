@@ -236,17 +236,17 @@ def take_over(
 ):
     """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
 
-    Of those that are clear it is the one of the least cost (`Takeover`), in which a corner of the rectangle that the
-    robot alone watches counts for more than any place if the loop never senses it. Then it is the one that is moved
-    the least. `target` is the shift that was chosen. The loop of a robot that has failed does not change, so
+    The choice has the least cost (`Takeover`) of those that are clear, and of equal ones the smallest shift. Never
+    covering a corner of the rectangle that this robot alone watches costs more than any place of the loop. `target` is
+    the chosen shift. The loop of a robot that has failed does not change, so
     that the others leave room for it when it resumes.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
         return
-    now = cases[w, i]
+    case = cases[w, i]
     near = 0.25 * repair.spacing
-    changed = now != variant[w, i] / repair.shapes
+    changed = case != variant[w, i] / repair.shapes
     stands = float(0.0)
     for k in range(PLACES):
         stands += standing[w, i, k][2]
@@ -259,7 +259,7 @@ def take_over(
         best_shape = int(0)
         best_cost = float(wp.inf)
         for shape in range(repair.shapes):
-            loop = now * repair.shapes + shape
+            loop = case * repair.shapes + shape
             path = pose[loop, i]
             margin = repair.margins[loop, i]
             for row in range(-SIDE, SIDE + 1):
@@ -271,8 +271,8 @@ def take_over(
                     cost = 0.01 * wp.length(tried) / repair.required
                     cost += cost_of(repair.cost[loop, i], repair.away[loop, i] + tried, repair.offset)
                     if stands > 0.0 and cost < best_cost:
-                        missed = repair.required - clearance_of(repair, path, tried, standing[w, i])
-                        cost += 1000.0 * wp.max(missed, 0.0) / repair.required
+                        lacking = repair.required - clearance_of(repair, path, tried, standing[w, i])
+                        cost += 1000.0 * wp.max(lacking, 0.0) / repair.required
                     if stands > 0.0 and cost < best_cost:
                         cost += 20.0 * unseen_corners(repair, path, tried, repair.corners[loop, i], curve)
                     if cost < best_cost and (stands > 0.0 or (row == 0 and column == 0)):
@@ -281,12 +281,12 @@ def take_over(
                         best_shape = shape
             if stands == 0.0:  # the first is the best
                 break
-        chosen = now * repair.shapes + best_shape
+        chosen = case * repair.shapes + best_shape
         shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[chosen, i]
         variant[w, i] = chosen
         target[w, i] = best
     rest = target[w, i] - shift[w, i]
-    most = wp.where(now == 0, repair.back, repair.drift)
+    most = wp.where(case == 0, repair.back, repair.drift)
     shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
 
 

@@ -21,10 +21,23 @@ _MOST_TRIES = 1000
 """Limit on the draws for one scenario that rules reject."""
 _MOST_DRAWS = 10_000
 """Limit on the draws for the next scenario of a group that fits."""
+
+
+def _ascending(draw: Callable[[float, Any, Any], Any]) -> Callable[[float, Any, Any], Any]:
+    """Return the draw from a range, which refuses ends in the wrong order."""
+
+    def drawn(at: float, low: Any, high: Any) -> Any:
+        if low > high:
+            raise ValueError(f"a range from {low:g} to {high:g}; the lower end comes first")
+        return draw(at, low, high)
+
+    return drawn
+
+
 _RANDOM: dict[str, Callable[..., Any]] = {
-    "uniform": lambda at, low, high: low + (high - low) * at,
-    "log_uniform": lambda at, low, high: low * (high / low) ** at,
-    "whole": lambda at, low, high: low + int(at * (high - low + 1)),
+    "uniform": _ascending(lambda at, low, high: low + (high - low) * at),
+    "log_uniform": _ascending(lambda at, low, high: low * (high / low) ** at),
+    "whole": _ascending(lambda at, low, high: low + int(at * (high - low + 1))),
     "choice": lambda at, *values: values[int(at * len(values))],
 }
 """Random functions of an expression, of a number in [0, 1) and their arguments."""

@@ -8,7 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.planning import plans, portfolio
-from baselines.planning.portfolio import DETECTION, FEATURES, GUARANTEE, Layer, Prior, Result, features_of
+from baselines.planning.portfolio import DETECTION, GUARANTEE, Layer, Prior, Result, features_of
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 
@@ -18,8 +18,8 @@ PATROLS = PolicySettings("sweep", {"cruise": 0.9, "inset": 0.5}), PolicySettings
 
 def prior(values=(0.0, 1.0, -1.0), patrols=PATROLS, objective=DETECTION, within=1.0):
     """Return a prior with the same values, the largest of which is the best, whatever the scenario."""
-    layers = Layer(np.zeros((1, len(FEATURES))), np.zeros(1)), Layer(np.zeros((len(values), 1)), np.array(values))
     numbers = features_of(SCENARIO)
+    layers = Layer(np.zeros((1, len(numbers))), np.zeros(1)), Layer(np.zeros((len(values), 1)), np.array(values))
     limits = np.stack([numbers - within, numbers + within], axis=1)
     return Prior({}, objective, patrols, limits, limits, np.zeros((1, len(values))), layers)
 

@@ -129,6 +129,9 @@ def test_cars_share_a_loop_where_walls_leave_no_room_for_one_each():
         np.testing.assert_allclose(loop, np.roll(plan.loop[0], -robot * steps // 5, axis=0), atol=1e-9)
     own = partition_plans(scenario, PartitionParameters(in_phase=True))[0]
     assert len(np.unique(own.loop.mean(axis=1).round(6), axis=0)) == 5
+    unknown = lissajous_env.scenario(scenario, **{"formation.start": "random"})  # here a shared loop has 324 collisions
+    _, rows = play(baselines.make("partition", unknown, num_worlds=8), unknown, 8, 400)
+    assert sum(row["collisions"] for row in rows) < 100
 
 
 def test_loops_that_cannot_be_driven_are_refused():
@@ -137,7 +140,7 @@ def test_loops_that_cannot_be_driven_are_refused():
 
 
 def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
-    monkeypatch.setattr(partition, "_FORMS", 1)
+    monkeypatch.setattr(partition, "_MOST_CANDIDATES", 1)
     scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall", "robot.wheelbase": 0.2})
     words = r"partition-repair requires ways from the start .* at least 0\.375 m apart .* turn on 0\.594 m, and"
     with pytest.raises(UnsuitableScenarioError, match=words):

@@ -189,6 +189,7 @@ def test_a_shift_changes_its_draws_alone():
         ({"curves": {}}, r"draw must name one of .*did you mean curve\?"),
         ({"curve": {"half_hight": 1.0}}, r"curve.half_hight'.*did you mean curve.half_height\?"),
         ({"curve": {"half_height": "log_uniform(0.0, 1.0)"}}, "must have a value, got float division by zero"),
+        ({"curve": {"half_height": "uniform(2, 1.5)"}}, "must have a value, got a range from 2 to 1.5"),
         ({"curve": {"half_height": "uniform(-2.0, -1.0)"}}, "seed 0 of space: curve.half_height must be from"),
         ({"curve": {"choices": []}}, "draw.curve.choices must be a list of at least one value"),
         ({"curve": {"choices": [{"a": 1}], "weights": [1, 2]}}, "draw.curve.weights must be 1 numbers"),
