@@ -181,7 +181,9 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
 def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
     """Return the motion of each robot, in the plane if the scenario is flat."""
     flat, motions = scenario.curve.half_depth == 0, []
-    for track, speed in zip(log.tracks, scenario.top_speeds, strict=True):
+    # A car whose weak motor does not drive it may begin at the formation's speed.
+    speeds = np.maximum(scenario.top_speeds, scenario.robot.top_speed)
+    for track, speed in zip(log.tracks, speeds, strict=True):
         place = track.position * (1, 1, 0) if flat else track.position
         track = dataclasses.replace(track, position=place)
         trusted = log.episode is not None and track.measured

@@ -74,12 +74,12 @@ LONG = (
     ("rough-lost", "kuramoto-mpcc-safe"), ("evaders-lost", "partition-repair"), ("failure", "kuramoto"),
     ("knot", "open-loop"), ("hall", "sweep"), ("evaders-failure", "line-abreast"),
 )  # fmt: skip
-HIT = {"robot.radius": 0.2, "task.duration": 6.0}
+HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, "task.duration": 3.0})
 
 
 @pytest.mark.parametrize(("scenario", "policy", "fields"), [
     *(pytest.param(*case, {}, marks=pytest.mark.long) for case in LONG),
-    ("evaders", "random", {"task.boundary": "remove", "task.duration": 6.0}),
+    ("evaders", "random", {"task.boundary": "remove", "task.duration": 6.0}), ("evaders-uneven", "sweep", WEAK),
     ("evaders", "random", HIT | {"task.on_collision": "remove", "faults.rate": 0.2}),
     ("evaders", "random", HIT | {"task.on_collision": "stop"}),
     ("perturbation", "consensus", {"faults.removed": ((7, 1.0),), "task.duration": 3.0}),
