@@ -85,8 +85,8 @@ class Partition(TimedPaths):
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables]:
     """Return the plan of a scenario, and its timed paths by robot."""
     plans = partition_plans(scenario, parameters)
-    plans = [form for plan in plans for form in (plan, slowed(plan, RepairParameters.reserve))]
-    plan, ways, _ = _with_ways(scenario, plans, parameters, "partition")
+    forms = (form for plan in plans for form in (plan, slowed(plan, RepairParameters.reserve)))
+    plan, ways, _ = _with_ways(scenario, forms, parameters, "partition")
     if ways is not None:
         return plan, path_tables(scenario, ways.loop, ways.lead_in)
     if _is_crowded(scenario, plan, parameters):
@@ -113,7 +113,11 @@ def _filtered_until(scenario: Scenario, plan: PartitionLoops, parameters: Partit
 
 
 def _with_ways(
-    scenario: Scenario, plans: list[PartitionLoops], parameters: PartitionParameters, policy: str, in_ring: bool = False
+    scenario: Scenario,
+    plans: Iterator[PartitionLoops],
+    parameters: PartitionParameters,
+    policy: str,
+    in_ring: bool = False,
 ) -> tuple[PartitionLoops, Transit | None, int]:
     """Return a plan, the ways from a known start onto its loops, and the shift of the loops with them [control step].
 
@@ -131,8 +135,8 @@ def _with_ways(
     Raises:
         UnsuitableScenarioError: no plan has ways, and its loops overlap between walls.
     """
-    budget = iter(range(_MOST_CANDIDATES))
-    for plan in plans if start_is_known(scenario) else ():
+    best, budget = next(plans), iter(range(_MOST_CANDIDATES))
+    for plan in itertools.chain([best], plans) if start_is_known(scenario) else ():
         order, assigned = tour(plan.cells), None
         if in_ring:
             ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
@@ -143,15 +147,15 @@ def _with_ways(
             if transit is not None:
                 return form, transit, shift
         apart = required_distance(scenario, parameters.clearance)
-        if plan is plans[0] and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
+        if plan is best and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
             break
     else:
         if start_is_known(scenario):
             rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
             rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
             got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
-            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less problem, got {got}")
-    return plans[0], None, 0
+            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
+    return best, None, 0
 
 
 def _candidates(scenario: Scenario, plan: PartitionLoops, in_ring: bool) -> Iterator[tuple[PartitionLoops, int, int]]:
@@ -330,7 +334,7 @@ def timed_repair(
     scenario: Scenario, parameters: PartitionParameters, reserve: float
 ) -> tuple[PartitionLoops, Takeover, PathTables]:
     """Return the plan, the loops for takeovers and the timed paths."""
-    plans = [slowed(plan, reserve) for plan in partition_plans(scenario, parameters)]
+    plans = (slowed(plan, reserve) for plan in partition_plans(scenario, parameters))
     plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
     cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height

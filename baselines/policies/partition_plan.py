@@ -147,7 +147,7 @@ def smallest_distance(placed: np.ndarray, others: np.ndarray | None = None) -> f
         between = places[first] - places[second]
     else:
         between = places[:, None] - _with_middles(others)[None]
-    return math.sqrt(float((between**2).sum(axis=-1).min(initial=math.inf)))
+    return math.sqrt(float((between[..., 0] ** 2 + between[..., 1] ** 2).min(initial=math.inf)))
 
 
 def _with_middles(placed: np.ndarray) -> np.ndarray:
