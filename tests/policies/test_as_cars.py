@@ -66,7 +66,7 @@ def test_the_search_tries_for_other_wheels_what_it_tries_for_cars():
         family, of_cars = family_of(DRIVES), family_of(cars)
         assert not family.refusal
         assert family.first == of_cars.first
-        assert family.space == of_cars.space | ({"turning": (1.0, 8.0)} if family.name == "partition" else {})
+        assert family.choices == of_cars.choices | ({"turning": (1.0, 8.0)} if family.name == "partition" else {})
         for settings in family.first[:2]:
             plan = family.plan(settings)
             assert plan.settings == of_cars.plan(settings).settings
