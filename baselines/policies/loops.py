@@ -254,8 +254,9 @@ def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -
     """Return evenly spaced points (K, 2) of the loop [m], counter-clockwise.
 
     It goes around the rectangle if targets enter at the boundary (then close to it), if a disc that reaches the
-    boundary also reaches the middle, or if lanes have no room for the corners. Otherwise it goes along lanes of the
-    longer side, two sensing radii apart, and back along one end.
+    boundary also reaches the middle, or if it is too short for the corners. Otherwise it goes along lanes of the longer
+    side, at most two sensing radii apart, and back along one end. The turns between lanes that are closer than two
+    corners are tighter: cars that cut them detect more than around the rectangle, but collide more often.
     """
     parameters = parameters or SweepParameters()
     curve, radius = scenario.driven, scenario.sensing_radius
