@@ -84,13 +84,13 @@ def _train(
     began -= curve[-1]["seconds"] if curve else 0.0
     state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
     while True:
-        done, every = numbers["steps"] >= settings.steps, settings.evaluate_every
-        last = curve[-1]["steps"] if curve else -every
-        if numbers["steps"] // every > last // every or (done and last < numbers["steps"]):
+        steps, every = numbers["steps"], settings.evaluate_every
+        last, done = curve[-1]["steps"] if curve else -every, steps >= settings.steps
+        if steps // every > last // every or (done and last < steps):
             network = state.actor.arrays()
             results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
             history["first"], means = history["first"] or results, mean_of(results)
-            point = {"steps": numbers["steps"], "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
+            point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
             curve.append(point)
             say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
             if history["best"] is None or rating_of(point, state.limit) > rating_of(history["best"], state.limit):
@@ -106,14 +106,14 @@ def _train(
 def _resume_or_begin(settings: TrainingSettings, state: "Training", say: Callable[[str], None]) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
-        _, stored, text = checkpoint.read(settings.out)
+        _, stored, contents = checkpoint.read(settings.out)
         is_other = Card.of(settings.make_checkpoint_scenario()).scenario_fields != stored.scenario_fields
         others = ["the scenario has changed"] if is_other else []
         check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
-        with checkpoint.resuming(settings.out, text):
-            state.load_state(checkpoint.read_state(settings.out, text))
+        with checkpoint.resuming(settings.out, contents):
+            state.load_state(checkpoint.read_state(settings.out, contents))
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
-            return text["training"]
+            return contents["training"]
     history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)

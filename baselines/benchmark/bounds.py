@@ -1,4 +1,4 @@
-"""Knowledge of a scenario: its form in a benchmark, bounds, and best known plans.
+"""A scenario as a benchmark plays it, with bounds on its scores and the best known plans.
 
 The best known plans of the included scenarios, with robots that start as in the scenario, are folders in `known`. A
 folder is that of a plan, with the scenario as a benchmark plays it, and `found.toml`: the command that found the plan

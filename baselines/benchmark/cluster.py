@@ -31,10 +31,10 @@ _STORE = 100_000_000
 
 
 def check(device: str) -> None:
-    """Refuse what no Ray cluster can do.
+    """Check that a Ray cluster can play on a device.
 
     Raises:
-        ValueError: Ray is not installed, or a device by its number.
+        ValueError: Ray is not installed, or the device has a number.
     """
     _ray()
     if device not in ("cpu", "cuda"):
@@ -82,7 +82,7 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
         finish: Receives the results.
 
     Raises:
-        ValueError: Ray cannot be had, a policy cannot be sent to it, or a node lacks what the settings ask for.
+        ValueError: Ray is not available, a policy cannot be sent to it, or a node lacks the device or other code.
         ConnectionError: the cluster cannot be reached.
     """
     size = settings.worlds
@@ -95,9 +95,9 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
         sent = [ray.put(_packed(ray, cell, settings)) for cell, _ in work]
         playing: dict[Any, int] = {}
         while waiting or playing:
-            # Counted anew each time: nodes come and go.
-            room = max(_AHEAD * int(ray.cluster_resources().get("CPU", 0)), 1)
-            while waiting and len(playing) < room:
+            # Counted each time, because nodes come and go.
+            most = max(_AHEAD * int(ray.cluster_resources().get("CPU", 0)), 1)
+            while waiting and len(playing) < most:
                 k, numbers = waiting.popleft()
                 if k not in failed:
                     progress.begin(work[k][0])

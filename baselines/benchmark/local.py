@@ -1,8 +1,8 @@
 """Play the episodes of a cell, and the engine of a benchmark on this machine.
 
-The engine plays as many cells at a time as there are cores. An included policy may be played on any thread. What a user
-brings is played afterwards by the main thread, one cell after the other: such code may share data between its policies,
-and Ctrl-C reaches it there. The rows do not depend on it.
+The engine plays as many cells at a time as there are cores, on any threads. Cells with code of users are played
+afterwards by the main thread, one after the other: such code may share data between its policies, and Ctrl-C reaches it
+there. The rows do not depend on this order.
 """
 
 import threading
@@ -48,7 +48,7 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
 
 
 def on_cores(jobs: Sequence[tuple[Callable[[threading.Event], None], bool]]) -> None:
-    """Do some jobs: the shared ones on as many threads as there are cores, then the others one by one on this thread.
+    """Run jobs: the shared ones on as many threads as there are cores, then the others one by one on this thread.
 
     The first error, or Ctrl-C, sets the event that every job receives, cancels the jobs that have not begun, and is
     raised when the running ones have ended.

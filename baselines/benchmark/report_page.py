@@ -47,12 +47,12 @@ MOST_EPISODES = 20_000
 _ROBOTS = {"car": "cars", "curve": "points on the curve", "differential": "differential drives"}
 """Names of the robots by their kind."""
 _DIGITS = 5
+"""Significant digits of the numbers in the page."""
 _EPISODES = "the episodes"
 """Placeholder of the episodes in the page of the frame."""
 
 Key = tuple[str, str, int]
 """Scenario, policy and seed of an episode."""
-_HALF = 0.5
 
 
 class FailureMode(NamedTuple):
@@ -72,7 +72,7 @@ FAILURE_MODES = (
         "unseen",
         "missed more than half",
         "Less than half of the targets were detected, or less than half of the cells were covered.",
-        lambda row: row[DETECTED.name] < _HALF or row[SENSED.name] < _HALF,
+        lambda row: row[DETECTED.name] < 0.5 or row[SENSED.name] < 0.5,
     ),
     FailureMode(
         "open",

@@ -1,6 +1,6 @@
 """The settings of a benchmark and the score rows of the episodes that have ended, on the disk.
 
-A folder can grow: by scenarios, policies and episodes. What is there already stays as it is, so all else must agree.
+Later calls can add scenarios, policies and episodes to a folder. Stored rows do not change, so all else must agree.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Words below tables that say whether the theorem of the proved filter applies to the episodes of a policy."""
+"""Sentences below tables on whether the theorem of the proved filter applies to the episodes of a policy."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

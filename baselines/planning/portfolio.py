@@ -44,11 +44,12 @@ FEW, FIRST_SEED = 4, 800_000
 FINALISTS, MANY = 2, 16
 """Number of the best policies that are played again, and in how many episodes."""
 _CELLS_IN_A_SENSOR = 4.0
+"""Least sensing radius on the contamination grid of rehearsals [cell]."""
 FOLDER = Path(__file__).parent / "priors"
 DETECTION, GUARANTEE = "detection", "guarantee"
 """Objectives of a portfolio: the mean detection time, and the worst-case undetected time."""
 _OPEN = 2.0
-"""Worst case that counts where the episodes show no bound [episodes]."""
+"""Worst case that stands for one without a bound, in durations of an episode."""
 _COLLISION, MOST_COLLISIONS = 0.1, 20
 """Cost of a collision in an episode, and the largest number of collisions that counts."""
 

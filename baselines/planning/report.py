@@ -98,7 +98,7 @@ def sentences(outcome: Outcome) -> list[str]:
     elif outcome.plans and episodes.failures:
         words += _of_failures(outcome)
     if any(planned.figures.too_close for planned in outcome.plans):
-        least = outcome.request.least_gap
+        least = outcome.request.required_clearance
         words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
     words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if outcome.request.guarantee is not None:

@@ -156,10 +156,10 @@ class Request:
     @property
     def episodes(self) -> Episodes:
         """Return the episodes of every plan."""
-        return Episodes(self.seed, self.failures, clearance=self.least_gap)
+        return Episodes(self.seed, self.failures, clearance=self.required_clearance)
 
     @property
-    def least_gap(self) -> float:
+    def required_clearance(self) -> float:
         """Return the least distance of two bodies [m]."""
         if self.clearance is not None:
             return self.clearance

@@ -265,7 +265,7 @@ class ArcParameters(Checked):
     speed: float | None = number(None, 1e-6, 1e5, "m/s")
     """v, speed along the curve [m/s]; None is `ground_speed`."""
     preview: float | None = number(None, 1e-3, 1e5, "s")
-    """Time over which the phase rate is averaged [s]."""
+    """Time over which the phase rate is averaged [s]; None is PREVIEW, scaled to the scenario."""
 
 
 class KuramotoByArc(NumpyCoordinator):

@@ -7,7 +7,7 @@ from lissajous_env.device.car_input import car_action
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.robots.car import car_rate, car_step, motor_push
+from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleration
 
 SPREAD_MAX = 3.0
 """Standard deviations at which the spread of a car's constants is clipped."""
@@ -62,7 +62,7 @@ def drive_towards(
 @wp.func
 def twist_reached(robot: RobotStruct, steering: float, tau: float, speed: float, step: float) -> wp.vec2:
     """Return the speed [m/s] of a car at the end of a step [s], and its yaw rate [rad/s] at that time, by (12)."""
-    push = motor_push(robot, robot.drive, tau)
+    push = motor_acceleration(robot, robot.drive, tau)
     curvature = wp.tan(steering) / robot.wheelbase
     moved = car_step(robot, wp.vec4(0.0, 0.0, 0.0, speed), curvature, push, step)
     return wp.vec2(moved[3], car_rate(robot, moved, curvature, push)[2])

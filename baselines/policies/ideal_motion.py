@@ -27,47 +27,47 @@ _NONE = 2**32 - 1
 @wp.kernel
 def cover(
     square: wp.float64,
-    across: wp.array3d(dtype=wp.float64),
-    within: wp.array3d(dtype=wp.float64),
-    seen_out: wp.array3d(dtype=int),
+    x_squares: wp.array3d(dtype=wp.float64),
+    x_squares_max: wp.array3d(dtype=wp.float64),
+    sensed_out: wp.array3d(dtype=int),
 ):
     """Write -1 for the cells within a disc at each time, and for the column beyond the last one.
 
-    `across` (N, K, columns) are squares of distances along x, `within` (N, K, rows) the largest of them in a disc;
-    `square` is that of its radius.
+    `square` is that of the radius, `x_squares` (N, K, columns) are those of distances along x, and `x_squares_max`
+    (N, K, rows) the largest of them in a disc.
     """
     k = wp.tid()
-    columns = across.shape[2]
-    for row in range(within.shape[2]):
-        seen_out[k, row, columns] = -1
-    for robot in range(across.shape[0]):
+    columns = x_squares.shape[2]
+    for row in range(x_squares_max.shape[2]):
+        sensed_out[k, row, columns] = -1
+    for robot in range(x_squares.shape[0]):
         first = int(columns)
         end = int(0)
         for column in range(columns):
-            if across[robot, k, column] < square:
+            if x_squares[robot, k, column] < square:
                 first = wp.min(first, column)
                 end = column + 1
-        for row in range(within.shape[2]):
-            most = within[robot, k, row]
+        for row in range(x_squares_max.shape[2]):
+            most = x_squares_max[robot, k, row]
             if most > wp.float64(0.0):
                 for column in range(first, end):
-                    if across[robot, k, column] < most:
-                        seen_out[k, row, column] = -1
+                    if x_squares[robot, k, column] < most:
+                        sensed_out[k, row, column] = -1
 
 
 @wp.kernel
-def longest_gaps(seen: wp.array3d(dtype=int), visits: wp.array3d(dtype=int), gap_out: wp.array2d(dtype=int)):
+def longest_gaps(sensed: wp.array3d(dtype=int), visits: wp.array3d(dtype=int), gap_out: wp.array2d(dtype=int)):
     """Write the longest time between two visits of each cell of a row, in which the period repeats; -1 without a visit.
 
     `visits` (rows, 2, columns) is working memory: times of the first and of the latest visit.
     """
     row = wp.tid()
-    period = seen.shape[0]
+    period = sensed.shape[0]
     for column in range(gap_out.shape[1]):
         gap_out[row, column] = -1
     for k in range(period):
         for column in range(gap_out.shape[1]):
-            if seen[k, row, column] != 0:
+            if sensed[k, row, column] != 0:
                 if gap_out[row, column] < 0:
                     visits[row, 0, column] = k
                     gap_out[row, column] = 0
@@ -104,17 +104,17 @@ def worst_undetected_time(
         Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
     """
     field = _Field(half, radius, speed * step)
-    seen = field.masks(loop)
-    before = seen[:0] if lead_in is None else field.masks(lead_in)
+    sensed = field.masks(loop)
+    before = sensed[:0] if lead_in is None else field.masks(lead_in)
     for now in before:
         field.advance(now)
     first = 1 if lead_in is None else 0  # the place at the start is not sensed
-    for k in range(first, _ROUNDS * len(seen) + 1):
-        field.advance(seen[k % len(seen)])
+    for k in range(first, _ROUNDS * len(sensed) + 1):
+        field.advance(sensed[k % len(sensed)])
         if field.longest * step > limit:
             return math.inf
         # Once all targets of the start are detected, two more periods show the longest time for which others can hide.
-        if field.cleared_at > 0 and field.now >= max(field.cleared_at, len(before)) + 2 * len(seen):
+        if field.cleared_at > 0 and field.now >= max(field.cleared_at, len(before)) + 2 * len(sensed):
             return field.longest * step
     return math.inf
 
@@ -157,7 +157,7 @@ class _Field:
         self.between = np.zeros((rows, columns + 1), dtype=np.uint32)
         self.between[:, columns] = _NONE
         self.between = self.between.ravel()
-        self.born = self.between.copy()
+        self.introduced = self.between.copy()
         self.now, self.hops, self.longest = 0, 0, 0
         self.cleared_at = 0  # step from which on no target of the start can be undetected
 
@@ -167,38 +167,38 @@ class _Field:
         Args:
             places: (N, K, 2) places of the robots at K times [m].
         """
-        across = (self.x - places[..., :1]) ** 2
-        within = self.radius**2 - (self.y - places[..., 1:]) ** 2
+        x_squares = (self.x - places[..., :1]) ** 2
+        x_squares_max = self.radius**2 - (self.y - places[..., 1:]) ** 2
         with compile_quietly():
-            given = [wp.array(of, dtype=wp.float64, device="cpu", copy=False) for of in (across, within)]
-            seen = wp.zeros((places.shape[1], len(self.y), len(self.x) + 1), dtype=int, device="cpu")
-            wp.launch(cover, seen.shape[0], [self.radius**2, *given], [seen], device="cpu")
-        return seen
+            given = [wp.array(of, dtype=wp.float64, device="cpu", copy=False) for of in (x_squares, x_squares_max)]
+            sensed = wp.zeros((places.shape[1], len(self.y), len(self.x) + 1), dtype=int, device="cpu")
+            wp.launch(cover, sensed.shape[0], [self.radius**2, *given], [sensed], device="cpu")
+        return sensed
 
     def masks(self, places: np.ndarray) -> np.ndarray:
         """Return the masks of `sensed`, those of a time in one row (K, rows (columns + 1))."""
         return self.sensed(places).numpy().view(np.uint32).reshape(places.shape[1], -1)
 
-    def advance(self, seen: np.ndarray) -> None:
+    def advance(self, sensed: np.ndarray) -> None:
         """Let targets hop and be introduced, and be detected in the cells of a mask, over a control step."""
         self.now += 1
         while self.hops < math.floor(self.rate * self.now):
             self.hops += 1
             self._hop(diagonally=self.hops % 2 == 0)
-        np.minimum(self.born, np.uint32(self.now), out=self.born)
-        np.bitwise_or(self.born, seen, out=self.born)
-        oldest = int(self.born.min())
+        np.minimum(self.introduced, np.uint32(self.now), out=self.introduced)
+        np.bitwise_or(self.introduced, sensed, out=self.introduced)
+        oldest = int(self.introduced.min())
         self.longest = max(self.longest, self.now - oldest if oldest < _NONE else 0)
         if self.cleared_at == 0 and oldest > 0:
             self.cleared_at = self.now
 
     def _hop(self, diagonally: bool) -> None:
-        born, row = self.born, len(self.x) + 1
-        sideways = born.copy()
-        np.minimum(sideways[1:], born[:-1], out=sideways[1:])
-        np.minimum(sideways[:-1], born[1:], out=sideways[:-1])
-        spread = sideways if diagonally else born
+        introduced, row = self.introduced, len(self.x) + 1
+        sideways = introduced.copy()
+        np.minimum(sideways[1:], introduced[:-1], out=sideways[1:])
+        np.minimum(sideways[:-1], introduced[1:], out=sideways[:-1])
+        spread = sideways if diagonally else introduced
         after = sideways.copy()
         np.minimum(after[row:], spread[:-row], out=after[row:])
         np.minimum(after[:-row], spread[row:], out=after[:-row])
-        self.born = np.bitwise_or(after, self.between, out=after)
+        self.introduced = np.bitwise_or(after, self.between, out=after)

@@ -71,7 +71,7 @@ from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import turning_radius
-from lissajous_env.world.robots.car import car_step, motor_push
+from lissajous_env.world.robots.car import car_step, motor_acceleration
 
 wp.set_module_options(OPTIONS)
 
@@ -236,7 +236,7 @@ def is_safe(walls: Walls, robot: RobotStruct, car: wp.vec4) -> bool:
 @wp.func
 def is_safe_after(walls: Walls, robot: RobotStruct, car: wp.vec4, action: wp.vec2) -> bool:
     """Return whether a car is in K during an action and has a way out after it, with any wheelbase of the spread."""
-    push = motor_push(robot, walls.strongest, throttle(robot, action[1]))
+    push = motor_acceleration(robot, walls.strongest, throttle(robot, action[1]))
     slope = wp.tan(steering_angle(robot, action[0]))
     for k in range(2):
         if k == 1 and walls.longest == walls.shortest:

@@ -37,30 +37,30 @@ def divisions(count: int, half: tuple[float, float]) -> list[np.ndarray]:
     """
     arrays = []
     for rows in range(1, count + 1):
-        arrays.append(_rows(_shares(count, rows), half))
-        turned = _rows(_shares(count, rows), (half[1], half[0]))
+        arrays.append(_rows(_cells_per_row(count, rows), half))
+        turned = _rows(_cells_per_row(count, rows), (half[1], half[0]))
         arrays.append(turned[:, [1, 0, 3, 2, 5, 4]])
     # A grid is among the rows and among the columns.
     distinct = {np.round(np.sort(cells[:, :4] / half[1], axis=0), 9).tobytes(): cells for cells in arrays}
     return list(distinct.values())
 
 
-def _shares(count: int, rows: int) -> list[int]:
+def _cells_per_row(count: int, rows: int) -> list[int]:
     """Return the number of cells of each row: as even as possible, the longer rows in the middle."""
     base, more = divmod(count, rows)
     first = (rows - more) // 2
     return [base + (first <= k < first + more) for k in range(rows)]
 
 
-def _rows(shares: list[int], half: tuple[float, float]) -> np.ndarray:
+def _rows(counts: list[int], half: tuple[float, float]) -> np.ndarray:
     width, height = half
     cells, bottom = [], -height
-    for row, cells_in_row in enumerate(shares):
-        tall = height * cells_in_row / sum(shares)
+    for row, cells_in_row in enumerate(counts):
+        half_height = height * cells_in_row / sum(counts)
         for k in range(cells_in_row):
             x = width * ((2 * k + 1) / cells_in_row - 1)
-            cells.append((x, bottom + tall, width / cells_in_row, tall, k, row))
-        bottom += 2 * tall
+            cells.append((x, bottom + half_height, width / cells_in_row, half_height, k, row))
+        bottom += 2 * half_height
     return np.array(cells)
 
 
@@ -233,7 +233,7 @@ def loop_spacing(loop: np.ndarray) -> float:
 def file_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:
     """Return the turns of the loop per turn of the phase, and the index on the loop (K, 2) [m] of the phase 0.
 
-    The places of a formation of evenly spaced phases are evenly spaced for any number of turns that shares no factor
+    The places of a formation of evenly spaced phases are evenly spaced for any number of turns that counts no factor
     with that of the robots. The pair is the one with the least sum of two lengths: the mean way from a phase's place on
     the curve to its place in the file, and the shift of the latter by a deviation of the start.
     """
@@ -254,8 +254,9 @@ def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -
     """Return evenly spaced points (K, 2) of the loop [m], counter-clockwise.
 
     It goes around the rectangle if targets enter at the boundary (then close to it), if a disc that reaches the
-    boundary also reaches the middle, or if lanes have no room for the corners. Otherwise it goes along lanes of the
-    longer side, two sensing radii apart, and back along one end.
+    boundary also reaches the middle, or if it is too short for the corners. Otherwise it goes along lanes of the longer
+    side, at most two sensing radii apart, and back along one end. The turns between lanes that are closer than two
+    corners are tighter: cars that cut them detect more than around the rectangle, but collide more often.
     """
     parameters = parameters or SweepParameters()
     curve, radius = scenario.driven, scenario.sensing_radius

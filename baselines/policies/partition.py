@@ -25,8 +25,8 @@ from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of,
 from baselines.policies.safety.filter import Safe
 from baselines.policies.taking_over import (
     PLACES,
-    SIDE,
-    WATCH,
+    SHIFTS,
+    WATCH_SIZE,
     Repair,
     rest_after_failure,
     take_over,
@@ -119,11 +119,11 @@ def _with_ways(
     policy: str,
     in_ring: bool = False,
 ) -> tuple[PartitionLoops, Transit | None, int]:
-    """Return a plan, the ways from a known start onto its loops, and the shift of the loops with them [control step].
+    """Return a plan, the ways from the start onto its loops, and the shift of the loops with them [control step].
 
-    It is the first plan that has ways. If the best plan has none, but its loops lie apart, it is returned without ways,
-    and the collision filter leads the cars onto its loops. Between walls there is no room to pass each other, so the
-    other plans are tried if its loops overlap.
+    It is the first plan that has ways. The best plan is returned without ways, so that the collision filter leads the
+    cars onto its loops, if the start is not known, or if it has no ways but the filter can separate the cars: between
+    walls, where there is no room to pass each other, loops must lie apart for this, and other plans are tried if not.
 
     Args:
         scenario: The scenario.
@@ -135,8 +135,11 @@ def _with_ways(
     Raises:
         UnsuitableScenarioError: no plan has ways, and its loops overlap between walls.
     """
-    best, budget = next(plans), iter(range(_MOST_CANDIDATES))
-    for plan in itertools.chain([best], plans) if start_is_known(scenario) else ():
+    best = next(plans)
+    if not start_is_known(scenario):
+        return best, None, 0
+    budget, apart = iter(range(_MOST_CANDIDATES)), required_distance(scenario, parameters.clearance)
+    for plan in itertools.chain([best], plans):
         order, assigned = tour(plan.cells), None
         if in_ring:
             ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
@@ -146,16 +149,12 @@ def _with_ways(
             transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
             if transit is not None:
                 return form, transit, shift
-        apart = required_distance(scenario, parameters.clearance)
         if plan is best and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
-            break
-    else:
-        if start_is_known(scenario):
-            rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
-            rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
-            got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
-            raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
-    return best, None, 0
+            return plan, None, 0
+    rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
+    rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
+    got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
+    raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
 
 
 def _candidates(scenario: Scenario, plan: PartitionLoops, in_ring: bool) -> Iterator[tuple[PartitionLoops, int, int]]:
@@ -248,7 +247,7 @@ class PartitionRepair(TimedPaths):
         self.repair = repair or RepairParameters()
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
-        self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
+        self._watched = wp.zeros((*self.shape, 2, WATCH_SIZE), dtype=wp.float32, device=self.device)
         self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
@@ -261,7 +260,7 @@ class PartitionRepair(TimedPaths):
             self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
             self._tolerance, self._repair.back = scenario.robot.radius, drift
             middle = middle_of(self.takeover.loop)
-            shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing
+            shifted = math.sqrt(2) * int(SHIFTS) * self._repair.spacing
             self._wait = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
 
     def timed(self, scenario: Scenario) -> PathTables:
@@ -300,7 +299,7 @@ def _avoided_distance(scenario: Scenario) -> float:
 
 def _offset(scenario: Scenario) -> float:
     """Return the spacing of the distances at which the quality of a loop is computed [m]."""
-    return _avoided_distance(scenario) * int(SIDE) / _FINER / (OFFSETS - 1)
+    return _avoided_distance(scenario) * int(SHIFTS) / _FINER / (OFFSETS - 1)
 
 
 def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift: float, device: Any) -> Any:

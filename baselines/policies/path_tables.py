@@ -69,7 +69,9 @@ def path_tables(
         onward = loop[:, :, np.arange(_REACH + 1) % loop.shape[2]]
         parts.insert(0, _sampled(np.concatenate([lead_in, onward], axis=2), 0, begin))
     places, velocity = (np.concatenate(arrays, axis=2) for arrays in zip(*parts, strict=True))
-    pose, feedforward = _references(places, velocity / scenario.task.step, scenario.task.step, begin, end - begin)
+    pose, feedforward = _pose_and_feedforward(
+        places, velocity / scenario.task.step, scenario.task.step, begin, end - begin
+    )
     return PathTables(pose, feedforward, begin, end - begin, filtered_until)
 
 
@@ -93,7 +95,7 @@ def _sampled(places: np.ndarray, before: int, count: int) -> tuple[np.ndarray, n
     return spline(at), spline(at, 1)
 
 
-def _references(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int, loop: int) -> tuple:
+def _pose_and_feedforward(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int, loop: int) -> tuple:
     """Return `pose` and `feedforward` of the tables for sampled places [m] and velocities [m/s]."""
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])

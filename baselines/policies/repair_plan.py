@@ -1,10 +1,9 @@
 """Loops on which the ring neighbours of a robot that has failed cover its cell.
 
 A robot has loops for four cases: none of its ring neighbours has failed, the previous one, the next one, or both. In
-each case there is the rectangle around its own cell and those of the failed neighbours, and a few loops of different
-shapes, the best first. The robot drives one that is clear of the stopped robots. All of them have the period and the
-phase of the plan, so that what they differ by is small: two robots on equal loops in phase never come nearer than the
-centres of these.
+each case it watches the rectangle around its own cell and those of the failed neighbours, for which there are a few
+loops of different shapes, the best first. The robot drives one that is clear of the stopped robots. All loops have the
+period and the phase of the plan: two robots on equal loops in phase never come nearer than the centres of these.
 """
 
 import itertools
@@ -28,6 +27,7 @@ _UNKNOWN = 10.0
 _TOWARDS = 0.3
 """Share of the way to a neighbour's cell by which a robot that cannot watch both alone moves its loop."""
 _SHARES = (0.0, 0.3, 0.6, 1.0)
+"""Extents of loops that are compared: 0 is a turning circle, 1 the rectangle."""
 _ALIKE = 1e-6
 """Difference of two places, in half heights of the rectangle, up to which they are the same."""
 _DISTINCT = 0.1
@@ -126,14 +126,14 @@ def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
 
 
 class _LoopSearch:
-    """Loops of the period of the plan, each with its middle less the best place for it, and the costs around that."""
+    """Search for loops that last a period of the plan, each as an `_Option`."""
 
     def __init__(self, problem: Problem, count: int, offset: float):
         self.problem, self.count, self.offset = problem, count, offset
         self._alone: dict[bytes, list] = {}
 
     def alone(self, half: np.ndarray, middle: np.ndarray) -> list[_Option]:
-        """Return loops by which one robot alone watches a rectangle, the best first; the cost is by how well."""
+        """Return loops by which one robot alone watches a rectangle, the best first; the cost is that of `_quality`."""
         key = np.round(half, 9).tobytes()
         if key not in self._alone:
             loops = _loops_in(half, self.problem, self.count)[:SHAPES]
@@ -142,7 +142,7 @@ class _LoopSearch:
         return [_Option(loop, middle_of(loop) - middle, cost) for loop, cost in placed]
 
     def beside(self, half: np.ndarray, middle: np.ndarray, towards: np.ndarray) -> list[_Option]:
-        """Return loops by which robots in phase, side by side, watch what none of them could alone.
+        """Return loops by which robots in phase, side by side, watch a rectangle that none of them could alone.
 
         In phase, their distances are constant; where these are below two sensing radii, nothing passes between the
         discs. A loop that is as long as the rectangle across the row can lead around a robot that has stopped there.

@@ -1,8 +1,8 @@
 """Takeovers: the estimate of each robot of which others have failed, and the loop that it drives because of them.
 
 A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
-age of its last message grows, or the time since the reset without any. A robot receives nothing else: it has no
-information about robots that are not its ring neighbours unless they are in its disc.
+age of its last message grows, or the time since the reset without any. A robot has no information about others that are
+neither its ring neighbours nor in sight.
 """
 
 import warp as wp
@@ -28,14 +28,15 @@ from lissajous_env.device.trig import cos_sin
 wp.set_module_options(OPTIONS)
 
 WORKING, STANDING, SILENT = (wp.constant(k) for k in range(3))
-"""States of a ring neighbour, as a robot believes."""
+"""Estimated states of a ring neighbour."""
 # Entries of the memory of a ring neighbour.
 STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_STEPS = (wp.constant(k) for k in range(5))
-WATCH = 5
+WATCH_SIZE = 5
+"""Number of these entries."""
 PLACES = wp.constant(4)
-"""Places of robots that have stopped: of the two ring neighbours, then of two that were sensed."""
-SIDE = wp.constant(12)
-"""Shifts that are compared to each side, along x and y."""
+"""Number of stored places of stopped robots: of the two ring neighbours, then of two that were in sight."""
+SHIFTS = wp.constant(12)
+"""Number of shifts of a loop that are compared in each direction, along x and y."""
 
 
 @wp.struct
@@ -236,17 +237,17 @@ def take_over(
 ):
     """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
 
-    Of those that are clear it is the one of the least cost (`Takeover`), in which a corner of the rectangle that the
-    robot alone watches counts for more than any place if the loop never senses it. Then it is the one that is moved
-    the least. `target` is the shift that was chosen. The loop of a robot that has failed does not change, so
+    The choice has the least cost (`Takeover`) of those that are clear, and of equal ones the smallest shift. Never
+    covering a corner of the rectangle that this robot alone watches costs more than any place of the loop. `target` is
+    the chosen shift. The loop of a robot that has failed does not change, so
     that the others leave room for it when it resumes.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
         return
-    now = cases[w, i]
+    case = cases[w, i]
     near = 0.25 * repair.spacing
-    changed = now != variant[w, i] / repair.shapes
+    changed = case != variant[w, i] / repair.shapes
     stands = float(0.0)
     for k in range(PLACES):
         stands += standing[w, i, k][2]
@@ -259,11 +260,11 @@ def take_over(
         best_shape = int(0)
         best_cost = float(wp.inf)
         for shape in range(repair.shapes):
-            loop = now * repair.shapes + shape
+            loop = case * repair.shapes + shape
             path = pose[loop, i]
             margin = repair.margins[loop, i]
-            for row in range(-SIDE, SIDE + 1):
-                for column in range(-SIDE, SIDE + 1):
+            for row in range(-SHIFTS, SHIFTS + 1):
+                for column in range(-SHIFTS, SHIFTS + 1):
                     x = wp.clamp(float(column) * repair.spacing, margin[0], margin[2])
                     tried = wp.vec2(x, wp.clamp(float(row) * repair.spacing, margin[1], margin[3]))
                     # A collision costs more than a corner where targets hide, that more than any place, and that more
@@ -271,8 +272,8 @@ def take_over(
                     cost = 0.01 * wp.length(tried) / repair.required
                     cost += cost_of(repair.cost[loop, i], repair.away[loop, i] + tried, repair.offset)
                     if stands > 0.0 and cost < best_cost:
-                        missed = repair.required - clearance_of(repair, path, tried, standing[w, i])
-                        cost += 1000.0 * wp.max(missed, 0.0) / repair.required
+                        lacking = repair.required - clearance_of(repair, path, tried, standing[w, i])
+                        cost += 1000.0 * wp.max(lacking, 0.0) / repair.required
                     if stands > 0.0 and cost < best_cost:
                         cost += 20.0 * unseen_corners(repair, path, tried, repair.corners[loop, i], curve)
                     if cost < best_cost and (stands > 0.0 or (row == 0 and column == 0)):
@@ -281,12 +282,12 @@ def take_over(
                         best_shape = shape
             if stands == 0.0:  # the first is the best
                 break
-        chosen = now * repair.shapes + best_shape
+        chosen = case * repair.shapes + best_shape
         shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[chosen, i]
         variant[w, i] = chosen
         target[w, i] = best
     rest = target[w, i] - shift[w, i]
-    most = wp.where(now == 0, repair.back, repair.drift)
+    most = wp.where(case == 0, repair.back, repair.drift)
     shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
 
 

@@ -73,8 +73,8 @@ from lissajous_env.theory.geometry import curve_length
 from lissajous_env.wording import nearest, shown
 
 wp.set_module_options(OPTIONS)
-CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
-"""A coordinator's class, or a `partial` of it that fixes parameters of its own."""
+Factory = Callable[[Scenario, int, Any], Coordinator]
+"""Function that makes a coordinator: its class, or a `partial` of it that sets parameters."""
 
 
 class Coordinated(Policy):
@@ -87,12 +87,7 @@ class Coordinated(Policy):
     arrays = "warp"
 
     def __init__(
-        self,
-        coordinator: CoordinatorFactory,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
+        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
     ):
         super().__init__(scenario, num_worlds, device, parameters)
         warn_of_violations(self.scenario)
@@ -161,12 +156,7 @@ class WithMpcc(Coordinated):
     Parameters = MpccParameters
 
     def __init__(
-        self,
-        coordinator: CoordinatorFactory,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
+        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
     ):
         super().__init__(coordinator, scenario, num_worlds, device, parameters)
         self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
@@ -292,12 +282,7 @@ class WithVectorField(Coordinated):
     Parameters = FieldParameters
 
     def __init__(
-        self,
-        coordinator: CoordinatorFactory,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
+        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
     ):
         super().__init__(coordinator, scenario, num_worlds, device, parameters)
         self._field = field_of(self.scenario, self.parameters)

@@ -24,7 +24,7 @@ from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import local_deviations, motion_of
 from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import few_of
-from lissajous_env.world.robots.car import car_step, motor_push
+from lissajous_env.world.robots.car import car_step, motor_acceleration
 from lissajous_env.world.robots.differential import drive_step, ramp
 from lissajous_env.world.state import WORKING
 
@@ -107,7 +107,7 @@ def advanced(
         own.drag = constants[p, 1]
         own.offset = constants[p, 3]
         own.dead_zone = constants[p, 5]
-        push = motor_push(own, constants[p, 2], given[1])
+        push = motor_acceleration(own, constants[p, 2], given[1])
         pose = car_step(own, pose, wp.tan(given[0]) / constants[p, 0], push, h)
     else:
         turning = constants[p, 1] * given[1]

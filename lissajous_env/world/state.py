@@ -11,17 +11,18 @@ from lissajous_env.device.stage import named, named_struct
 WORKING = wp.constant(0)
 FAILED = wp.constant(1)
 REMOVED = wp.constant(2)
-
+"""`robots.status`."""
 HIDDEN = wp.constant(0)
 PRESENT = wp.constant(1)
 DETECTED = wp.constant(2)
 GONE = wp.constant(3)
-
+"""`targets.status`."""
 RUNNING = wp.constant(0)
 ENDED = wp.constant(1)
 IDLE = wp.constant(2)
-
+"""`clock.status`."""
 NEVER = wp.constant(2**30)
+"""Step of an event that has not happened."""
 NOWHERE = wp.constant(1.0e15)
 """Coordinate of the sensor of a robot that senses nothing [m]."""
 
@@ -71,7 +72,7 @@ class Robots:
     wheelbase: wp.array2d(dtype=wp.float32)
     """Wheelbase of this car [m]."""
     drive: wp.array2d(dtype=wp.float32)
-    """Motor's drive of this car [m/s^2]."""
+    """alpha of (12), the acceleration of this car's motor at full throttle [m/s^2]."""
     yaw_rate: wp.array2d(dtype=wp.float32)
     """Yaw rate of a differential drive [rad/s]; 0 for other robots."""
     sensor: wp.array2d(dtype=wp.vec2)
@@ -117,13 +118,13 @@ class Targets:
     position: wp.array2d(dtype=wp.vec2)
     """x, y [m]."""
     before: wp.array2d(dtype=wp.vec2)
-    """x, y at the end of the step before [m], of a target that an extension or an adversary moves."""
+    """x, y at the end of the previous step [m], of a target that an extension or an adversary moves."""
     heading: wp.array2d(dtype=wp.float32)
     """Heading [rad]."""
     motion: wp.array2d(dtype=wp.int32)
     """STILL, DRIFTING, WANDERING, FLEEING or CUSTOM."""
     status: wp.array2d(dtype=wp.int32)
-    """HIDDEN until it appears, PRESENT, DETECTED by a robot, GONE."""
+    """HIDDEN until it appears, PRESENT, DETECTED by a robot, or GONE if it left after its detection."""
     appears_at: wp.array2d(dtype=wp.int32)
     """Step in which it appears."""
     found_at: wp.array2d(dtype=wp.int32)

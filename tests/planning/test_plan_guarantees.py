@@ -190,7 +190,7 @@ def test_a_plan_whose_bodies_come_closer_than_the_clearance_is_marked():
     outcome = Outcome(Request(**CARS, clearance=2.0), scenarios={3: hall()}, finals=[far])
     assert printed(outcome, [near, far]).count("(close)") == 1
     assert any("come closer than 2 m" in each for each in report.sentences(outcome))
-    assert Request(**ROOM).least_gap == pytest.approx(0.04)
+    assert Request(**ROOM).required_clearance == pytest.approx(0.04)
 
 
 def test_plans_without_a_bound_after_failures_say_why():

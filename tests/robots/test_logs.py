@@ -87,7 +87,6 @@ HIT = {"robot.radius": 0.2, "task.duration": 6.0}
 def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_did(scenario, policy, fields, tmp_path):
     scenario = lissajous_env.scenario(scenario, **fields)
     recording = scored = record(baselines.make(policy, scenario), scenario, seed=2)
-    assert recording.status.any() or not fields
     for _ in range(2):
         save_mcap(scored, tmp_path / "log.mcap")
         scored = score(read(tmp_path / "log.mcap")).recording
@@ -101,8 +100,7 @@ def test_a_log_without_phases_has_those_of_displaced_robots(tmp_path):
     recording = record(baselines.make("open-loop-mpcc", scenario), scenario, seed=3)
     save_mcap(recording, tmp_path / "log.mcap")
     (row,) = score(dataclasses.replace(read(tmp_path / "log.mcap"), phases={})).rows
-    assert row["phase_error"] == pytest.approx(recording.score["phase_error"])
-    assert row["phase_error"] > 1
+    assert pytest.approx(recording.score["phase_error"]) == row["phase_error"] > 1
 
 
 def circle(count=101, robots=5):

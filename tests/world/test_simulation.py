@@ -18,9 +18,10 @@ EVERYTHING = {
 }  # fmt: skip
 CARS = lissajous_env.scenario("rough", **EVERYTHING)
 POINTS = lissajous_env.scenario("failure", **EVERYTHING, **{"formation.start": "random", "task.on_collision": "remove"})
+ROGUES = lissajous_env.scenario("evaders", rogues="flee")
 PAST = ("final_observation",)
 """State of the previous episode: here the one that the constructor began, with another seed."""
-BOTH = pytest.mark.parametrize("scenario", [CARS, POINTS], ids=["cars", "points"])
+EACH = pytest.mark.parametrize("scenario", [CARS, POINTS, ROGUES], ids=["cars", "points", "rogues"])
 
 
 def state_of(simulation):
@@ -54,7 +55,7 @@ def assert_same(state, other, worlds=slice(None), others=slice(None), but=()):
     assert different == []
 
 
-@BOTH
+@EACH
 def test_a_large_batch_in_blocks_on_two_threads_is_the_batch_on_one(scenario):
     # 1,100 worlds are several blocks, so that both threads have some.
     seeds, actions = np.arange(1100) + 5, actions_of(scenario, range(1100), 12)
@@ -64,7 +65,7 @@ def test_a_large_batch_in_blocks_on_two_threads_is_the_batch_on_one(scenario):
     assert_same(last, two, others=slice(-1, None), but=PAST)
 
 
-@BOTH
+@EACH
 @pytest.mark.parametrize("as_mask", [True, False])
 def test_a_masked_reset_leaves_the_other_worlds_alone(scenario, as_mask):
     simulation = run(scenario, range(6), actions_of(scenario, range(6), 25))
@@ -121,7 +122,7 @@ def test_a_finished_world_stands_still():
     assert not simulation.terminated.numpy().any()
 
 
-@BOTH
+@EACH
 @pytest.mark.parametrize("bad", [np.nan, -np.inf])
 def test_an_action_that_is_not_finite_flags_its_world_and_counts_as_zero(scenario, bad):
     actions = actions_of(scenario, range(5), 20)

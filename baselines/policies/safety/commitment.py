@@ -199,10 +199,10 @@ def stand(w: int, i: int, place: wp.vec3, steering: float, error: float, memory:
 
 
 @wp.func
-def let_roll(w: int, i: int, bounds: Bounds, memory: Memory):
-    """Lay out a robot's old plan, in which it continues its tail, and commit to it until the robot decides.
+def commit_to_old_plan(w: int, i: int, bounds: Bounds, memory: Memory):
+    """Lay out a robot's old plan, the continuation of its tail, to which it is committed until it decides.
 
-    A robot that can stop dead in this step stands where the step begins.
+    A robot that can stop dead in this step then stands where the step begins.
     """
     before = memory.tail[w, i]
     drag = bounds.robot.drag
@@ -322,7 +322,7 @@ def commit(
         memory.decided[w, i] = 0
         if not begin(w, i, bounds, car, memory, observation):
             memory.holds[w] = 0
-        let_roll(w, i, bounds, memory)
+        commit_to_old_plan(w, i, bounds, memory)
     if memory.holds[w] == 0:
         memory.holds[w] = is_compatible(w, bounds, memory)
     for turn in range(n):

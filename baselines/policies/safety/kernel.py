@@ -29,7 +29,7 @@ from lissajous_env.device.structs import RobotStruct, SensingStruct, struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-from lissajous_env.world.robots.car import motor_push, speed_limit_below
+from lissajous_env.world.robots.car import motor_acceleration, speed_limit_below
 from lissajous_env.world.robots.contacts import closest_approach
 
 wp.set_module_options(OPTIONS)
@@ -122,7 +122,7 @@ def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
     curvature = steering[1] / (steering[0] * robot.wheelbase)
     push = wp.max(robot.drive * given[1] - robot.offset, 0.0)
     if robot.speed_min < 0.0:
-        push = motor_push(robot, robot.drive, given[1])
+        push = motor_acceleration(robot, robot.drive, given[1])
     before = car[3]
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
     after = wp.clamp(after, speed_limit_below(robot), wp.max(before, c.safety.speed_max))

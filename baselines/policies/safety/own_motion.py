@@ -192,7 +192,7 @@ def learn(bounds: Bounds, known: wp.vec4, widest: wp.vec4, last: wp.vec4, headin
 
 
 @wp.func
-def felt(action: float, wobble: float) -> wp.vec2:
+def mean_and_deviation(action: float, wobble: float) -> wp.vec2:
     """Return mean and standard deviation of a noisy action, clipped to [-1, 1]; deviation 0 if these are not known.
 
     At an end of the range, half of the noise is clipped: of min(n, 0), the mean is -1 / sqrt(2 pi) and the variance
@@ -215,25 +215,25 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
     robot = bounds.robot
     gone = 1.0 - bounds.left
     push = robot.drag * (speed - last[1] * bounds.left) / gone
-    push_blur = robot.drag * bounds.noise.speed * (1.0 + bounds.left) / gone
+    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.left) / gone
     summed = sums
-    pull = felt(last[3], bounds.noise.actuator)
+    pull = mean_and_deviation(last[3], bounds.noise.actuator)
     tau = throttle(robot, pull[0])
-    tau_blur = 0.5 * (robot.throttle_max - robot.throttle_min) * pull[1]
-    if tau - 3.0 * tau_blur > robot.dead_zone and pull[1] > 0.0 and speed > 0.0:
+    tau_deviation = 0.5 * (robot.throttle_max - robot.throttle_min) * pull[1]
+    if tau - 3.0 * tau_deviation > robot.dead_zone and pull[1] > 0.0 and speed > 0.0:
         unit = robot.drive * tau
-        weight = 1.0 / (tau_blur * tau_blur / (tau * tau) + push_blur * push_blur / (unit * unit))
+        weight = 1.0 / (tau_deviation * tau_deviation / (tau * tau) + push_deviation * push_deviation / (unit * unit))
         summed[2] += weight
         summed[3] += weight * ((push + robot.offset) / unit - 1.0)
     way = 0.5 * (last[1] + speed) * bounds.step
-    way_blur = 0.7071 * bounds.noise.speed * bounds.step
-    turn = felt(last[2], bounds.noise.actuator)
+    way_deviation = 0.7071 * bounds.noise.speed * bounds.step
+    turn = mean_and_deviation(last[2], bounds.noise.actuator)
     slope = wp.tan(steering_angle(robot, wp.abs(turn[0])))
     unit = way * curvature_of(robot, turn[0])
     fastest = wp.max(speed, last[1])
     grips = fastest * fastest * curvature_of(robot, wp.abs(last[2]) + 3.0 * bounds.noise.actuator)
     if (
-        way > 10.0 * way_blur
+        way > 10.0 * way_deviation
         and slope > 1.0e-3
         and wp.abs(unit) < 2.0
         and turn[1] > 0.0
@@ -241,9 +241,13 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
     ):
         turned = heading - last[0]
         turned -= 6.2831853 * wp.rint(turned / 6.2831853)
-        turn_blur = bounds.noise.heading / unit
-        steering_blur = turn[1] * robot.steering_max * (1.0 + slope * slope) / slope
-        variance = 2.0 * turn_blur * turn_blur + steering_blur * steering_blur + way_blur * way_blur / (way * way)
+        turn_deviation = bounds.noise.heading / unit
+        steering_deviation = turn[1] * robot.steering_max * (1.0 + slope * slope) / slope
+        variance = (
+            2.0 * turn_deviation * turn_deviation
+            + steering_deviation * steering_deviation
+            + way_deviation * way_deviation / (way * way)
+        )
         summed[0] += 1.0 / variance
         summed[1] += (turned / unit - 1.0) / variance
     return summed

@@ -84,11 +84,11 @@ def is_near_entry(row, column, rows_away: int, columns_away: int, rows: int, col
 def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough: int, reach, contamination) -> int:
     """Return the smallest label among the cells that a lag reaches, or any label of at most `enough`."""
     least = int(NONE)
-    most = reach.widths.shape[1]
-    for k in range(2 * most - 1):  # this row, one below, one above, two below ...
-        up = (k + 1) / 2
-        width = reach.widths[lag, up]
-        other = wp.where(k % 2 == 1, row - up, row + up)
+    lengths = reach.widths.shape[1]
+    for k in range(2 * lengths - 1):  # this row, one below, one above, two below ...
+        rows_away = (k + 1) / 2
+        width = reach.widths[lag, rows_away]
+        other = wp.where(k % 2 == 1, row - rows_away, row + rows_away)
         if width >= 0 and other >= 0 and other < rows:
             for near in range(wp.max(column - width, 0), wp.min(column + width, columns - 1) + 1):
                 least = wp.min(least, contamination.labels[w, slot, other + MARGIN, near + MARGIN])
@@ -98,16 +98,22 @@ def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough:
 
 
 @part
+def rows_reached(lag: int, reach) -> int:
+    """Return how many rows up or down a lag reaches."""
+    count = int(1)
+    while count < reach.widths.shape[1] and reach.widths[lag, wp.min(count, reach.widths.shape[1] - 1)] >= 0:
+        count += 1
+    return count - 1
+
+
+@part
 def bound_of_cell(w, tick: int, row, column, rows: int, columns: int, ring: int, target, reach, contamination) -> int:
     """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
     for k in range(reach.lags.shape[0]):
         lag = reach.lags[k]
         since = int(NONE)  # of targets that were introduced in the meantime
-        up = int(0)
-        while up < reach.widths.shape[1] - 1 and reach.widths[k, wp.min(up + 1, reach.widths.shape[1] - 1)] >= 0:
-            up += 1
-        if is_near_entry(row, column, up, reach.widths[k, 0], rows, columns, target):
+        if is_near_entry(row, column, rows_reached(k, reach), reach.widths[k, 0], rows, columns, target):
             since = wp.max((tick - lag + 1) * reach.period - 1, 0) * 256
         if label < NONE and since > label:
             slot = (tick - lag + ring) % ring

@@ -58,9 +58,9 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         clear_sensed(w, row, latest, contamination.sensed, contamination.swept, contamination.labelled)
-    across = points_per_metre(hops.columns, hops.inset, curve.half_width)
-    up = points_per_metre(rows, hops.inset, curve.half_height)
-    cell = 1.0 / wp.max(across, up)
+    per_metre_x = points_per_metre(hops.columns, hops.inset, curve.half_width)
+    per_metre_y = points_per_metre(rows, hops.inset, curve.half_height)
+    cell = 1.0 / wp.max(per_metre_x, per_metre_y)
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
             end = robots.sensor[w, i]

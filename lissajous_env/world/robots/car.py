@@ -25,15 +25,15 @@ _DRIVING = module_apart(f"{__name__}.driving", OPTIONS)
 
 
 @part
-def motor_push(robot, drive: float, tau: float) -> float:
+def motor_acceleration(robot, drive: float, tau: float) -> float:
     """Return the motor's acceleration, alpha tau - beta above the dead zone [m/s^2], equation (12).
 
     Differs from the paper, which has no dead zone; the authors' plant has one, in which the car coasts. Cars of the
     paper do not reverse either; one that does is pushed in the direction of its throttle, by alpha |tau| - beta.
     """
-    push = wp.where(tau > robot.dead_zone, drive * tau - robot.offset, 0.0)
+    acceleration = wp.where(tau > robot.dead_zone, drive * tau - robot.offset, 0.0)
     back = wp.where(tau < -robot.dead_zone, drive * tau + robot.offset, 0.0)
-    return wp.where(robot.speed_min < 0.0, wp.max(push, 0.0) + wp.min(back, 0.0), push)
+    return wp.where(robot.speed_min < 0.0, wp.max(acceleration, 0.0) + wp.min(back, 0.0), acceleration)
 
 
 @part
@@ -43,8 +43,8 @@ def speed_limit_below(robot) -> float:
 
 
 @part
-def car_rate(robot, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
-    """(x, y, heading, v)' = (v cos heading, v sin heading, v tan(delta) / l, -c v + push), equation (12).
+def car_rate(robot, state: wp.vec4, curvature: float, acceleration: float) -> wp.vec4:
+    """(x, y, heading, v)' = (v cos heading, v sin heading, v tan(delta) / l, -c v + acceleration), equation (12).
 
     `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / |v|; with `robot.speed_min` = 0 a
     car does not reverse.
@@ -54,16 +54,16 @@ def car_rate(robot, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
     if wp.abs(speed * yaw_rate) > robot.lateral_acceleration_max:
         yaw_rate = wp.sign(yaw_rate) * robot.lateral_acceleration_max / wp.abs(speed)
     ahead = cos_sin(state[2])
-    return wp.vec4(speed * ahead[0], speed * ahead[1], yaw_rate, push - robot.drag * speed)
+    return wp.vec4(speed * ahead[0], speed * ahead[1], yaw_rate, acceleration - robot.drag * speed)
 
 
 @part
-def car_step(robot, state: wp.vec4, curvature: float, push: float, h: float) -> wp.vec4:
+def car_step(robot, state: wp.vec4, curvature: float, acceleration: float, h: float) -> wp.vec4:
     """Return the state after one step of the classical fourth-order Runge-Kutta method over h [s]."""
-    k1 = car_rate(robot, state, curvature, push)
-    k2 = car_rate(robot, state + 0.5 * h * k1, curvature, push)
-    k3 = car_rate(robot, state + 0.5 * h * k2, curvature, push)
-    k4 = car_rate(robot, state + h * k3, curvature, push)
+    k1 = car_rate(robot, state, curvature, acceleration)
+    k2 = car_rate(robot, state + 0.5 * h * k1, curvature, acceleration)
+    k3 = car_rate(robot, state + 0.5 * h * k2, curvature, acceleration)
+    k4 = car_rate(robot, state + h * k3, curvature, acceleration)
     moved = state + (h / 6.0) * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], speed_limit_below(robot)))
 
@@ -76,13 +76,13 @@ def read_commands(block, robot, command, robots) -> tuple[Floats, Floats]:
     wheelbase = abreast.floats(block, robots.wheelbase)
     drive = abreast.floats(block, robots.drive)
     curvature = Floats()
-    push = Floats()
+    acceleration = Floats()
     for k in range(abreast.ABREAST):
         if k < abreast.width():
             turn = cos_sin(steering_angle(robot, steering[k]))
             curvature[k] = turn[1] / (turn[0] * wheelbase[k])
-            push[k] = motor_push(robot, drive[k], throttle(robot, throttling[k]))
-    return curvature, push
+            acceleration[k] = motor_acceleration(robot, drive[k], throttle(robot, throttling[k]))
+    return curvature, acceleration
 
 
 @stage(ROBOT, writes="robots: curvature, heading, path, position, speed")
@@ -98,7 +98,7 @@ def move_cars(block, curve, robot, task, faults, command, clock, robots):
     coasting = block.active_mask & is_coasting(block, faults, robots)
     moving = working | coasting
     begin_path(block, block.active_mask & ~moving, x, y, robots)
-    curvature, push = read_commands(block, robot, command, robots)
+    curvature, acceleration = read_commands(block, robot, command, robots)
     if faults.stop == COAST:
         abreast.put_floats(block, working, curvature, robots.curvature)
     if coasting != 0:
@@ -106,11 +106,11 @@ def move_cars(block, curve, robot, task, faults, command, clock, robots):
         for k in range(block.count):
             if abreast.is_in(k, coasting):
                 curvature[k] = curvatures[k]
-                push[k] = 0.0
+                acceleration[k] = 0.0
     for s in range(substeps):
         for k in range(abreast.ABREAST):
             if k < abreast.width():
-                car = car_step(robot, wp.vec4(x[k], y[k], heading[k], speed[k]), curvature[k], push[k], h)
+                car = car_step(robot, wp.vec4(x[k], y[k], heading[k], speed[k]), curvature[k], acceleration[k], h)
                 x[k] = car[0]
                 y[k] = car[1]
                 heading[k] = car[2]

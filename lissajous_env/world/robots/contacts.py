@@ -51,6 +51,8 @@ def compare_pair(w, i, j, now, contact: float, relevant: float, places, robots, 
     for s in range(1, robots.path.shape[2]):
         after = robots.path[w, i, s] - robots.path[w, j, s]
         moved = after - before
+        # Robots that come as close as `relevant` are at most relevant + |moved| apart at the ends, and (a + b)^2 is at
+        # most 2 (a^2 + b^2).
         ends = wp.min(wp.dot(before, before), wp.dot(after, after))
         if ends < 2.0 * (relevant * relevant + wp.dot(moved, moved)):
             least = wp.min(least, closest_approach(before, after))

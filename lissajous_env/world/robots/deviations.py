@@ -61,23 +61,24 @@ def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: in
     distance = Floats()
     if sampled.points.shape[0] > 0:
         distance = Floats(1.0e30)
-        most = sampled.half
+        max_step = sampled.half
         is_series = curve.harmonics.shape[0] > 0
-        across = Floats()
-        up = Floats()
+        quarter_x = Floats()
+        quarter_y = Floats()
         gamma = Floats()
         for k in range(abreast.ABREAST):
             if k < abreast.width():
-                across[k] = wp.where(is_series, x[k], wp.abs(x[k]))
-                up[k] = wp.where(is_series, y[k], wp.abs(y[k]))
+                quarter_x[k] = wp.where(is_series, x[k], wp.abs(x[k]))
+                quarter_y[k] = wp.where(is_series, y[k], wp.abs(y[k]))
         for n in range(sampled.points.shape[0]):
             p = sampled.points[n]
             inverse = 1.0 / wp.max(p[2] * p[2] + p[3] * p[3], 1.0e-30)
             for k in range(abreast.ABREAST):
                 if k < abreast.width():
-                    away_x = across[k] - p[0]
-                    away_y = up[k] - p[1]
-                    step = wp.clamp((away_x * p[2] + away_y * p[3]) * inverse, -most, most)
+                    away_x = quarter_x[k] - p[0]
+                    away_y = quarter_y[k] - p[1]
+                    # Along the tangent, then the distance from that point of the parabola.
+                    step = wp.clamp((away_x * p[2] + away_y * p[3]) * inverse, -max_step, max_step)
                     away_x -= step * (p[2] + step * p[4])
                     away_y -= step * (p[3] + step * p[5])
                     square = away_x * away_x + away_y * away_y
@@ -86,14 +87,14 @@ def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: in
         if is_series:
             for k in range(count):
                 place = wp.vec2(x[k], y[k])
-                nearest = series(curve, project(curve, place, gamma[k], most), 0)
+                nearest = series(curve, project(curve, place, gamma[k], max_step), 0)
                 distance[k] = wp.length(place - nearest)
         else:
             for k in range(abreast.ABREAST):
                 if k < abreast.width():
-                    nearest = lissajous(curve, project_lissajous(curve, across[k], up[k], gamma[k], most))
-                    away_x = across[k] - nearest[0]
-                    away_y = up[k] - nearest[1]
+                    nearest = lissajous(curve, project_lissajous(curve, quarter_x[k], quarter_y[k], gamma[k], max_step))
+                    away_x = quarter_x[k] - nearest[0]
+                    away_y = quarter_y[k] - nearest[1]
                     distance[k] = wp.sqrt(away_x * away_x + away_y * away_y)
     return distance
 
@@ -126,18 +127,21 @@ _EDGE = wp.constant(1e-3)
 def mark_outside(block, curve, robot, task, clock, robots, latest):
     """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
     n = robots.status.shape[1]
-    beyond = abreast.coordinates(block, robots.position, 0)
+    x = abreast.coordinates(block, robots.position, 0)
     y = abreast.coordinates(block, robots.position, 1)
-    most = Floats()
+    excess = Floats()  # of a centre beyond the nearest edge, negative inside
+    square = Floats()  # of the distance of a centre from the rectangle
     for k in range(abreast.ABREAST):
         if k < abreast.width():
-            most[k] = wp.max(wp.abs(beyond[k]) - curve.half_width, wp.abs(y[k]) - curve.half_height)
-            beyond_x = wp.max(wp.abs(beyond[k]) - curve.half_width, 0.0)
-            beyond_y = wp.max(wp.abs(y[k]) - curve.half_height, 0.0)
-            beyond[k] = beyond_x * beyond_x + beyond_y * beyond_y
+            beyond_x = wp.abs(x[k]) - curve.half_width
+            beyond_y = wp.abs(y[k]) - curve.half_height
+            excess[k] = wp.max(beyond_x, beyond_y)
+            beyond_x = wp.max(beyond_x, 0.0)
+            beyond_y = wp.max(beyond_y, 0.0)
+            square[k] = beyond_x * beyond_x + beyond_y * beyond_y
     there = ~abreast.where_equal(block, robots.status, REMOVED)
-    outside = abreast.where_above(block, beyond, robot.radius * robot.radius) & there
-    partly = abreast.where_above(block, most, -(1.0 - _EDGE) * robot.radius) & there
+    outside = abreast.where_above(block, square, robot.radius * robot.radius) & there
+    partly = abreast.where_above(block, excess, -(1.0 - _EDGE) * robot.radius) & there
     abreast.put_bits(block, block.active_mask, partly, latest.partly_outside)
     abreast.put_bits(block, block.active_mask, outside, latest.outside)
     if task.boundary == _REMOVE:

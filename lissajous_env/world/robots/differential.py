@@ -29,9 +29,9 @@ def commanded_speed(robot, action: float) -> float:
 
 
 @wp.func
-def ramp(before: float, wanted: float, most: float) -> float:
-    """Return a value that has changed from `before` towards `wanted`, by at most `most`."""
-    return before + wp.clamp(wanted - before, -most, most)
+def ramp(before: float, wanted: float, max_change: float) -> float:
+    """Return a value that has changed from `before` towards `wanted`, by at most `max_change`."""
+    return before + wp.clamp(wanted - before, -max_change, max_change)
 
 
 @wp.func
@@ -67,9 +67,9 @@ def drive_step(
     last = cos_sin(last_heading)
     distance = integral_of_ramp(pose[3], wanted_speed, acceleration, h)
     missed = distance - h / 6.0 * (pose[3] + 4.0 * middle_speed + last_speed)
-    across = h / 6.0 * (pose[3] * first[0] + 4.0 * middle_speed * middle[0] + last_speed * last[0])
-    up = h / 6.0 * (pose[3] * first[1] + 4.0 * middle_speed * middle[1] + last_speed * last[1])
-    return wp.vec4(pose[0] + across + missed * middle[0], pose[1] + up + missed * middle[1], last_heading, last_speed)
+    dx = h / 6.0 * (pose[3] * first[0] + 4.0 * middle_speed * middle[0] + last_speed * last[0])
+    dy = h / 6.0 * (pose[3] * first[1] + 4.0 * middle_speed * middle[1] + last_speed * last[1])
+    return wp.vec4(pose[0] + dx + missed * middle[0], pose[1] + dy + missed * middle[1], last_heading, last_speed)
 
 
 @part

@@ -197,8 +197,8 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
     if targets.fleeing > 0:
         reach = max(reach, targets.flee_radius)
     widened = 1.01 * reach + 1e-6 * max(curve.half_width, curve.half_height)
-    most = max(_BINS_PER_ROBOT * scenario.num_robots, _AT_LEAST)
-    size = max(widened, math.sqrt(4 * curve.half_width * curve.half_height / most))
+    most_bins = max(_BINS_PER_ROBOT * scenario.num_robots, _AT_LEAST)
+    size = max(widened, math.sqrt(4 * curve.half_width * curve.half_height / most_bins))
     return reach, widened, size, math.ceil(2 * curve.half_width / size), math.ceil(2 * curve.half_height / size)
 
 
@@ -209,8 +209,8 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> A
     filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
     filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
-    across = 2 * filled.widened / filled.size + 2
-    entries_each = min(math.ceil(across * (across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
+    bins_across = 2 * filled.widened / filled.size + 2
+    entries_each = min(math.ceil(bins_across * (bins_across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
     filled.room, bins = n * entries_each, filled.columns * filled.rows
 
     def array(*shape: int, dtype: Any = wp.int32) -> Any:
@@ -258,9 +258,9 @@ def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins) -> tuple[
             sensor = robots.sensor[w, i]
             for k in range(ABREAST):
                 if k < width():
-                    across = sensor[0] - x[k]
-                    up = sensor[1] - y[k]
-                    square = across * across + up * up
+                    dx = sensor[0] - x[k]
+                    dy = sensor[1] - y[k]
+                    square = dx * dx + dy * dy
                     nearest[k] = wp.where(square < least[k], i, nearest[k])
                     least[k] = wp.min(square, least[k])
     return nearest, least
@@ -329,7 +329,7 @@ def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float,
     works from the beginning of that step on. With bins, robots are those in the list of the bin in which the target
     was, unless it moved too far.
     """
-    finder = int(-1)
+    first = int(-1)
     least = float(2.0)
     if bins.columns > 0 and not leaves_lists(before, after, radius, bins):
         entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
@@ -337,9 +337,9 @@ def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float,
             i = entry[0]
             if robots.sensor[w, i][0] < NOWHERE:
                 share = share_until_sight(w, i, before, after, radius, robots)
-                if share < least or (share == least and i < finder):
+                if share < least or (share == least and i < first):
                     least = share
-                    finder = i
+                    first = i
             entry = bins.entry[w, entry[1]]
     elif reach > 0.0:
         for i in range(robots.sensor.shape[1]):
@@ -347,5 +347,5 @@ def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float,
                 share = share_until_sight(w, i, before, after, radius, robots)
                 if share < least:
                     least = share
-                    finder = i
-    return wp.vec2(float(finder), least)
+                    first = i
+    return wp.vec2(float(first), least)

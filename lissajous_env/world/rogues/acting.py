@@ -19,7 +19,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import Layout, layout_of
 from lissajous_env.world.observing import clip_coordinate, comes_before, velocity_of
 from lissajous_env.world.robots.signals import flag
-from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, PRESENT, REMOVED, RUNNING, WORKING, planar
+from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, IDLE, PRESENT, REMOVED, RUNNING, WORKING, planar
 from lissajous_env.world.targets.motion import inside
 
 wp.set_module_options(OPTIONS)
@@ -107,10 +107,10 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
 @stage(TARGET, writes="rogues: present, reward, terminated, truncated", idle=True)
 def reward_rogues(w, t, task, clock, targets, rogues):
     """Reward each rogue with the time of this step for which it was undetected [s]; a detection terminates it."""
-    reward = float(0.0)
     status = targets.status[w, t]
     now = clock.step[w]
     if clock.active[w] == 1:
+        reward = float(0.0)
         if targets.appears_at[w, t] < now:
             if status == PRESENT:
                 reward = task.step
@@ -119,7 +119,9 @@ def reward_rogues(w, t, task, clock, targets, rogues):
         rogues.present[w, t] = status == PRESENT and clock.status[w] == RUNNING
         rogues.terminated[w, t] = status != PRESENT and status != HIDDEN
         rogues.truncated[w, t] = status == PRESENT and clock.status[w] == ENDED
-    rogues.reward[w, t] = reward
+        rogues.reward[w, t] = reward
+    elif clock.status[w] == IDLE:  # not where other worlds begin an episode
+        rogues.reward[w, t] = 0.0
 
 
 @part

@@ -141,20 +141,20 @@ def move_together(
 
 
 @part
-def detect(w, t, now, nearest: wp.vec2, sight: wp.vec2, radius: float, targets, latest) -> int:
+def detect(w, t, now, nearest: wp.vec2, first: wp.vec2, radius: float, targets, latest) -> int:
     """Let a robot detect a target: the first one during the step or, without any, the nearest one at its end.
 
-    `nearest` is the result of `nearest_sensors` at the end, `sight` that of `first_sight`. Returns 1 for a detection.
+    `nearest` is the result of `nearest_sensors` at the end, `first` that of `first_sight`. Returns 1 for a detection.
     """
-    found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
-    if sight[1] <= 1.0:
-        found = int(sight[0])
-        targets.found_early[w, t] = 1.0 - sight[1]
-    targets.status[w, t] = wp.where(found >= 0, DETECTED, PRESENT)
-    if found < 0:
+    robot = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
+    if first[1] <= 1.0:
+        robot = int(first[0])
+        targets.found_early[w, t] = 1.0 - first[1]
+    targets.status[w, t] = wp.where(robot >= 0, DETECTED, PRESENT)
+    if robot < 0:
         return 0
     targets.found_at[w, t] = now
-    wp.atomic_add(latest.detections, w, found, 1)
+    wp.atomic_add(latest.detections, w, robot, 1)
     return 1
 
 
@@ -182,18 +182,18 @@ def detect_together(
     """
     radius = sensing.radius
     sight = sensing.sight
-    beyond = sight - radius
+    margin = sight - radius
     before_x = group.before_x
     before_y = group.before_y
-    near = Floats()
+    near = Floats()  # distance from its old position at which a sensor may detect a target without moving
     for k in range(ABREAST):
         if k < width():
-            across = x[k] - before_x[k]
-            up = y[k] - before_y[k]
-            near[k] = radius + wp.sqrt(across * across + up * up)
+            dx = x[k] - before_x[k]
+            dy = y[k] - before_y[k]
+            near[k] = radius + wp.sqrt(dx * dx + dy * dy)
     comes_near = bool(False)
     for k in range(group.count):
-        comes_near = comes_near or square[k] < (near[k] + beyond) * (near[k] + beyond)
+        comes_near = comes_near or square[k] < (near[k] + margin) * (near[k] + margin)
     # A target that was far from every sensor cannot have come into one's sight in this step.
     nearest = Ints()
     least = square
@@ -202,11 +202,11 @@ def detect_together(
     waiting = int(0)
     sighted = int(0)
     status = group.status
-    seen = Ints()
+    in_sight = Ints()
     is_candidate = Ints()
     for k in range(ABREAST):
         if k < width():
-            seen[k] = wp.where(least[k] < sight * sight, 1, 0)
+            in_sight[k] = wp.where(least[k] < sight * sight, 1, 0)
             reach = near[k] + displacement
             passed = wp.where(square[k] < reach * reach or reach > far, 1, 0)
             appears = wp.where(status[k] == HIDDEN, 1, 0)
@@ -215,9 +215,9 @@ def detect_together(
             )
     for k in range(group.count):
         t = group.number[k]
-        targets.in_sight[w, t] = seen[k]
-        sighted += seen[k]
-        if seen[k] == 1 and bins.columns > 0:
+        targets.in_sight[w, t] = in_sight[k]
+        sighted += in_sight[k]
+        if in_sight[k] == 1 and bins.columns > 0:
             list_in_sight(w, t, wp.vec2(x[k], y[k]), bins)
         waiting += wp.where(group.status[k] == DETECTED, 0, 1)
         if is_candidate[k] == 1:  # which is rare

@@ -161,13 +161,13 @@ def reset_arrivals(w, target, task, clock, targets):
 @part
 def bounce(x: float, y: float, heading: float, curve) -> wp.vec3:
     """Return x, y [m], heading [rad] of a target that the boundary of the rectangle reflects."""
-    beside = wp.abs(x) > curve.half_width
-    above = wp.abs(y) > curve.half_height
+    beyond_x = wp.abs(x) > curve.half_width
+    beyond_y = wp.abs(y) > curve.half_height
     inside_x = wp.clamp(wp.sign(x) * 2.0 * curve.half_width - x, -curve.half_width, curve.half_width)
     inside_y = wp.clamp(wp.sign(y) * 2.0 * curve.half_height - y, -curve.half_height, curve.half_height)
-    turned = wp.where(beside, 3.14159265 - heading, heading)
-    turned = wp.where(above, -turned, turned)
-    return wp.vec3(wp.where(beside, inside_x, x), wp.where(above, inside_y, y), wrap(turned))
+    turned = wp.where(beyond_x, 3.14159265 - heading, heading)
+    turned = wp.where(beyond_y, -turned, turned)
+    return wp.vec3(wp.where(beyond_x, inside_x, x), wp.where(beyond_y, inside_y, y), wrap(turned))
 
 
 @part
