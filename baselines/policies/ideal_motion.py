@@ -40,17 +40,17 @@ def worst_undetected_time(
         Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
     """
     field = _Field(half, radius, speed * step)
-    seen = field.sensed(loop)
-    before = seen[:0] if lead_in is None else field.sensed(lead_in)
+    sensed = field.sensed(loop)
+    before = sensed[:0] if lead_in is None else field.sensed(lead_in)
     for now in before:
         field.advance(now)
     first = 1 if lead_in is None else 0  # the place at the start is not sensed
-    for k in range(first, _ROUNDS * len(seen) + 1):
-        field.advance(seen[k % len(seen)])
+    for k in range(first, _ROUNDS * len(sensed) + 1):
+        field.advance(sensed[k % len(sensed)])
         if field.longest * step > limit:
             return math.inf
         # Once all targets of the start are detected, two more periods show the longest time for which others can hide.
-        if field.cleared_at > 0 and field.now >= max(field.cleared_at, len(before)) + 2 * len(seen):
+        if field.cleared_at > 0 and field.now >= max(field.cleared_at, len(before)) + 2 * len(sensed):
             return field.longest * step
     return math.inf
 
@@ -68,10 +68,10 @@ def unvisited_and_gap(
     """
     field = _Field(half, radius, 0.0, field_cells=_MOST_CELLS // (4 if coarse else 1))
     every = 2 if coarse else 1
-    seen = field.sensed(loop[:, ::every])
-    visited, times = seen.any(axis=0), np.arange(len(seen), dtype=np.int32)[:, None, None]
-    latest = np.maximum.accumulate(np.where(seen, times, -len(seen)), axis=0)
-    latest = np.maximum(latest, latest[-1] - len(seen))  # of this period, or else of the one before
+    sensed = field.sensed(loop[:, ::every])
+    visited, times = sensed.any(axis=0), np.arange(len(sensed), dtype=np.int32)[:, None, None]
+    latest = np.maximum.accumulate(np.where(sensed, times, -len(sensed)), axis=0)
+    latest = np.maximum(latest, latest[-1] - len(sensed))  # of this period, or else of the one before
     return 1 - float(visited.mean()), float((times - latest).max(axis=0)[visited].max(initial=0) * every)
 
 
@@ -86,43 +86,43 @@ class _Field:
         self.x = np.linspace(-half[0], half[0], columns)
         self.y = np.linspace(-half[1], half[1], rows)
         self.radius, self.rate = radius, moved / (2 * half[0] / (columns - 1))
-        self.born = np.zeros((rows, columns))
+        self.introduced = np.zeros((rows, columns))
         self.now, self.hops, self.longest = 0, 0, 0
         self.cleared_at = 0  # step from which on no target of the start can be undetected
 
     def sensed(self, places: np.ndarray) -> np.ndarray:
         """Return the cells (K, rows, columns) whose centres are in a disc, for places (N, K, 2) at K times [m]."""
-        across = (self.x - places[..., :1]) ** 2
-        rest = self.radius**2 - (self.y - places[..., 1:]) ** 2
-        seen = np.zeros((places.shape[1], len(self.y), len(self.x)), dtype=bool)
-        for aside, within in zip(across, rest, strict=True):
-            columns, rows = _span(aside.min(axis=0) < self.radius**2), _span(within.max(axis=0) > 0)
-            seen[:, rows, columns] |= aside[:, None, columns] < within[:, rows, None]
-        return seen
+        x_squares = (self.x - places[..., :1]) ** 2
+        x_squares_max = self.radius**2 - (self.y - places[..., 1:]) ** 2
+        sensed = np.zeros((places.shape[1], len(self.y), len(self.x)), dtype=bool)
+        for square, largest in zip(x_squares, x_squares_max, strict=True):  # the robots
+            columns, rows = _span(square.min(axis=0) < self.radius**2), _span(largest.max(axis=0) > 0)
+            sensed[:, rows, columns] |= square[:, None, columns] < largest[:, rows, None]
+        return sensed
 
-    def advance(self, seen: np.ndarray) -> None:
+    def advance(self, sensed: np.ndarray) -> None:
         """Let targets hop and be introduced, and be detected, over a control step."""
         self.now += 1
         while self.hops < math.floor(self.rate * self.now):
             self.hops += 1
             self._hop(diagonally=self.hops % 2 == 0)
-        np.minimum(self.born, self.now, out=self.born)
-        self.born[seen] = np.inf
-        oldest = self.born.min()
+        np.minimum(self.introduced, self.now, out=self.introduced)
+        self.introduced[sensed] = np.inf
+        oldest = self.introduced.min()
         self.longest = max(self.longest, self.now - oldest if math.isfinite(oldest) else 0)
         if self.cleared_at == 0 and oldest > 0:
             self.cleared_at = self.now
 
     def _hop(self, diagonally: bool) -> None:
-        born = self.born
-        sideways = born.copy()
-        np.minimum(sideways[:, 1:], born[:, :-1], out=sideways[:, 1:])
-        np.minimum(sideways[:, :-1], born[:, 1:], out=sideways[:, :-1])
-        spread = sideways if diagonally else born
+        introduced = self.introduced
+        sideways = introduced.copy()
+        np.minimum(sideways[:, 1:], introduced[:, :-1], out=sideways[:, 1:])
+        np.minimum(sideways[:, :-1], introduced[:, 1:], out=sideways[:, :-1])
+        spread = sideways if diagonally else introduced
         after = sideways.copy()
         np.minimum(after[1:], spread[:-1], out=after[1:])
         np.minimum(after[:-1], spread[1:], out=after[:-1])
-        self.born = after
+        self.introduced = after
 
 
 def _span(near: np.ndarray) -> slice:

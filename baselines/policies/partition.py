@@ -25,8 +25,8 @@ from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of,
 from baselines.policies.safety.filter import Safe
 from baselines.policies.taking_over import (
     PLACES,
-    SIDE,
-    WATCH,
+    SHIFTS,
+    WATCH_SIZE,
     Repair,
     rest_after_failure,
     take_over,
@@ -242,7 +242,7 @@ class PartitionRepair(TimedPaths):
         self.repair = repair or RepairParameters()
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
-        self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
+        self._watched = wp.zeros((*self.shape, 2, WATCH_SIZE), dtype=wp.float32, device=self.device)
         self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
@@ -255,7 +255,7 @@ class PartitionRepair(TimedPaths):
             self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
             self._tolerance, self._repair.back = scenario.robot.radius, drift
             middle = middle_of(self.takeover.loop)
-            shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing
+            shifted = math.sqrt(2) * int(SHIFTS) * self._repair.spacing
             self._wait = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
 
     def timed(self, scenario: Scenario) -> PathTables:
@@ -294,7 +294,7 @@ def _avoided_distance(scenario: Scenario) -> float:
 
 def _offset(scenario: Scenario) -> float:
     """Return the spacing of the distances at which the quality of a loop is computed [m]."""
-    return _avoided_distance(scenario) * int(SIDE) / _FINER / (OFFSETS - 1)
+    return _avoided_distance(scenario) * int(SHIFTS) / _FINER / (OFFSETS - 1)
 
 
 def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift: float, device: Any) -> Any:
