@@ -102,7 +102,7 @@ class Benchmark:
     @property
     def worlds(self) -> int:
         """Return the number of episodes that are played together."""
-        # This never depends on what is left to do: a policy may round otherwise in another batch.
+        # This never depends on the episodes that are left: a policy may round otherwise in another batch.
         return min(self.batch, self.episodes)
 
 
@@ -137,7 +137,7 @@ Rows = list[dict[str, Any]]
 Work = list[tuple[Cell, list[int]]]
 """Cells, each with the numbers of the episodes to play."""
 Finish = Callable[[Cell, Rows | Failure], None]
-"""Stores a batch of a cell, or notes that its policy failed; what is stored is on the disk when it returns."""
+"""Function that stores a batch of a cell on the disk before it returns, or notes that its policy failed."""
 
 
 @dataclass
@@ -239,8 +239,8 @@ def _kind_of(folder: str) -> str | None:
 def _default(scenario: Scenario, everything: bool) -> list[str]:
     """Return the policies that are played where none is named: the standard ones and those that users registered.
 
-    `everything` adds all other registered ones; of those with a filter, the paper's method alone and what was made for
-    this very scenario.
+    `everything` adds all other registered ones; of those with a filter, the paper's method alone and policies that were
+    made for this very scenario.
     """
     fitting = registry.names(scenario)
     chosen = [name for name in POLICIES if name in fitting]

@@ -174,7 +174,7 @@ def middle_of(loop: np.ndarray) -> np.ndarray:
 
 
 def _is_drivable(loop: np.ndarray, corner: float, problem: Problem, count: int) -> bool:
-    """Return whether a car can drive a loop with corners of a radius in so many control steps."""
+    """Return whether a car can drive a loop with corners of a radius in `count` control steps."""
     return length_of(loop) <= speed_on(corner, problem) * count * (1 + 1e-9)
 
 
