@@ -67,7 +67,7 @@ class RogueTrainer:
         hidden = [part for pair in pairwise(sizes) for part in (nn.Linear(*pair), nn.ReLU())]
         self.actor = nn.Sequential(*hidden, nn.Linear(sizes[-1], self.card.action_size)).to(settings.device)
         self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=_RATE, eps=1e-5)
-        self.normal: tuple[np.ndarray, np.ndarray] | None = None
+        self.normalization: tuple[np.ndarray, np.ndarray] | None = None
         """Mean and standard deviation (D,) of the entries of a row."""
         self.history: dict[str, Any] = {"rounds": 0, "seconds": 0.0, "scores": None, "rivals": {}}
         self._labelled: list[Tensor] = []
@@ -102,9 +102,9 @@ class RogueTrainer:
                 raise ValueError(
                     f"starts must be large enough that a rogue is undetected for a step, got {settings.starts}"
                 )
-            if self.normal is None:
+            if self.normalization is None:
                 spread = np.maximum(labels.rows.std(axis=0), 1e-3)
-                self.normal = labels.rows.mean(axis=0), spread.astype(np.float32)
+                self.normalization = labels.rows.mean(axis=0), spread.astype(np.float32)
             before, new = self._labelled, self._tensors(labels)
             self._labelled = [torch.cat(parts) for parts in zip(before, new, strict=True)] if before else list(new)
             error = self._fit(is_last)
@@ -125,8 +125,8 @@ class RogueTrainer:
         return visits
 
     def _normalized(self, rows: np.ndarray) -> Tensor:
-        assert self.normal is not None
-        mean, spread = self.normal
+        assert self.normalization is not None
+        mean, spread = self.normalization
         return torch.from_numpy(((rows - mean) / spread).astype(np.float32)).to(self.settings.device)
 
     def _tensors(self, labels: Labels) -> tuple[Tensor, ...]:
@@ -151,8 +151,8 @@ class RogueTrainer:
 
     def network(self) -> RogueNetwork:
         """Copy the policy into a network for rows that are not normalized."""
-        assert self.normal is not None
-        mean, spread = self.normal
+        assert self.normalization is not None
+        mean, spread = self.normalization
         layers = [part for part in self.actor if isinstance(part, nn.Linear)]
         weights = [layer.weight.detach().cpu().numpy() for layer in layers]
         biases = [layer.bias.detach().cpu().numpy() for layer in layers]
@@ -163,19 +163,19 @@ class RogueTrainer:
     def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
         """Write a checkpoint with the state of the training and the arrays of its labels, `_LABELLED`."""
         state = save_state(self.actor, self.optimizer) | dict(labelled)
-        if self.normal is not None:
-            state |= {"normal.mean": self.normal[0], "normal.spread": self.normal[1]}
+        if self.normalization is not None:
+            state |= {"normal.mean": self.normalization[0], "normal.spread": self.normalization[1]}
         history = self.history | {"seconds": round(self.history["seconds"], 1)}
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes={"rogues": history})
 
     def _resume(self) -> None:
-        _, card, text = checkpoint.read(self.settings.out)
+        _, card, contents = checkpoint.read(self.settings.out)
         check_resumes(self.settings.to_dict(), card.settings, MAY_CHANGE)
-        arrays = checkpoint.read_state(self.settings.out, text)
-        with checkpoint.resuming(self.settings.out, text):
-            self.history |= text["rogues"]
+        arrays = checkpoint.read_state(self.settings.out, contents)
+        with checkpoint.resuming(self.settings.out, contents):
+            self.history |= contents["rogues"]
             if "normal.mean" in arrays:
-                self.normal = arrays["normal.mean"], arrays["normal.spread"]
+                self.normalization = arrays["normal.mean"], arrays["normal.spread"]
             if _LABELLED[0] in arrays:
                 self._labelled = [torch.from_numpy(arrays[name]).to(self.settings.device) for name in _LABELLED]
             load_state(self.actor, self.optimizer, arrays)

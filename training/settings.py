@@ -32,7 +32,7 @@ MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
 
 
 @dataclass(frozen=True)
-class TrainingSettings(Checked):
+class TrainingSettings(Checked, with_defaults=False):
     """Settings of a training of one policy, which all robots share."""
 
     scenario: str = "watch"
@@ -51,8 +51,9 @@ class TrainingSettings(Checked):
     plays the next scenario. Used only for a space."""
     base: str | None = None
     """Classical policy whose actions the network reads and corrects, and with which validations are compared. By
-    default greedy-cover, lead-pursuit or index-learned if actions are velocities; for cars that steer, arc-mpcc; for
-    points, kuramoto. With none, the network corrects no policy, and validations are compared with that default."""
+    default greedy-cover, lead-pursuit or index-learned if actions are velocities; for cars that steer and differential
+    drives, arc-mpcc; for points, kuramoto. With none, the network corrects no policy, and validations are compared with
+    that default."""
     critic: Literal["central", "own"] = "central"
     """Input of the critic: the true state of robots and at most 16 targets (MAPPO), or that of the actor (IPPO)."""
     features: int = whole(48, 1, 65_536)

@@ -106,14 +106,14 @@ def _train(
 def _resume_or_begin(settings: TrainingSettings, state: "Training", say: Callable[[str], None]) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
-        _, stored, text = checkpoint.read(settings.out)
+        _, stored, contents = checkpoint.read(settings.out)
         is_other = Card.of(settings.make_checkpoint_scenario()).scenario_fields != stored.scenario_fields
         others = ["the scenario has changed"] if is_other else []
         check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
-        with checkpoint.resuming(settings.out, text):
-            state.load_state(checkpoint.read_state(settings.out, text))
+        with checkpoint.resuming(settings.out, contents):
+            state.load_state(checkpoint.read_state(settings.out, contents))
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
-            return text["training"]
+            return contents["training"]
     history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)

@@ -27,7 +27,7 @@ _RETRIES = 3
 _AHEAD = 2
 """Batches handed out for each CPU, so that none waits for work."""
 _STORE = 100_000_000
-"""Memory that the workers of a Ray of our own share [bytes]; what they exchange is small."""
+"""Memory that the workers of a local Ray share [bytes]; they exchange little."""
 
 
 def check(device: str) -> None:
@@ -137,7 +137,7 @@ def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | F
 
 
 def _sources(cell: Cell) -> dict[str, str]:
-    """Return digests of what a node imports to play a cell: the policy's modules, and the scenario with extensions."""
+    """Return digests of the code that a cell needs: the policy's modules, and the scenario with extensions."""
     modules = {name: digest for name, digest in parts(cell.factory).items() if name.startswith(MODULE)}
     return modules | {f"scenario {cell.scenario.name}": cell.scenario.digest()}
 

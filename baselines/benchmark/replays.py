@@ -66,7 +66,7 @@ def chosen(
 def _played_again(
     keys: Sequence[Key], cells: Mapping[tuple[str, str], Cell], device: Any, progress: Console
 ) -> tuple[dict[Key, dict[str, Any]], list[str]]:
-    """Play episodes again; return what the page needs to show them, and in words what policies raised."""
+    """Play episodes again; return their contents for the page, and a sentence for each policy that raised."""
     seeds_of: dict[tuple[str, str], list[int]] = {}
     for scenario, policy, seed in keys:
         seeds_of.setdefault((scenario, policy), []).append(seed)

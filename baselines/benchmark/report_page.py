@@ -239,7 +239,7 @@ def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
 
 
 def _described(column: Column) -> dict[str, Any]:
-    """Return what the page shows of a column; only columns of the episodes have a strip of their values."""
+    """Return the description of a column for the page; only columns of the episodes have a strip of their values."""
     return {
         "column": column.name,
         "title": column.heading,
@@ -281,7 +281,7 @@ def _words(estimate: Estimate) -> dict[str, Any]:
 
 
 def _cell(estimate: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
-    """Return what the page shows of a column of one policy: an estimate, and the quartiles of the episodes."""
+    """Return a column of one policy for the page: an estimate, and the quartiles of the episodes."""
     values = numbers(rows, column)
     known = values[np.isfinite(values)]
     return _words(estimate) | {

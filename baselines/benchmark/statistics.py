@@ -105,7 +105,7 @@ def middle_95_percent(values: np.ndarray) -> tuple[float, float]:
 
 
 def summarize(values: Values, summary: str = INTERQUARTILE_MEAN) -> Estimate:
-    """Return the estimate of a score: the interquartile mean or, with another summary, the mean of what is not NaN."""
+    """Return the estimate of a score: the interquartile mean or, with another summary, the mean, without NaN."""
     numbers = np.asarray(values, dtype=float)
     known = numbers[~np.isnan(numbers)]
     if not len(known):

@@ -102,7 +102,7 @@ class Benchmark:
     @property
     def worlds(self) -> int:
         """Return the number of episodes that are played together."""
-        # This never depends on what is left to do: a policy may round otherwise in another batch.
+        # This never depends on the episodes that are left: a policy may round otherwise in another batch.
         return min(self.batch, self.episodes)
 
 
@@ -137,7 +137,7 @@ Rows = list[dict[str, Any]]
 Work = list[tuple[Cell, list[int]]]
 """Cells, each with the numbers of the episodes to play."""
 Finish = Callable[[Cell, Rows | Failure], None]
-"""Stores a batch of a cell, or notes that its policy failed; what is stored is on the disk when it returns."""
+"""Function that stores a batch of a cell on the disk before it returns, or notes that its policy failed."""
 
 
 @dataclass
@@ -185,27 +185,27 @@ def cells_of(
     policies: Mapping[str, Factory | ActingPolicy] | None = None,
     scenarios: Iterable[Scenario] | None = None,
 ) -> list[Cell]:
-    """Check the settings and list what is to be played.
+    """Check the settings, and return the policies on scenarios that they name.
 
     Raises:
-        ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
+        ValueError: an invalid value, an unknown name, a policy that drives no scenario, or a scenario without a policy.
     """
     settings.check()
     own = {name: factories.as_factory(name) for name in settings.policies if factories.is_unregistered(name)}
     own |= {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
-    others = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
+    registered = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
     given = settings.scenarios if scenarios is None else scenarios
     played = [named.build(scenario, **settings.overrides) for scenario in given]
     if not played:
         raise ValueError("scenarios must contain at least one scenario, got none")
-    for name in others:
+    for name in registered:
         if not any(name in registry.names(scenario) for scenario in played):
             registry.make(name, played[0])  # raises the reason
     cells = []
     for scenario in played:
-        chosen = [name for name in others if name in registry.names(scenario)]
-        if not own and not others:
+        chosen = [name for name in registered if name in registry.names(scenario)]
+        if not own and not registered:
             chosen = _default(scenario, settings.policies == (ALL,))
         before = len(cells)
         cells += [Cell(scenario, name, factories.as_factory(name)) for name in chosen]
@@ -213,7 +213,7 @@ def cells_of(
             Cell(scenario, name, make) for name, make in own.items() if kinds.get(name) in (None, scenario.actuation)
         ]
         if len(cells) == before and not (own and len(played) > 1):
-            kind, got = f"robots of kind {scenario.actuation}", few_of((*others, *own))
+            kind, got = f"robots of kind {scenario.actuation}", few_of((*registered, *own))
             raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
     if not cells:
         raise ValueError(f"policies must contain one for the scenarios, got {few_of(own)}")
@@ -229,7 +229,7 @@ def cells_of(
 
 
 def _kind_of(folder: str) -> str | None:
-    """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
+    """Return the kind of robot of a folder's policy; None if the folder has no valid scenario."""
     try:
         return registry.own_scenario(folder).actuation
     except ValueError:
@@ -239,8 +239,8 @@ def _kind_of(folder: str) -> str | None:
 def _default(scenario: Scenario, everything: bool) -> list[str]:
     """Return the policies that are played where none is named: the standard ones and those that users registered.
 
-    `everything` adds all other registered ones; of those with a filter, the paper's method alone and what was made for
-    this very scenario.
+    `everything` adds all other registered ones; of those with a filter, the paper's method alone and policies that were
+    made for this very scenario.
     """
     fitting = registry.names(scenario)
     chosen = [name for name in POLICIES if name in fitting]

@@ -203,7 +203,7 @@ class Onboard:
             works: False if the robot cannot move now; it is then stopped.
 
         Raises:
-            ValueError: `robots` or `targets` have another shape.
+            ValueError: `robots` or `targets` have another shape, the pose is not of numbers, or a message is none.
         """
         robots, targets = detection_rows("robots", robots, 4), detection_rows("targets", targets, 2)
         self._listen(now, heard)
@@ -234,6 +234,8 @@ class Onboard:
 
     def _listen(self, now: float, heard: Sequence[Message]) -> None:
         for message in heard:
+            if not isinstance(message, Message):
+                raise ValueError(f"heard must have messages of baselines.onboard.Message, got {shown(message)}")
             if message.sender >= 0 and message.sender in self.neighbours and message.is_sound(self._size):
                 side = self.neighbours.index(message.sender)
                 known = self._heard[side]

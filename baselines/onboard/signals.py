@@ -30,8 +30,15 @@ class Odometry(NamedTuple):
 
     @property
     def is_finite(self) -> bool:
-        """Return whether every number is finite."""
-        return all(map(math.isfinite, self))
+        """Return whether every number is finite.
+
+        Raises:
+            ValueError: one is not a number.
+        """
+        try:
+            return all(map(math.isfinite, self))
+        except TypeError:
+            raise ValueError(f"odometry must have five numbers, got {shown(self)}") from None
 
 
 class Message(NamedTuple):

@@ -48,7 +48,7 @@ _MORE = 6
 _TIGHT = 0.35
 """Largest share of the arc of a curve that may turn tighter than the cars can."""
 _ROOM = 1.05
-"""Least distance of robots in formation, over the sum of their radii; least sensing radius, over what a lap needs."""
+"""Least distance of robots in formation, over the sum of their radii; least sensing radius, over the gap of a lap."""
 
 
 def families_of(scenario: Scenario, clearance: float = 0.0) -> list[Family]:

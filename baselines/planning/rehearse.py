@@ -54,7 +54,7 @@ class Episodes:
     """Distance of two bodies below which a plan is ranked after all others [m]."""
 
     def with_failures(self, scenario: Scenario) -> Scenario:
-        """Return a scenario in which so many more robots fail for good; `remove_early` determines which and when."""
+        """Return a scenario in which `failures` more robots fail for good; `remove_early` selects them and the time."""
         return named.build(scenario, **{"faults.lost": self.lost(scenario)})
 
     def lost(self, scenario: Scenario) -> int:

@@ -76,7 +76,7 @@ def _more(outcome: Outcome) -> str:
 
 
 def sentences(outcome: Outcome) -> list[str]:
-    """Return what was played, what the figures mean, and the reasons of the families that have no plan."""
+    """Return sentences on the played episodes, the meaning of the figures, and the families that have no plan."""
     episodes = outcome.request.episodes
     words = [
         f"{outcome.looks} plans were tried, {len(outcome.finals)} simulated to the end: {episodes.count} episodes each,"

@@ -1,4 +1,4 @@
-"""Factories of policies, from what a user gives: a name, a folder, `module:factory`, or an object of Python."""
+"""Factories of policies from the inputs of users: a name, a folder, `module:factory`, or an object of Python."""
 
 import contextlib
 import inspect

@@ -159,7 +159,7 @@ def spacing_of(scenario: Scenario, count: int, aside: float = 0.0) -> float:
 
 
 def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: float = 0.0) -> str:
-    """Return the condition by which so many lines cannot span the rectangle, with its numbers; "" if they can.
+    """Return the condition by which `count` lines cannot span the rectangle, with its numbers; "" if they can.
 
     Lines that turn inside have a speed [m/s], at which cars turn on half circles of the radius `aside` [m]; that of
     others is as low as necessary.

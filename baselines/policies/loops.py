@@ -104,7 +104,7 @@ def lane_corners(half_width: float, half_height: float, corner: float, lanes: in
 
 
 def rounded(corners: np.ndarray, radius: float, points: int) -> np.ndarray:
-    """Return a polygon (K, 2) of right angles with arcs of so many points in their place [m].
+    """Return a polygon (K, 2) of right angles with its corners replaced by arcs of `points` points each [m].
 
     An arc is as wide as the radius, or as half of the shorter side at its corner allows [m].
     """

@@ -25,8 +25,8 @@ from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of,
 from baselines.policies.safety.filter import Safe
 from baselines.policies.taking_over import (
     PLACES,
-    SIDE,
-    WATCH,
+    SHIFTS,
+    WATCH_SIZE,
     Repair,
     rest_after_failure,
     take_over,
@@ -85,8 +85,8 @@ class Partition(TimedPaths):
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables]:
     """Return the plan of a scenario, and its timed paths by robot."""
     plans = partition_plans(scenario, parameters)
-    plans = [form for plan in plans for form in (plan, slowed(plan, RepairParameters.reserve))]
-    plan, ways, _ = _with_ways(scenario, plans, parameters, "partition")
+    forms = (form for plan in plans for form in (plan, slowed(plan, RepairParameters.reserve)))
+    plan, ways, _ = _with_ways(scenario, forms, parameters, "partition")
     if ways is not None:
         return plan, path_tables(scenario, ways.loop, ways.lead_in)
     if _is_crowded(scenario, plan, parameters):
@@ -113,7 +113,11 @@ def _filtered_until(scenario: Scenario, plan: PartitionLoops, parameters: Partit
 
 
 def _with_ways(
-    scenario: Scenario, plans: list[PartitionLoops], parameters: PartitionParameters, policy: str, in_ring: bool = False
+    scenario: Scenario,
+    plans: Iterator[PartitionLoops],
+    parameters: PartitionParameters,
+    policy: str,
+    in_ring: bool = False,
 ) -> tuple[PartitionLoops, Transit | None, int]:
     """Return a plan, the ways from the start onto its loops, and the shift of the loops with them [control step].
 
@@ -131,10 +135,11 @@ def _with_ways(
     Raises:
         UnsuitableScenarioError: no plan has ways, and its loops overlap between walls.
     """
+    best = next(plans)
     if not start_is_known(scenario):
-        return plans[0], None, 0
+        return best, None, 0
     budget, apart = iter(range(_MOST_CANDIDATES)), required_distance(scenario, parameters.clearance)
-    for plan in plans:
+    for plan in itertools.chain([best], plans):
         order, assigned = tour(plan.cells), None
         if in_ring:
             ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
@@ -144,7 +149,7 @@ def _with_ways(
             transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
             if transit is not None:
                 return form, transit, shift
-        if plan is plans[0] and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
+        if plan is best and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
             return plan, None, 0
     rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
     rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
@@ -242,7 +247,7 @@ class PartitionRepair(TimedPaths):
         self.repair = repair or RepairParameters()
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
-        self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
+        self._watched = wp.zeros((*self.shape, 2, WATCH_SIZE), dtype=wp.float32, device=self.device)
         self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
@@ -255,7 +260,7 @@ class PartitionRepair(TimedPaths):
             self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
             self._tolerance, self._repair.back = scenario.robot.radius, drift
             middle = middle_of(self.takeover.loop)
-            shifted = math.sqrt(2) * int(SIDE) * self._repair.spacing
+            shifted = math.sqrt(2) * int(SHIFTS) * self._repair.spacing
             self._wait = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
 
     def timed(self, scenario: Scenario) -> PathTables:
@@ -294,7 +299,7 @@ def _avoided_distance(scenario: Scenario) -> float:
 
 def _offset(scenario: Scenario) -> float:
     """Return the spacing of the distances at which the quality of a loop is computed [m]."""
-    return _avoided_distance(scenario) * int(SIDE) / _FINER / (OFFSETS - 1)
+    return _avoided_distance(scenario) * int(SHIFTS) / _FINER / (OFFSETS - 1)
 
 
 def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift: float, device: Any) -> Any:
@@ -328,7 +333,7 @@ def timed_repair(
     scenario: Scenario, parameters: PartitionParameters, reserve: float
 ) -> tuple[PartitionLoops, Takeover, PathTables]:
     """Return the plan, the loops for takeovers and the timed paths."""
-    plans = [slowed(plan, reserve) for plan in partition_plans(scenario, parameters)]
+    plans = (slowed(plan, reserve) for plan in partition_plans(scenario, parameters))
     plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
     cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height

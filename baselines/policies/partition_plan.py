@@ -119,8 +119,8 @@ class Shape:
             half: Half width and half height of that rectangle.
             turn_x: 1 if neighbours in a row go around in opposite directions.
             turn_y: 1 if neighbouring rows go around in opposite directions.
-            phase_x: Phase of the next loop in a row less that of the one before [period].
-            phase_y: Phase of the next row less that of the one before [period].
+            phase_x: Phase difference of a loop in a row and the one before [period].
+            phase_y: Phase difference of a row and the one before [period].
         """
         problem = (np.array(half) - self.sizes).min(axis=0)
         outermost = np.abs(self.cells[:, :2]).max(axis=0)
@@ -147,7 +147,7 @@ def smallest_distance(placed: np.ndarray, others: np.ndarray | None = None) -> f
         between = places[first] - places[second]
     else:
         between = places[:, None] - _with_middles(others)[None]
-    return math.sqrt(float((between**2).sum(axis=-1).min(initial=math.inf)))
+    return math.sqrt(float((between[..., 0] ** 2 + between[..., 1] ** 2).min(initial=math.inf)))
 
 
 def _with_middles(placed: np.ndarray) -> np.ndarray:
@@ -162,7 +162,7 @@ def shapes_of(problem: Problem, parameters: PartitionParameters, half: tuple[flo
 
 
 def _loops_in_cells(problem: Problem, parameters: PartitionParameters, half: tuple[float, float], members: int):
-    """Yield the shapes of loops on each of which so many cars follow one another at even distances."""
+    """Yield the shapes of loops on each of which `members` cars follow one another at even distances."""
     layouts = divisions(problem.robots // members, half)
     if parameters.rows is not None:
         layouts = [cells for cells in layouts if len(np.unique(np.round(cells[:, 1], 9))) == parameters.rows]

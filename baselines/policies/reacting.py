@@ -1,9 +1,9 @@
 """Policies that react to the targets that they observe, for cars whose actions are velocities.
 
-A rule chooses a velocity by the targets in sight and on tracks, and patrols in `Lanes` while a robot knows of none.
+A rule chooses a velocity by the targets in sight and on tracks; robots without any patrol in `Lanes`.
 `Lanes` observes no target, so it is the measure of what reacting is worth; `index_rule.Index` learns where targets
 appear. All keep away from the robots in sight, and each robot uses its own row alone: where the robots of a team divide
-work, each computes the whole division from the places and tracks that it knows, so a team that shares both agrees.
+work, each computes the whole division from the places and tracks in its row, so a team that shares both agrees.
 
 Distances in their settings are in units of `sensing.sight`, and `Lanes.reach` is in metres; the time of the index rule
 is in units of the sensing radius over the top speed.
@@ -40,11 +40,11 @@ def towards(offset: np.ndarray, slow: float) -> np.ndarray:
 
 
 def nearest(offset: np.ndarray, there: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the value (W, N, 2) of the nearest thing that is there, and its distance (W, N) [m], infinite without one.
+    """Return the value (W, N, 2) of the nearest thing that exists, and its distance (W, N) [m], infinite without one.
 
     Args:
         offset: (W, N, K, 2) relative places of the things [m].
-        there: (W, N, K) whether they are there.
+        there: (W, N, K) True for those that exist.
         values: (W, N, K, 2) their values.
     """
     far = np.where(there, np.linalg.norm(offset, axis=-1), np.inf)
@@ -63,7 +63,7 @@ def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
 
 
 def known_places(rows: Rows) -> np.ndarray:
-    """Return x, y of each robot and of the teammates that it knows (W, N, 1 + M, 2) [m]; NaN for unknown ones."""
+    """Return x, y of each robot and of the teammates in its row (W, N, 1 + M, 2) [m]; NaN for unknown ones."""
     mates = np.where(rows.teammates[..., None], rows.teammate_offset, np.nan)
     return np.concatenate([rows.position[:, :, None], rows.position[:, :, None] + mates], axis=2)
 
@@ -77,15 +77,15 @@ def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def divided(
     scores: Callable[[np.ndarray], np.ndarray], take: Callable[[np.ndarray], None], shape: tuple, least: float = 0.0
 ) -> np.ndarray:
-    """Return the thing (W, N) that each robot gets, -1 for none, in a greedy division among the robots that it knows.
+    """Return the thing (W, N) of each robot, -1 for none, in a greedy division among the robots in its row.
 
-    The pair of a robot and a thing with the highest score is chosen, and then those of the other robots, one by one.
+    The pair of a robot and a thing with the highest score is chosen, and then one for each of the other robots.
 
     Args:
         scores: Function of (W, N, R, 1), 1 for robots without a thing and 0 for others, that returns (W, N, R, K).
         take: Function of the things (W, N) that were chosen, after which the scores are computed anew.
-        shape: (W, N, R), for R robots that each robot knows, its own first.
-        least: Score that is not enough for a pair to be chosen.
+        shape: (W, N, R), for R robots in each row, its own first.
+        least: Score that a pair must exceed to be chosen.
     """
     own, free = np.full(shape[:2], -1), np.ones((*shape, 1))
     for _ in range(shape[2]):
@@ -126,7 +126,7 @@ class Reacting(Policy):
         raise NotImplementedError(f"{type(self).__name__} must have a method wish(rows)")
 
     def rows(self, observation: np.ndarray) -> Rows:
-        """Return what the robots know: their rows alone."""
+        """Return the rows of the robots; a subclass may give robots more information."""
         return Rows(observation.astype(float), self.scenario)
 
     def decide(self, observation: np.ndarray) -> np.ndarray:
@@ -234,7 +234,7 @@ class Searching(Reacting):
 
     def expected_offset(self, rows: Rows) -> np.ndarray:
         """Return where known targets are now (W, N, K, 2), relative to the robot, if they kept their velocity [m]."""
-        # A target keeps its velocity for about twice the time in which a robot drives as far as it sees.
+        # Velocities of targets last for about twice the time in which a robot drives its radius of sight.
         longest = 1.875 * self.sight / self.top
         return self.offset_after(rows, np.minimum(rows.track_age, longest))
 

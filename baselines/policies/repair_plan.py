@@ -63,16 +63,14 @@ class _Option(NamedTuple):
 def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
     """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time."""
     count = math.ceil(plan.loop.shape[1] * reserve - 1e-9)
-    loop = np.stack([_at_even_distances(loop, count) for loop in plan.loop])
-    return replace(plan, loop=loop, speed=plan.speed * plan.loop.shape[1] / count)
+    return replace(plan, loop=_at_even_times(plan.loop, count), speed=plan.speed * plan.loop.shape[1] / count)
 
 
-def _at_even_distances(loop: np.ndarray, count: int) -> np.ndarray:
-    """Return `count` places on a loop given by fewer, at equal times, by its Fourier series."""
-    waves = np.fft.fft(loop, axis=0)
-    rates = np.fft.fftfreq(len(loop), 1 / len(loop))
+def _at_even_times(loops: np.ndarray, count: int) -> np.ndarray:
+    """Return places (N, count, 2) at equal times on loops (N, K, 2) of fewer places, by their Fourier series."""
+    rates = np.fft.fftfreq(loops.shape[1], 1 / loops.shape[1])
     time = np.arange(count)[:, None] / count
-    return np.real(np.exp(2j * np.pi * time * rates) @ waves) / len(loop)
+    return np.real(np.exp(2j * np.pi * time * rates) @ np.fft.fft(loops, axis=1)) / loops.shape[1]
 
 
 def takeover_of(
@@ -176,7 +174,7 @@ def middle_of(loop: np.ndarray) -> np.ndarray:
 
 
 def _is_drivable(loop: np.ndarray, corner: float, problem: Problem, count: int) -> bool:
-    """Return whether a car can drive a loop with corners of a radius in so many control steps."""
+    """Return whether a car can drive a loop with corners of a radius in `count` control steps."""
     return length_of(loop) <= speed_on(corner, problem) * count * (1 + 1e-9)
 
 

@@ -65,12 +65,10 @@ class PolicySettings:
         factory = entry.factory
         if self.coordinator:
             factory = _with_coordinator(self, factory, scenario)
-        given = (
-            {ARGUMENT: _parameters_of(self.policy, ARGUMENT, factory, self.parameters, scenario)}
-            if self.parameters
-            else {}
-        )
-        return dataclasses.replace(entry, factory=partial(factory, **given))(scenario, num_worlds, device)
+        if self.parameters:
+            parameters = _parameters_of(self.policy, ARGUMENT, factory, self.parameters, scenario)
+            factory = partial(factory, **{ARGUMENT: parameters})
+        return dataclasses.replace(entry, factory=factory)(scenario, num_worlds, device)
 
     @classmethod
     def read(cls, folder: str | os.PathLike[str]) -> "PolicySettings":
@@ -109,7 +107,7 @@ def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario
 
 
 def _parameters_of(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario) -> Checked:
-    """Make the dataclass of a factory's parameters, whose other values are scaled to a scenario.
+    """Return the parameters of a factory's class: the given ones, and the others scaled to a scenario.
 
     Raises:
         ValueError: the factory has none, or a parameter is unknown or invalid.

@@ -1,8 +1,8 @@
 """Takeovers: the estimate of each robot of which others have failed, and the loop that it drives because of them.
 
 A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
-age of its last message grows, or the time since the reset without any. A robot receives nothing else: it has no
-information about robots that are not its ring neighbours unless they are in its disc.
+age of its last message grows, or the time since the reset without any. A robot has no information about others that are
+neither its ring neighbours nor in sight.
 """
 
 import warp as wp
@@ -28,14 +28,15 @@ from lissajous_env.device.trig import cos_sin
 wp.set_module_options(OPTIONS)
 
 WORKING, STANDING, SILENT = (wp.constant(k) for k in range(3))
-"""States of a ring neighbour, as a robot believes."""
+"""Estimated states of a ring neighbour."""
 # Entries of the memory of a ring neighbour.
 STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_STEPS = (wp.constant(k) for k in range(5))
-WATCH = 5
+WATCH_SIZE = 5
+"""Number of these entries."""
 PLACES = wp.constant(4)
-"""Places of robots that have stopped: of the two ring neighbours, then of two that were sensed."""
-SIDE = wp.constant(12)
-"""Shifts that are compared to each side, along x and y."""
+"""Number of stored places of stopped robots: of the two ring neighbours, then of two that were in sight."""
+SHIFTS = wp.constant(12)
+"""Number of shifts of a loop that are compared in each direction, along x and y."""
 
 
 @wp.struct
@@ -262,8 +263,8 @@ def take_over(
             loop = case * repair.shapes + shape
             path = pose[loop, i]
             margin = repair.margins[loop, i]
-            for row in range(-SIDE, SIDE + 1):
-                for column in range(-SIDE, SIDE + 1):
+            for row in range(-SHIFTS, SHIFTS + 1):
+                for column in range(-SHIFTS, SHIFTS + 1):
                     x = wp.clamp(float(column) * repair.spacing, margin[0], margin[2])
                     tried = wp.vec2(x, wp.clamp(float(row) * repair.spacing, margin[1], margin[3]))
                     # A collision costs more than a corner where targets hide, that more than any place, and that more

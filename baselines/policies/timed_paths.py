@@ -14,9 +14,10 @@ path, h the control step and d = v h,
     steering = atan(l curvature / a),  throttle = (acceleration + c v + beta - b) / alpha
 
 These are the gains that place both poles of a double integrator with a held input at p = exp(-h / settling), per
-control step. A car that is far from its path drives straight towards it, and one that is late drives a share faster
-than the path, or slower where it is early (`catch_up`); neither vanishes. a and b are what the robot has learned of its
-own car: the ratio of the driven curvature to the commanded one, and the acceleration of the motor beyond the model's.
+control step. `limit` changes the speed by at most a share of u: a car that is late drives somewhat faster than the
+path, and one that is early slower. A car that is far from its path drives straight towards it. a and b are estimates of
+the robot's own car: the ratio of the driven curvature to the commanded one, and the acceleration of the motor beyond
+the model's.
 
 On flatness: M. Fliess, J. Levine, P. Martin, P. Rouchon, "Flatness and defect of non-linear systems: introductory
 theory and examples", International Journal of Control 61 (1995).
@@ -296,8 +297,8 @@ class TimedPaths(Policy):
     follows, and `shift` (W, N, 2) [m] before `decide` of this class: a robot whose variant changes joins the other path
     where it is near, of like heading and in time; `shift` moves a robot's paths. Time counts from the reset of a world.
 
-    A robot that has failed and resumes makes up for the time: on the lead-in it drives after its reference, on the
-    loop it catches up or waits, whichever is less.
+    A robot that resumes after a failure is behind its reference: on the lead-in it follows the reference, on the loop
+    it catches up or waits, whichever takes less time.
 
     Args:
         scenario: The scenario, of cars.

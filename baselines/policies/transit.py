@@ -43,7 +43,7 @@ _LONGEST = 6.0
 
 
 def radius_for_all_cars(scenario: Scenario) -> float:
-    """Return the radius of a turn that all cars of a scenario can drive, also that of the longest wheelbase [m]."""
+    """Return the radius of a turn that every car of a scenario can drive, also the one of the longest wheelbase [m]."""
     spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
     return _WIDER * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 

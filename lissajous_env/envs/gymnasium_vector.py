@@ -79,14 +79,14 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self.batch = Batch(variant, whole_number("num_envs", num_envs), roles="robots", **settings)
         (self._side,) = self.batch.sides
         self.simulation, self.scenario = self.batch.simulation, self.batch.scenario
-        self._rows_each, self._agents_as_rows = self._side.slots if agents_as_rows else 1, agents_as_rows
-        self.num_envs = num_envs * self._rows_each
+        self._rows_per_world, self._agents_as_rows = self._side.slots if agents_as_rows else 1, agents_as_rows
+        self.num_envs = num_envs * self._rows_per_world
         self.metadata = {"autoreset_mode": self.autoreset_mode}
         spaces = self._side.spaces() if agents_as_rows else self._side.team_spaces()
         self.single_observation_space, self.single_action_space = spaces
         self.observation_space, self.action_space = (batch_space(space, self.num_envs) for space in spaces)
         self._ended, self._begun = np.zeros((2, num_envs), dtype=bool)
-        self._gone = np.zeros((num_envs, self._side.slots), dtype=bool)
+        self._terminated = np.zeros((num_envs, self._side.slots), dtype=bool)
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -109,8 +109,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self.batch.reset(world_mask(worlds, len(self._begun)))
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
-        self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
-        return self._observed(), self._infos(np.zeros(self._gone.shape, np.float32), np.zeros_like(self._ended))
+        self._ended[worlds], self._begun[worlds], self._terminated[worlds] = False, True, False
+        return self._observed(), self._infos(np.zeros(self._terminated.shape, np.float32), np.zeros_like(self._ended))
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take a step in every world; `autoreset_mode` determines when worlds that ended are reset.
@@ -131,11 +131,11 @@ class LissajousVectorEnv(Timed, VectorEnv):
         terminated, truncated = self._flags(rows, ended)
         robot_reward = rows.reward.copy()
         reward = robot_reward.reshape(-1) if self._agents_as_rows else robot_reward.mean(axis=1)
-        newly = ended & ~self._ended
-        infos = self._infos(robot_reward, newly)
+        just_ended = ended & ~self._ended
+        infos = self._infos(robot_reward, just_ended)
         self._ended = ended
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            self._begin_again(newly, terminated | truncated, infos)
+            self._reset_ended(just_ended, terminated | truncated, infos)
         return self._observed(), reward, terminated, truncated, infos
 
     @property
@@ -156,7 +156,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
             return np.arange(len(self._begun))
         if np.shape(mask) != (self.num_envs,) or np.asarray(mask).dtype != bool:
             raise ValueError(f"reset_mask must be bool of shape ({self.num_envs},), got {shown(mask)}")
-        of_worlds = np.asarray(mask).reshape(len(self._begun), self._rows_each)
+        of_worlds = np.asarray(mask).reshape(len(self._begun), self._rows_per_world)
         if (of_worlds.any(axis=1) != of_worlds.all(axis=1)).any():
             raise ValueError("reset_mask must contain all rows of a world or none, because worlds are reset as a whole")
         return np.flatnonzero(of_worlds.all(axis=1))
@@ -166,27 +166,28 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if not self._agents_as_rows:
             terminated = rows.terminated.all(axis=1)
             return terminated, rows.truncated.any(axis=1) & ~terminated
-        gone = rows.terminated.copy()
-        terminated = gone & (~self._gone | ended[:, None])
-        self._gone = gone
-        return terminated.reshape(-1), (rows.truncated & ~gone).reshape(-1)
+        # A robot that was removed earlier is reported again when its world ends.
+        is_new = ~self._terminated | ended[:, None]
+        self._terminated = rows.terminated.copy()
+        return (self._terminated & is_new).reshape(-1), (rows.truncated & ~self._terminated).reshape(-1)
 
-    def _infos(self, robot_reward: np.ndarray, newly: np.ndarray) -> dict[str, Any]:
+    def _infos(self, robot_reward: np.ndarray, just_ended: np.ndarray) -> dict[str, Any]:
         """Return the infos for rewards (W, N), with the scores of the worlds that have just ended."""
-        sim, rows, every = self.simulation, self._rows_each, np.ones(self.num_envs, dtype=bool)
+        sim, rows, every = self.simulation, self._rows_per_world, np.ones(self.num_envs, dtype=bool)
         infos = {"invalid": np.repeat(sim.invalid.numpy() != 0, rows), "_invalid": every}
         if not self._agents_as_rows:
             infos |= {"robot_reward": robot_reward, "_robot_reward": every.copy()}
-        return infos | {"score": np.repeat(sim.score_numbers(newly), rows, axis=0), "_score": np.repeat(newly, rows)}
+        score = np.repeat(sim.score_numbers(just_ended), rows, axis=0)
+        return infos | {"score": score, "_score": np.repeat(just_ended, rows)}
 
-    def _begin_again(self, newly: np.ndarray, done: np.ndarray, infos: dict[str, Any]) -> None:
+    def _reset_ended(self, just_ended: np.ndarray, done: np.ndarray, infos: dict[str, Any]) -> None:
         """Reset the worlds that have just ended, and store the final observations and infos of the done rows."""
         if not done.any():
             return
         last = self._observed()
-        self.batch.reset(newly)
+        self.batch.reset(just_ended)
         self._ended[:] = False
-        self._gone[newly] = False
+        self._terminated[just_ended] = False
         final = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(done):
             final[row] = last[row]

@@ -89,11 +89,15 @@ def rows(
 
 
 class Checked:
-    """Base of the frozen dataclasses: checks each declared field, then calls `_check_together`."""
+    """Base of the frozen dataclasses: checks each declared field, then calls `_check_together`.
 
-    def __init_subclass__(cls, **settings: Any) -> None:
+    Docstrings state the default of each field, except with `with_defaults=False`, for options of a command, whose
+    `--help` states them by itself.
+    """
+
+    def __init_subclass__(cls, with_defaults: bool = True, **settings: Any) -> None:
         super().__init_subclass__(**settings)
-        cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{_fields_in_words(cls)}".strip()
+        cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{_fields_in_words(cls, with_defaults)}".strip()
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
@@ -233,19 +237,20 @@ def _plain(value: Any) -> Any:
     return tuple(_plain(entry) for entry in value) if isinstance(value, (list, tuple)) else value
 
 
-def _fields_in_words(cls: type) -> str:
-    """Return the docstring's section on the fields: the string after each field, its rule and its default."""
+def _fields_in_words(cls: type, with_defaults: bool) -> str:
+    """Return the docstring's section on the fields: the string after each field, its rule and perhaps its default."""
     words, lines = meanings(cls), []
     for name, field in vars(cls).items():
         if isinstance(field, dataclasses.Field) and "rule" in field.metadata:
-            text = "\n".join(part for part in (words.get(name, ""), _rule_in_words(field)) if part)
+            text = "\n".join(part for part in (words.get(name, ""), _rule_in_words(field, with_defaults)) if part)
             lines.append(f"{name}: {text}".replace("\n", "\n        "))
     return "\n    ".join(["Attributes:", *lines]) if lines else ""
 
 
-def _rule_in_words(field: dataclasses.Field) -> str:
+def _rule_in_words(field: dataclasses.Field, with_default: bool) -> str:
     rule = str(field.metadata["rule"]).removeprefix("must be ")
-    return f"({rule}{', or None' if field.metadata['optional'] else ''}; default {field.default!r})"
+    default = f"; default {field.default!r}" if with_default else ""
+    return f"({rule}{', or None' if field.metadata['optional'] else ''}{default})"
 
 
 def meanings(cls: type) -> dict[str, str]:

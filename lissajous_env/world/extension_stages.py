@@ -78,7 +78,7 @@ class WorldView(_Fixed):
         """(W, N, D) rows of the robots."""
         return read_only(self._observation.numpy())
 
-    def again(self) -> Self:
+    def begin_call(self) -> Self:
         """Reset the random numbers to the first ones of a step, and return the view, for a call of the extension."""
         self.__dict__["_drawn"] = 0
         return self
@@ -295,7 +295,7 @@ class ExtensionStages:
             resets = bool(memory) and fresh.numpy().any()
             before = {name: array.copy() for name, array in memory.items()} if resets else {}
             try:
-                result = np.asarray(extension.run(view.again()))
+                result = np.asarray(extension.run(view.begin_call()))
             except Exception as error:
                 raise ValueError(f"{extension.kind} {extension.name} failed: {where_raised(error)}") from error
             if result.dtype.kind not in "fiub" or result.shape not in (shape, short):

@@ -147,7 +147,7 @@ def test_an_extension_that_calls_its_own_simulation_is_refused(call):
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[nosy]))
     action = np.zeros(simulation.action_shape, dtype=np.float32)
     inside.append(True)
-    with pytest.raises(RuntimeError, match="the simulation is running: a signal handler"):
+    with pytest.raises(ValueError, match="nosy failed: RuntimeError: the simulation is running: a signal handler"):
         simulation.step(action)
     inside.clear()
     simulation.reset()

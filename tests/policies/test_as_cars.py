@@ -65,9 +65,9 @@ def test_the_search_tries_for_other_wheels_what_it_tries_for_cars():
     for family_of in (partitions, lines, formations, patrols):
         family, of_cars = family_of(DRIVES), family_of(cars)
         assert not family.refusal
-        assert family.starts == of_cars.starts
-        assert family.space == of_cars.space | ({"turning": (1.0, 8.0)} if family.name == "partition" else {})
-        for settings in family.starts[:2]:
+        assert family.first == of_cars.first
+        assert family.choices == of_cars.choices | ({"turning": (1.0, 8.0)} if family.name == "partition" else {})
+        for settings in family.first[:2]:
             plan = family.plan(settings)
             assert plan.settings == of_cars.plan(settings).settings
             assert plan.scenario.robot.kind == "differential"

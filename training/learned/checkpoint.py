@@ -79,7 +79,7 @@ def save(
             directory.make_folder(subfolder.rstrip("/"))
         arrays = {"weights": network.to_arrays()} | ({} if state is None else {"state": state})
         files = {stem: _write(directory, subfolder, stem, to_bytes(named)) for stem, named in arrays.items()}
-        text = {
+        contents = {
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
@@ -88,7 +88,7 @@ def save(
             "files": files,
             **(notes or {}),
         }
-        directory.write(subfolder + FILE, json.dumps(text, indent=1, allow_nan=False) + "\n")
+        directory.write(subfolder + FILE, json.dumps(contents, indent=1, allow_nan=False) + "\n")
         current = {subfolder + entry["name"] for entry in files.values()}
         for name in directory.written:
             if re.fullmatch(rf"{subfolder}(weights|state){_NAME}", name) and name not in current:
@@ -101,12 +101,12 @@ def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str
     Raises:
         ValueError: there is none, it has another format, or a file is damaged; the message names the file.
     """
-    text = read_contents(folder)
+    contents = read_contents(folder)
     path = Path(folder) / FILE
     with _naming(path):
-        card = Card.from_dict(text["policy"], text["settings"], text["scenario"])
-    weights = Path(folder) / text["files"]["weights"]["name"]
-    arrays = _read(Path(folder), text["files"]["weights"])
+        card = Card.from_dict(contents["policy"], contents["settings"], contents["scenario"])
+    weights = Path(folder) / contents["files"]["weights"]["name"]
+    arrays = _read(Path(folder), contents["files"]["weights"])
     with _naming(weights):
         for name, array in arrays.items():
             require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
@@ -116,7 +116,7 @@ def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str
     if (network.inputs, network.outputs) != sizes:
         got = f"{network.inputs} to {network.outputs}"
         raise ValueError(f"{path} is damaged: it must map {sizes[0]} to {sizes[1]}, got {got}")
-    return network, card, text
+    return network, card, contents
 
 
 def read_contents(folder: str | Path) -> dict[str, Any]:
@@ -128,17 +128,17 @@ def read_contents(folder: str | Path) -> dict[str, Any]:
     path = Path(folder) / FILE
     if not path.is_file():
         raise ValueError(f"checkpoint must be a folder with {FILE}, got {folder}")
-    text = read_json(path)
+    contents = read_json(path)
     with _naming(path):
-        require("it", isinstance(text, dict), "must be an object", text)
-        there = text.get("format")
+        require("it", isinstance(contents, dict), "must be an object", contents)
+        there = contents.get("format")
         require("format", type(there) is int and there == FORMAT, f"must be {FORMAT}", there)
         for name in ("policy", "settings", "scenario", "files"):
-            require(name, isinstance(text.get(name), dict), "must be an object", text.get(name))
-        activation = text["policy"].get("activation")
+            require(name, isinstance(contents.get(name), dict), "must be an object", contents.get(name))
+        activation = contents["policy"].get("activation")
         require("activation", activation == ACTIVATION, f"must be {ACTIVATION}", activation)
-        _check_files(text["files"])
-    return text
+        _check_files(contents["files"])
+    return contents
 
 
 def parts(folder: str | Path) -> dict[str, str]:
@@ -147,30 +147,30 @@ def parts(folder: str | Path) -> dict[str, str]:
     Raises:
         ValueError: there is no checkpoint, or it is damaged.
     """
-    text = read_contents(folder)
-    card = hashlib.sha256(json.dumps(text["policy"], sort_keys=True).encode()).hexdigest()[:16]
-    return {"policy of the checkpoint": card, "weights of the checkpoint": text["files"]["weights"]["sha256"][:16]}
+    contents = read_contents(folder)
+    card = hashlib.sha256(json.dumps(contents["policy"], sort_keys=True).encode()).hexdigest()[:16]
+    return {"policy of the checkpoint": card, "weights of the checkpoint": contents["files"]["weights"]["sha256"][:16]}
 
 
-def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Read the arrays from which a training is resumed; `text` is the result of `read`.
+def read_state(folder: str | Path, contents: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Read the arrays from which a training is resumed; `contents` are those of `read`.
 
     Raises:
         ValueError: the checkpoint has none, or the file is damaged.
     """
-    if "state" not in text["files"]:
+    if "state" not in contents["files"]:
         raise ValueError(f"{folder} must contain the state of a training, got a policy without it")
-    return _read(Path(folder), text["files"]["state"])
+    return _read(Path(folder), contents["files"]["state"])
 
 
 @contextlib.contextmanager
-def resuming(folder: str | Path, text: Mapping[str, Any]) -> Iterator[None]:
+def resuming(folder: str | Path, contents: Mapping[str, Any]) -> Iterator[None]:
     """Convert an error while a state is loaded to a ValueError with the name of its file."""
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
         words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
-        file = Path(folder) / text["files"]["state"]["name"]
+        file = Path(folder) / contents["files"]["state"]["name"]
         raise ValueError(f"{file} must be the state of this training: {words}") from error
 
 

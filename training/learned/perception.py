@@ -113,7 +113,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarra
         for kind, entries in kinds.items():
             count, size = getattr(sensing, f"{kind}s_seen"), len(entries)
             part = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
-            parts[kind] = _along(axes, part, [name for name, *_ in entries])
+            parts[kind] = _along_axes(axes, part, [name for name, *_ in entries])
             first += count * size
     chosen = ["track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"]
     count = sum(parts[kind].shape[2] for kind in chosen)
@@ -125,7 +125,8 @@ def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarra
         token[..., TOKEN.index(kind)] = 1.0
         offset = part[..., 1:3] * (2 * half if kind in ("track", "teammate") else np.float32(1.0))
         if kind == "track":
-            offset = _describe_tracks(token, part, offset, here, half, parts["teammate"], sensing.memory * top / sight)
+            memory = sensing.memory * top / sight
+            offset = _fill_track_tokens(token, part, offset, here, half, parts["teammate"], memory)
         elif kind == "teammate":
             token[..., TOKEN.index("age")] = part[..., 3]
         elif kind == "robot":
@@ -154,7 +155,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarra
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
 
 
-def _along(axes: np.ndarray, part: np.ndarray, names: Sequence[str]) -> np.ndarray:
+def _along_axes(axes: np.ndarray, part: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """Return entries (W, N, K, E) with these names, their vectors converted to components along the robots' axes.
 
     `axes` is the result of `axes_of`, (W, N, 2).
@@ -163,7 +164,7 @@ def _along(axes: np.ndarray, part: np.ndarray, names: Sequence[str]) -> np.ndarr
     return part * np.concatenate([signs.get(name[0], none) for name in names], axis=-1)[:, :, None]
 
 
-def _describe_tracks(
+def _fill_track_tokens(
     token: np.ndarray,
     part: np.ndarray,
     offset: np.ndarray,

@@ -64,10 +64,10 @@ def register_shipped() -> None:
     """
     LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.parts)
     for name in names():
-        text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
-        policy, scenario = text["policy"], text["settings"].get("scenario", text["policy"]["scenario"])
+        contents = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
+        policy, scenario = contents["policy"], contents["settings"].get("scenario", contents["policy"]["scenario"])
         about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
-        baselines.register(name, policy["kind"], partial(load, name), tuple(text["made_for"]), about, learned=True)
+        baselines.register(name, policy["kind"], partial(load, name), tuple(contents["made_for"]), about, learned=True)
 
 
 _SHIPPED = Path(__file__).parent.parent / "policies"

@@ -244,7 +244,7 @@ def propose(w: int, i: int, bounds: Bounds, car: wp.vec4, action: wp.vec2, turn:
 
 @wp.func
 def turn_after(k: int, bounds: Bounds, known: wp.vec4, speed: float, action: wp.vec2) -> float:
-    """Return the steering of the k-th tail after an action: that of the action, the most to either side, or none.
+    """Return the steering of the k-th tail after an action: the action's, the largest to either side, or none.
 
     Grip limits the steering also at `speed`, that before the action [m/s], and within the step.
     """

@@ -105,13 +105,13 @@ class Proved(Filter):
         return self._memory.holds.numpy() == 1
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget tails, and what robots learned of themselves; plans are laid out anew in every step."""
+        """Forget tails, and the bounds that robots have narrowed; plans are laid out anew in every step."""
         for name, array in self._arrays.items():
             if name != "plans":
                 clear_worlds(array, mask)
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
-        """Return the actions for wanted ones; a robot whose wanted action is not finite keeps its old tail."""
+        """Return the actions for wanted ones; a robot whose wanted action is not finite continues its old tail."""
         out = self.action if out is None else out
         self.launch(commit, self.num_worlds, [self._bounds, self._curve, observation, wanted, self._memory], [out])
         return out

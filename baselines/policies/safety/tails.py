@@ -83,9 +83,9 @@ def roll_on(tail: Tail, left: float) -> Tail:
 def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: float):
     """Sample a plan: points x, y, each with a bound on the deviation from the straight line before it [m].
 
-    `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an
-    arc leaves its chord by at most kappa (L / pieces)^2 / 8; `slack` is added to this. The third coordinate of the
-    first point is the reach, a bound on the distance of the whole plan from where the car is now.
+    `middle` is the middle of the step before the tail: x, y and the bound for either half of the step. Along a piece of
+    the tail, an arc leaves its chord by at most kappa (L / pieces)^2 / 8, to which `slack` is added. The third
+    coordinate of the first point is the reach, a bound on the distance of the whole plan from the car's position.
     """
     part = 1.0 / float(PIECES)
     length = tail.length * part
