@@ -178,6 +178,8 @@ def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: 
     if limit <= 0 or limit < speed:
         fastest = speed_limit(spacing, radius, speed, step)
         return f"rogues of {rogues:g} m/s cross a line within a step, as do all of at least {fastest:.3g} m/s"
+    if len(lanes) > 1 and pitch <= 2 * scenario.robot.radius:
+        return f"bodies {2 * scenario.robot.radius:.3g} m wide would be {pitch:.3g} m apart"
     apart, needed = pitch - 2 * aside * (count > 1), _PASSING * 2 * scenario.robot.radius
     if apart < needed and (count > 1 or aside > 0):
         return f"{about}cars would pass each other at {max(apart, 0):.3g} m, and need {needed:.3g} m"
