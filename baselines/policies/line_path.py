@@ -178,6 +178,8 @@ def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: 
     if limit <= 0 or limit < speed:
         fastest = speed_limit(spacing, radius, speed, step)
         return f"rogues of {rogues:g} m/s cross a line within a step, as do all of at least {fastest:.3g} m/s"
+    if len(lanes) > 1 and pitch <= 2 * scenario.robot.radius:
+        return f"bodies {2 * scenario.robot.radius:.3g} m wide would be {pitch:.3g} m apart"
     apart, needed = pitch - 2 * aside * (count > 1), _PASSING * 2 * scenario.robot.radius
     if apart < needed and (count > 1 or aside > 0):
         return f"{about}cars would pass each other at {max(apart, 0):.3g} m, and need {needed:.3g} m"
@@ -210,6 +212,8 @@ def turn_of(curvature_step: float) -> Turn:
 
 def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tuple[tuple[Lines, ...], str]:
     """Return `count` lines that span the rectangle, at several speeds if they turn inside, and a failed condition."""
+    if slowest_top_speed(scenario) == 0:
+        return (), "the slowest car that the spread of the drive allows does not move"
     if scenario.task.boundary == "open" and scenario.inset == 0:
         failed = failed_condition(scenario, count)
         return (() if failed else (_turning_outside(scenario, parameters, count),)), failed

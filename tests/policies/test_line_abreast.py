@@ -93,6 +93,7 @@ def test_lines_share_the_span():
     ({"robot.count": 9, "lines": 2}, "2 line.s. of 9 cars .*: the cars of a line would be 1.2 m apart, and not less"),
     ({"robot.count": 12, "lines": 2, "robot.radius": 0.2}, "pass each other at 0.436 m, and need 0.6 m"),
     ({"task.boundary": "wall"}, "half circles of 0.5.* m, so the outermost would be 1.2.* m from its wall"),
+    ({"robot.radius": 0.49}, "bodies 0.98 m"), ({"robot.speed_max": 0.1, "noise.drive_spread": 0.1}, "slowest car"),
     ({"task.boundary": "wall", "sensing.radius": 1.5}, "requires a start that .* robots know .* got rotated and 0.02"),
 ])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::UserWarning")

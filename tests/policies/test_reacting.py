@@ -59,8 +59,8 @@ def test_the_lanes_are_a_closed_tour_that_drives_no_stretch_twice():
 
 @pytest.mark.parametrize("noise", [{}, {"noise.message_delay": 3.0}, {"noise.message_loss": 0.3}])
 def test_no_two_robots_follow_one_place_in_the_lanes(noise):
-    scenario = lissajous_env.scenario("watch", **noise)
-    policy, simulation = Lanes(scenario, 50), lissajous_env.Simulation(scenario, 50, seed=1)
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("watch", **noise), 50, seed=1)
+    policy = Lanes(simulation.scenario, 50)
     for _ in range(40):
         simulation.step(policy.act(simulation.observation))
     assert all(len(set(slots)) == policy.num_robots for slots in policy._slot.tolist())
