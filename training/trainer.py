@@ -187,7 +187,7 @@ class Training:
         values.append(self._value(torch.from_numpy(self._rows[0]), self._critic_rows()))
         advantages = self._advantages(steps, np.stack(values))
         of_actor, of_critic, *others = zip(*transitions, strict=True)
-        rows, truth = ([torch.stack(part) for part in zip(*each, strict=True)] for each in (of_actor, of_critic))
+        rows, truth = ([torch.stack(part) for part in zip(*inputs, strict=True)] for inputs in (of_actor, of_critic))
         actions, likelihood, acted, begins = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
         return Rollout(rows, truth, actions, likelihood, acted, begins, memory, advantages, returns, deviation)

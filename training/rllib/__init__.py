@@ -61,7 +61,9 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         timed_out = any(truncated[agent] and not terminated[agent] for agent in truncated)
         all_removed = not self.agents and not timed_out
         if len(observations) > len(acted):  # a rogue that has just appeared has no reward yet
-            rewards, terminated = ({a: each[a] for a in each if a in acted} for each in (rewards, terminated))
+            rewards, terminated = (
+                {agent: values[agent] for agent in values if agent in acted} for values in (rewards, terminated)
+            )
         return observations, rewards, terminated | {"__all__": all_removed}, {"__all__": timed_out}, {}
 
     def render(self) -> Any:

@@ -115,11 +115,13 @@ def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
                 contaminated = todo
             elif todo != wp.uint32(0):
                 enter = entry_cells(target.entry, word, row, rows, hops.columns)
-                found = label_cells(contamination.labels, contamination.labelled, w, row, word, todo, ~seen, enter, now)
-                row_oldest = wp.min(row_oldest, found[0])
-                ages += wp.int64(found[1])
-                contaminated = wp.uint32(found[2])
-                is_oldest = seen == wp.uint32(0) and contaminated == todo and found[1] == oldest_age
+                word_result = label_cells(
+                    contamination.labels, contamination.labelled, w, row, word, todo, ~seen, enter, now
+                )
+                row_oldest = wp.min(row_oldest, word_result[0])
+                ages += wp.int64(word_result[1])
+                contaminated = wp.uint32(word_result[2])
+                is_oldest = seen == wp.uint32(0) and contaminated == todo and word_result[1] == oldest_age
                 settled = wp.where(is_oldest, settled + wp.where(now.label_mask == -1, 0, 1), 0)
             contamination.settled[w, row, word] = settled
             contamination.labelled[w, row + MARGIN, word + 1, now.slot] = contaminated

@@ -188,8 +188,8 @@ _LABEL_CELLS = f"""
 #endif
         int label[lanes], hopped[lanes];
         for (int l = 0; l < lanes; ++l) {{
-            const int kept = here[now.latest * slot_stride + l] & now.label_mask;
-            label[l] = stay >> (first + l) & 1 ? kept : none;
+            const int before = here[now.latest * slot_stride + l] & now.label_mask;
+            label[l] = stay >> (first + l) & 1 ? before : none;
             hopped[l] = none;
         }}
         if (now.targets_hop) {{
