@@ -94,6 +94,18 @@ def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_di
         np.testing.assert_array_equal(scored.status, recording.status)
 
 
+def test_an_episode_goes_on_where_nodes_of_removed_robots_send_no_poses(tmp_path):
+    fields = {"faults.removed": [(robot, 1.0 + robot / 10) for robot in range(10)], "task.duration": 3.0}
+    recording = record(baselines.make("consensus", "perturbation"), "perturbation", seed=2, **fields)
+    save_mcap(recording, tmp_path / "log.mcap")
+    log = read(tmp_path / "log.mcap")
+    tracks = tuple(Track(*(getattr(track, name)[: 13 + robot] for name in ("time", "position", "heading", "speed")))
+                   for robot, track in enumerate(log.tracks))
+    scored = score(dataclasses.replace(log, tracks=tracks))
+    assert same(recording.score, scored.rows[0]) == []
+    np.testing.assert_array_equal(scored.recording.status, recording.status)
+
+
 def test_a_log_without_phases_has_those_of_displaced_robots(tmp_path):
     fields = {"curve.b": 4, "formation.displaced": ((2, 1.8),), "formation.start_noise": 0.0, "task.duration": 4.0}
     scenario = lissajous_env.scenario("evaders", **fields)
@@ -131,6 +143,30 @@ def test_interpolation_is_exact_for_a_cubic():
     np.testing.assert_allclose(found[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
     turning = motion_of(Track(time, 0 * place, time, 0 * time))
     np.testing.assert_allclose(turning.at(np.array([0.25, 2.0]))[1], [0.25, 2.0])
+
+
+@pytest.mark.parametrize("turn", [1.0, 3.0])
+@pytest.mark.parametrize("change", [0.0, 1.0, 2.0])
+def test_the_way_is_exact_for_an_arc_and_obeys_a_law_where_the_yaw_rate_changes(turn, change):
+    # Oracle: the integral of the velocity of a robot at 1 m/s whose yaw rate rises by `change`, with a way of 1 m.
+    time = np.arange(4000) / 4000 + 1 / 8000
+    heading = turn * time + 0.5 * change * time * (time - 1)
+    last = [np.cos(heading).mean(), np.sin(heading).mean(), 0.0]
+    track = Track(np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], last]), np.array([0.0, turn]), np.ones(2))
+    way = np.linalg.norm(np.diff(motion_of(track).at(np.linspace(0, 1, 4001))[0], axis=0), axis=1).sum()
+    assert way == pytest.approx(1, abs=change**2 / 1000 + 1e-5)
+
+
+@pytest.mark.parametrize(("scenario", "fields"), [
+    ("rough", {"robot.kind": "differential"}), ("experiment", {"robot.drive": 100.0, "task.duration": 20.0}),
+])  # fmt: skip
+def test_robots_that_turn_half_around_or_more_between_poses_drive_as_in_the_simulation(scenario, fields, tmp_path):
+    scenario = lissajous_env.scenario(scenario, **({"task.duration": 5.0} | fields))
+    recording = record(baselines.make("random", scenario), scenario, seed=2)
+    save_mcap(recording, tmp_path / "log.mcap")
+    assert np.abs(np.diff(recording.heading, axis=0)).max() > 3
+    (row,) = score(read(tmp_path / "log.mcap")).rows
+    assert row["distance_mean"] == pytest.approx(recording.score["distance_mean"], rel=2e-3)
 
 
 def test_a_speed_that_is_computed_is_negative_in_reverse():
