@@ -23,8 +23,8 @@ from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import DETECTION_TIME
 from training.learned import checkpoint
+from training.learned.networks import RogueNetwork
 from training.learned.rogue import rogue_card
-from training.learned.rogue_network import RogueNetwork
 from training.rogue_settings import MAY_CHANGE, RogueTraining
 from training.settings import check_resumes
 from training.trainer import FIRST_SEED, load_state, save_state
@@ -153,12 +153,12 @@ class RogueTrainer:
         """Copy the policy into a network for rows that are not normalized."""
         assert self.normalization is not None
         mean, spread = self.normalization
-        layers = [part for part in self.actor if isinstance(part, nn.Linear)]
-        weights = [layer.weight.detach().cpu().numpy() for layer in layers]
-        biases = [layer.bias.detach().cpu().numpy() for layer in layers]
-        weights[0] = weights[0] / spread
-        biases[0] = biases[0] - weights[0] @ mean
-        return RogueNetwork(tuple(weights), tuple(biases))
+        layers = {str(k): layer for k, layer in enumerate(self.actor[::2])}
+        weights = {name: layer.weight.detach().cpu().numpy() for name, layer in layers.items()}
+        biases = {name: layer.bias.detach().cpu().numpy() for name, layer in layers.items()}
+        weights["0"] = weights["0"] / spread
+        biases["0"] = biases["0"] - weights["0"] @ mean
+        return RogueNetwork(weights, biases)
 
     def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
         """Write a checkpoint with the state of the training and the arrays of its labels, `_LABELLED`."""

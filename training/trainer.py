@@ -28,9 +28,9 @@ from lissajous_env.console.terminal import make_console
 from lissajous_env.storage.folder import Folder
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.networks import TeamNetwork
 from training.learned.perception import OWN, TOKEN
 from training.learned.policy import LearnedTeam
-from training.learned.team_network import TeamNetwork
 from training.settings import MAY_CHANGE, TrainingSettings, check_resumes, without_warnings
 from training.validation import described, limit_of, mean_of, rating_of, validate
 from training.worlds import TRUTH, Rollout, StepResult, Worlds

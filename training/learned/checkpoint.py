@@ -28,8 +28,7 @@ from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import shown
 from training.learned.card import Card, require
-from training.learned.rogue_network import RogueNetwork
-from training.learned.team_network import TeamNetwork
+from training.learned.networks import RogueNetwork, TeamNetwork
 
 FILE = "checkpoint.json"
 BEST = "best/"
