@@ -98,7 +98,7 @@ def takeover_of(
         failed = [other for other in failed if other >= 0 and adjacent[robot, other]]
         low = (cells[[robot, *failed], :2] - cells[[robot, *failed], 2:4]).min(axis=0)
         high = (cells[[robot, *failed], :2] + cells[[robot, *failed], 2:4]).max(axis=0)
-        corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, problem.half_width)
+        corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, problem.half[0])
         half, unmoved = (high - low) / 2, _Option(own[robot], np.zeros(2), search.around(0.0))
         options = search.alone(half, (low + high) / 2)
         if not failed:  # the loop of the plan comes first
