@@ -61,16 +61,15 @@ class _Option(NamedTuple):
 
 
 def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
-    """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time."""
-    count = math.ceil(plan.loop.shape[1] * reserve - 1e-9)
-    return replace(plan, loop=_at_even_times(plan.loop, count), speed=plan.speed * plan.loop.shape[1] / count)
+    """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time.
 
-
-def _at_even_times(loops: np.ndarray, count: int) -> np.ndarray:
-    """Return places (N, count, 2) at equal times on loops (N, K, 2) of fewer places, by their Fourier series."""
-    rates = np.fft.fftfreq(loops.shape[1], 1 / loops.shape[1])
-    time = np.arange(count)[:, None] / count
-    return np.real(np.exp(2j * np.pi * time * rates) @ np.fft.fft(loops, axis=1)) / loops.shape[1]
+    The places on them are those of the Fourier series of the loops.
+    """
+    period = plan.loop.shape[1]
+    count = math.ceil(period * reserve - 1e-9)
+    waves = np.exp(2j * np.pi * np.arange(count)[:, None] / count * np.fft.fftfreq(period, 1 / period))
+    loop = np.real(waves @ np.fft.fft(plan.loop, axis=1)) / period
+    return replace(plan, loop=loop, speed=plan.speed * period / count)
 
 
 def takeover_of(
