@@ -127,11 +127,14 @@ def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
         ValueError: it is missing, no plain file, above this size, or no TOML; the message names it.
     """
     try:
-        # Some editors write a byte order mark.
-        return tomllib.loads(read_bytes(os.path.realpath(path), largest).decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
+        data = read_bytes(os.path.realpath(path) if os.path.islink(path) else path, largest)
+    except ValueError as error:
         hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
-        raise ValueError(f"{path} must be a TOML file that can be read: {error}{hint}") from error
+        raise ValueError(f"{error}{hint}") from error
+    try:
+        return tomllib.loads(data.decode("utf-8-sig"))  # some editors write a byte order mark
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
 
 
 def is_file(name: Any) -> bool:
