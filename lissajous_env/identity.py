@@ -77,9 +77,9 @@ def machine(device: str) -> dict[str, Any]:
     }
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of Python and the packages on which the numbers depend."""
-    names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo")
+def versions(*more: str) -> dict[str, str]:
+    """Return the versions of Python and the packages on which the numbers depend, `more` packages included."""
+    names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo", *more)
     return {"python": platform.python_version()} | {name: version(name) for name in names}
 
 

@@ -8,7 +8,6 @@ message says that kernels are compiled.
 """
 
 import atexit
-import contextlib
 import functools
 import os
 import shutil
@@ -58,17 +57,6 @@ listener: Callable[[str], None] | None = None
 them."""
 
 
-def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
-    """Start Warp, in silence, where need be with a cache of its own."""
-    try:
-        with silence():
-            wp.init()
-    except OSError as error:
-        _keep_for_this_run(str(error.strerror))
-        with silence():
-            wp.init()
-
-
 def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
     """Compile or load the modules of some kernels side by side, and say so if one is not in the cache.
 
@@ -86,7 +74,7 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
         try:
             tempfile.TemporaryFile(dir=cache).close()
         except OSError as error:
-            _keep_for_this_run(str(error.strerror))
+            use_temporary_cache(str(error.strerror))
         _say_that_it_compiles()
     if new:
         wp.force_load(device, new, max_workers=threads)
@@ -97,7 +85,7 @@ _loaded: set[tuple[Any, str]] = set()
 """Modules that were loaded on a device."""
 
 
-def _keep_for_this_run(reason: str) -> None:
+def use_temporary_cache(reason: str) -> None:
     """Let Warp store compiled kernels in a temporary folder, which is removed when the process ends."""
     where, made_by = wp.config.kernel_cache_dir or "the cache of Warp", os.getpid()
     folder = tempfile.mkdtemp(prefix="lissajous-kernels-")

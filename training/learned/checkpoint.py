@@ -8,11 +8,9 @@ checkpoint in the folder `best`. No pickle is read, and inconsistent files are r
 import contextlib
 import hashlib
 import json
-import platform
 import re
 import sys
 from collections.abc import Collection, Iterator, Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from safetensors.numpy import load as from_safetensors
 from safetensors.numpy import save as to_safetensors
 
 from lissajous_env import Scenario
+from lissajous_env.identity import versions
 from lissajous_env.parameters.extensions import Extension, load_extension
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
@@ -38,7 +37,6 @@ ACTIVATION = "relu"
 """Activation between the layers of every network."""
 LARGEST = 1 << 31
 """Largest size of a file of arrays [bytes]."""
-_PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3", "ray", "gymnasium")
 _NAME = r"-[0-9a-f]{12}\.safetensors"
 
 
@@ -83,7 +81,7 @@ def save(
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
             "scenario": card.scenario_fields,
-            "versions": _versions(),
+            "versions": versions("torch"),
             "files": files,
             **(notes or {}),
         }
@@ -277,13 +275,3 @@ def _read(folder: Path, entry: Mapping[str, str]) -> dict[str, np.ndarray]:
         raise ValueError(f"{path} is damaged: {str(error)[:200]}") from error
     except KeyError as error:
         raise ValueError(f"{path} is damaged: NumPy has no numbers of type {error}") from error
-
-
-def _versions() -> dict[str, str]:
-    versions = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return versions
