@@ -10,7 +10,7 @@ import hashlib
 import json
 import re
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -161,24 +161,21 @@ def read_state(folder: str | Path, contents: Mapping[str, Any]) -> dict[str, np.
 
 
 @contextlib.contextmanager
-def resuming(
-    folder: str | Path, card: Card, may_change: Collection[str]
-) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
     """Yield the contents of `checkpoint.json` and the arrays from which a training resumes, which are loaded within.
 
     Args:
-        folder: Folder of the training.
+        settings: Settings of the training, with its folder `out`; those that `may_change` names may differ.
         card: Card of its policy, with its settings and scenario.
-        may_change: Names of the settings that may differ.
 
     Raises:
         ValueError: the settings or the scenario differ, with all differences; or the state cannot be loaded.
     """
-    _, stored, contents = read(folder)
+    folder, (_, stored, contents) = settings.out, read(settings.out)
     differences = [
         f"{name} = {stored.settings.get(name)!r} there, {value!r} here"
         for name, value in card.settings.items()
-        if name not in may_change and stored.settings.get(name) != value
+        if name not in settings.may_change and stored.settings.get(name) != value
     ]
     if card.scenario_fields != stored.scenario_fields:
         differences.append("the scenario has changed")
@@ -190,7 +187,7 @@ def resuming(
         yield contents, arrays
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
         words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
-        file = Path(folder) / contents["files"]["state"]["name"]
+        file = folder / contents["files"]["state"]["name"]
         raise ValueError(f"{file} must be the state of this training: {words}") from error
 
 
