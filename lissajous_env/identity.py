@@ -16,10 +16,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from lissajous_env.device.compilation import OURS
 from lissajous_env.device.devices import as_device, memory
 
-OURS = ("lissajous_env", "baselines", "training")
-"""Packages of this distribution."""
 MODULE = "module "
 """Prefix of the names of parts that are the file of a module."""
 
