@@ -18,7 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 
 LAST_SEED = 2**31 - 1
 """Largest seed of a world, of a draw and of a scenario of a space."""
@@ -71,12 +71,11 @@ def rows(
     default: tuple | None,
     rule: str,
     convert: Callable[[Any], Any],
-    optional: bool = False,
     units: tuple[str, ...] = (),
 ) -> Any:
     """Declare a tuple of entries, each converted by `convert`, which returns None for an invalid entry.
 
-    None is valid if `optional`, or if it is the default. `units` are the units of an entry that is a row of numbers.
+    None is valid if it is the default. `units` are the units of an entry that is a row of numbers.
     """
 
     def converted(value: tuple) -> tuple:
@@ -85,7 +84,17 @@ def rows(
     def holds(value: Any) -> bool:
         return isinstance(value, tuple) and all(entry is not None for entry in converted(value))
 
-    return _checked(default, rule, holds, converted, optional, units=units)
+    return _checked(default, rule, holds, converted, units=units)
+
+
+def columns_and_rows(default: tuple[int, int] | None, most: int) -> Any:
+    """Declare the columns and rows of a grid, each from 1 to `most`, or None for no grid."""
+
+    def holds(value: Any) -> bool:
+        is_pair = isinstance(value, tuple) and len(value) == 2
+        return is_pair and all(is_whole(side) and 1 <= side <= most for side in value)
+
+    return _checked(default, f"must be (columns, rows), each from 1 to {most}, or None", holds, optional=True)
 
 
 class Checked:
@@ -106,8 +115,7 @@ class Checked:
             if "check" not in rule or (given is None and rule["optional"]):
                 continue
             value = _plain(given)
-            if not _holds(rule["check"], value):
-                raise ValueError(f"{self.part}.{field.name} {rule['rule']}, got {shown(given)}")
+            require(_holds(rule["check"], value), f"{self.part}.{field.name}", rule["rule"], given)
             object.__setattr__(self, field.name, rule["convert"](value) if rule["convert"] else value)
         self._check_together()
 
@@ -137,8 +145,7 @@ class Checked:
         """Check rules that involve more than one field."""
 
     def _require(self, holds: bool, name: str, rule: str) -> None:
-        if not holds:
-            raise ValueError(f"{self.part}.{name} {rule}, got {shown(getattr(self, name))}")
+        require(holds, f"{self.part}.{name}", rule, getattr(self, name))
 
 
 def is_whole(value: Any) -> bool:
@@ -163,9 +170,9 @@ def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -
     Raises:
         ValueError: it is not a whole number of at least `low`, or, if `high` is given, from `low` to `high`.
     """
-    if not is_whole(value) or operator.index(value) < low or (high is not None and operator.index(value) > high):
-        rule = f"of at least {low}" if high is None else f"from {low} to {high}"
-        raise ValueError(f"{name} must be a whole number {rule}, got {shown(value)}")
+    fits = is_whole(value) and low <= operator.index(value) <= (math.inf if high is None else high)
+    limits = f"of at least {low}" if high is None else f"from {low} to {high}"
+    require(fits, name, f"must be a whole number {limits}", value)
     return operator.index(value)
 
 
@@ -175,8 +182,8 @@ def as_robot(value: Any) -> int:
     Raises:
         ValueError: the value is not a whole number of at least 0.
     """
-    if not _is_number(value) or value < 0 or not float(value).is_integer():
-        raise ValueError(f"a robot must be a whole number of at least 0, got {shown(value)}")
+    fits = _is_number(value) and value >= 0 and float(value).is_integer()
+    require(fits, "a robot", "must be a whole number of at least 0", value)
     return int(value)
 
 
