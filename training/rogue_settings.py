@@ -21,7 +21,7 @@ SHARED = ("seed", "out", "episodes", "device", "threads")
 
 
 @dataclass(frozen=True)
-class RogueTraining(Checked):
+class RogueTraining(Checked, part="training"):
     """Settings of a training of rogues against robots that do not learn."""
 
     scenario: str = "intruders"
@@ -50,11 +50,6 @@ class RogueTraining(Checked):
     """CPU threads; all cores by default."""
     overrides: Mapping[str, Any] = field(default_factory=dict)
     """Overrides of scenario fields."""
-
-    @property
-    def part(self) -> str:
-        """Name of these settings in error messages."""
-        return "training"
 
     def _check_together(self) -> None:
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:

@@ -32,7 +32,7 @@ MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
 
 
 @dataclass(frozen=True)
-class TrainingSettings(Checked, with_defaults=False):
+class TrainingSettings(Checked, with_defaults=False, part="training"):
     """Settings of a training of one policy, which all robots share."""
 
     scenario: str = "watch"
@@ -105,11 +105,6 @@ class TrainingSettings(Checked, with_defaults=False):
     another program uses a core."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
-
-    @property
-    def part(self) -> str:
-        """Name of these settings in error messages."""
-        return "training"
 
     def _check_together(self) -> None:
         as_device(self.device)

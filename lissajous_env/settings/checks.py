@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -101,11 +101,14 @@ class Checked:
     """Base of the frozen dataclasses: checks each declared field, then calls `_check_together`.
 
     Docstrings state the default of each field, except with `with_defaults=False`, for options of a command, whose
-    `--help` states them by itself.
+    `--help` states them by itself. `part` is the name in error messages, by default that of the class, or "" for none.
     """
 
-    def __init_subclass__(cls, with_defaults: bool = True, **settings: Any) -> None:
+    _part: ClassVar[str]
+
+    def __init_subclass__(cls, with_defaults: bool = True, part: str | None = None, **settings: Any) -> None:
         super().__init_subclass__(**settings)
+        cls._part = cls.__name__.removesuffix("Parameters").lower() if part is None else part
         cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{_fields_in_words(cls, with_defaults)}".strip()
 
     def __post_init__(self) -> None:
@@ -115,14 +118,14 @@ class Checked:
             if "check" not in rule or (given is None and rule["optional"]):
                 continue
             value = _plain(given)
-            require(_holds(rule["check"], value), f"{self.part}.{field.name}", rule["rule"], given)
+            self._require(_holds(rule["check"], value), field.name, rule["rule"])
             object.__setattr__(self, field.name, rule["convert"](value) if rule["convert"] else value)
         self._check_together()
 
     @property
     def part(self) -> str:
         """Name of this part in overrides and error messages, as `curve` in `curve.half_width`."""
-        return type(self).__name__.removesuffix("Parameters").lower()
+        return self._part
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> Self:
         """Return a copy with all lengths multiplied by `length` and all times by `time`.
@@ -145,7 +148,7 @@ class Checked:
         """Check rules that involve more than one field."""
 
     def _require(self, holds: bool, name: str, rule: str) -> None:
-        require(holds, f"{self.part}.{name}", rule, getattr(self, name))
+        require(holds, f"{self.part}.{name}" if self.part else name, rule, getattr(self, name))
 
 
 def is_whole(value: Any) -> bool:
