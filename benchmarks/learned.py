@@ -27,8 +27,8 @@ import lissajous_env
 import training
 from lissajous_env.world.columns import task_score
 from training.learned import checkpoint
+from training.learned.networks import TeamNetwork
 from training.learned.policy import LearnedTeam, find
-from training.learned.team_network import TeamNetwork
 from training.settings import MAY_CHANGE, TrainingSettings
 from training.validation import limit_of, rating_of
 

@@ -1,27 +1,24 @@
 """Settings of a training of rogues: `lissajous train --side rogues`."""
 
 import dataclasses
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 from baselines.policies.factories import as_factory
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
+from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.rogues import AGENTS
-from lissajous_env.settings.checks import Checked, is_whole, rows, whole
-from training.settings import TrainingSettings
+from lissajous_env.settings.checks import is_whole, rows, whole
+from training.settings import SharedSettings, TrainingSettings
 
 MAY_CHANGE = ("out", "threads", "episodes")
 """Settings that may change when a training is resumed."""
-SHARED = ("seed", "out", "episodes", "device", "threads")
-"""Options of `lissajous train` for robots as well as rogues, with the same defaults."""
 
 
 @dataclass(frozen=True)
-class RogueTraining(Checked, part="training"):
+class RogueTraining(SharedSettings, with_defaults=False):
     """Settings of a training of rogues against robots that do not learn."""
 
     scenario: str = "intruders"
@@ -32,24 +29,12 @@ class RogueTraining(Checked, part="training"):
     """Rounds of imitation of a rogue with foresight, each with an episode per world."""
     starts: int = whole(96, 2, 4096)
     """Rogues per episode on average, each with a start of its own; half of them are present from the beginning."""
-    seed: int = whole(0, 0, 2047)
-    """Seed of the worlds and of the initial weights."""
-    out: Path = Path("runs/train")
-    """Folder for the results."""
     worlds: int = whole(8, 1, 65_536)
     """Environments that are stepped together."""
     layers: tuple[int, ...] = rows(
         (64, 64), "must be whole numbers of at least 1", lambda size: size if is_whole(size) and size >= 1 else None
     )
     """Sizes of the hidden layers."""
-    episodes: int = whole(128, 1, 65_536)
-    """Episodes per evaluation."""
-    device: str = "cpu"
-    """Warp device of the worlds."""
-    threads: int | None = whole(None, 1, 1024)
-    """CPU threads; all cores by default."""
-    overrides: Mapping[str, Any] = field(default_factory=dict)
-    """Overrides of scenario fields."""
 
     def _check_together(self) -> None:
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:
@@ -64,12 +49,12 @@ class RogueTraining(Checked, part="training"):
         Raises:
             ValueError: another setting of `common` is not the default.
         """
+        shared = {option.name: getattr(common, option.name) for option in dataclasses.fields(SharedSettings)}
         for option in dataclasses.fields(common):
-            default = option.default if option.default is not dataclasses.MISSING else {}
-            if option.name not in (*SHARED, "scenario", "overrides") and getattr(common, option.name) != default:
-                rule = f"must be omitted if rogues are trained, which share only scenario, {', '.join(SHARED)}"
+            if option.name not in shared and getattr(common, option.name) != option.default:
+                rule = f"must be omitted if rogues are trained, which share only {', '.join(shared)}"
                 raise ValueError(f"{option.name} {rule}; got {getattr(common, option.name)!r}")
-        return cls(**{name: getattr(common, name) for name in (*SHARED, "scenario", "overrides")}, **more)
+        return cls(**shared, **more)
 
     def make_scenario(self, rogues: str = AGENTS) -> Scenario:
         """Return the scenario with `starts` rogues per episode that `rogues` controls, and only the necessary grids."""
@@ -82,6 +67,4 @@ class RogueTraining(Checked, part="training"):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
-        values = {option.name: getattr(self, option.name) for option in dataclasses.fields(self)}
-        plain = {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
-        return plain | {"side": "rogues", "out": str(self.out), "overrides": dict(self.overrides)}
+        return plain(self) | {"side": "rogues"}

@@ -1,10 +1,9 @@
 """The settings of a training: one dataclass, which is the command line of `lissajous train`."""
 
 import contextlib
-import dataclasses
 import itertools
 import warnings
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +14,7 @@ import tyro
 from baselines.policies import registry
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
+from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.named import scenario_space, space_and_split
@@ -32,16 +32,36 @@ MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
 
 
 @dataclass(frozen=True)
-class TrainingSettings(Checked, with_defaults=False, part="training"):
-    """Settings of a training of one policy, which all robots share."""
+class SharedSettings(Checked, with_defaults=False):
+    """Settings of every training, of robots or of rogues."""
 
     scenario: str = "watch"
-    """Scenario to train on, or a space of scenarios: training draws from its split train, and validations play the
-    first scenarios of its split validation."""
+    """Scenario to train on. For robots also a space of scenarios: training draws from its split train, and validations
+    play the first scenarios of its split validation."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")
     """Folder for the results; the same command resumes from its last checkpoint."""
     seed: int = whole(0, 0, 999)
     """Seed of the worlds, initial weights and exploration."""
+    episodes: int = whole(128, 1, 65_536)
+    """Episodes per validation; for a space, of all its scenarios together."""
+    device: str = "cpu"
+    """Device of the worlds: `cpu`, `cuda` or `cuda:k`; the networks of robots are on the CPU."""
+    threads: int | None = whole(None, 1, 1024)
+    """CPU threads; by default all cores for the worlds and one for the networks, whose threads wait for each other if
+    another program uses a core."""
+    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
+    """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
+
+    @property
+    def part(self) -> str:
+        """Name of these settings in error messages."""
+        return "training"
+
+
+@dataclass(frozen=True)
+class TrainingSettings(SharedSettings, with_defaults=False):
+    """Settings of a training of one policy, which all robots share."""
+
     steps: int = whole(4_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
     worlds: int = whole(64, 1, 1_000_000)
@@ -96,15 +116,6 @@ class TrainingSettings(Checked, with_defaults=False, part="training"):
     """Factor of the scenario's reward for collisions at the beginning."""
     evaluate_every: int = whole(250_000, 1, 10**15)
     """Robot steps between validations, each of which writes a checkpoint."""
-    episodes: int = whole(128, 1, 65_536)
-    """Episodes per validation; for a space, of all its scenarios together."""
-    device: str = "cpu"
-    """Device of the worlds: `cpu`, `cuda` or `cuda:k`; the networks are on the CPU."""
-    threads: int | None = whole(None, 1, 1024)
-    """CPU threads; by default all cores for the worlds and one for the networks, whose threads wait for each other if
-    another program uses a core."""
-    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
-    """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
 
     def _check_together(self) -> None:
         as_device(self.device)
@@ -163,36 +174,7 @@ class TrainingSettings(Checked, with_defaults=False, part="training"):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
-        values = {option.name: getattr(self, option.name) for option in dataclasses.fields(self)}
-        return values | {
-            "out": str(self.out),
-            "overrides": dict(self.overrides),
-            "base": self.corrected_base or NO_BASE,
-        }
-
-
-def check_resumes(
-    here: Mapping[str, Any], stored: Mapping[str, Any], may_change: Collection[str], others: Collection[str] = ()
-) -> None:
-    """Check that a training can resume what is stored in its folder.
-
-    Args:
-        here: Settings of the training.
-        stored: Settings of what is stored.
-        may_change: Names of the settings that may differ.
-        others: Further differences, each in words.
-
-    Raises:
-        ValueError: there is a difference; the message contains all of them.
-    """
-    differences = [
-        f"{name} = {stored.get(name)!r} there, {value!r} here"
-        for name, value in here.items()
-        if name not in may_change and stored.get(name) != value
-    ]
-    if differences or others:
-        rule = "must be an empty folder or contain a training with the same settings"
-        raise ValueError(f"out {rule}, got {here['out']}: {'; '.join([*differences, *others])}")
+        return plain(self) | {"base": self.corrected_base or NO_BASE}
 
 
 def space_of(name: str) -> ScenarioSpace | None:

@@ -24,14 +24,14 @@ from rich.console import Console
 from torch import Tensor, nn
 
 import baselines
-from lissajous_env.console.terminal import make_console
+from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.storage.folder import Folder
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.networks import TeamNetwork
 from training.learned.perception import OWN, TOKEN
 from training.learned.policy import LearnedTeam
-from training.learned.team_network import TeamNetwork
-from training.settings import MAY_CHANGE, TrainingSettings, check_resumes, without_warnings
+from training.settings import MAY_CHANGE, TrainingSettings, without_warnings
 from training.validation import described, limit_of, mean_of, rating_of, validate
 from training.worlds import TRUTH, Rollout, StepResult, Worlds
 
@@ -65,12 +65,8 @@ def train(
     """
     console = console or make_console()
     torch.set_num_threads(settings.threads or 1)
-
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
     with checkpoint.locked(settings.out) as folder, without_warnings(settings.space):
-        return _train(settings, folder, say, log)
+        return _train(settings, folder, partial(print_line, console), log)
 
 
 def _train(
@@ -79,7 +75,7 @@ def _train(
     """Train in a locked folder; `say` prints a line, and `log` is that of `train`."""
     state, began, diagnostics = Training(settings), time.monotonic(), {}
     card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
-    history = _resume_or_begin(settings, state, say)
+    history = _resume_or_begin(settings, state, card, say)
     curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
     began -= curve[-1]["seconds"] if curve else 0.0
     state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
@@ -103,15 +99,13 @@ def _train(
         diagnostics = state.update(state.collect())
 
 
-def _resume_or_begin(settings: TrainingSettings, state: "Training", say: Callable[[str], None]) -> dict[str, Any]:
+def _resume_or_begin(
+    settings: TrainingSettings, state: "Training", card: Card, say: Callable[[str], None]
+) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
-        _, stored, contents = checkpoint.read(settings.out)
-        is_other = Card.of(settings.make_checkpoint_scenario()).scenario_fields != stored.scenario_fields
-        others = ["the scenario has changed"] if is_other else []
-        check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
-        with checkpoint.resuming(settings.out, contents):
-            state.load_state(checkpoint.read_state(settings.out, contents))
+        with checkpoint.resuming(settings.out, card, MAY_CHANGE) as (contents, arrays):
+            state.load_state(arrays)
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return contents["training"]
     history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
@@ -369,17 +363,12 @@ class TeamModule(nn.Module):
 
 
 def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:
-    """Copy a module, its optimizer, and the state of torch's and NumPy's random generators, by name."""
-    arrays = checkpoint.prefixed(
-        "model", {name: tensor.detach().cpu().numpy() for name, tensor in module.state_dict().items()}
-    )
+    """Copy a module, its optimizer, and the state of torch's random generator, by name."""
+    tensors = {f"model.{name}": tensor for name, tensor in module.state_dict().items()}
     for k, moments in optimizer.state_dict()["state"].items():
-        arrays |= checkpoint.prefixed(
-            f"optimizer.{k}", {name: tensor.cpu().numpy() for name, tensor in moments.items()}
-        )
-    _, keys, position, *_ = np.random.get_state()
-    arrays |= {"random": torch.get_rng_state().numpy(), "shuffle": np.append(keys, np.uint32(position))}
-    return {name: np.array(array) for name, array in arrays.items()}
+        tensors |= {f"optimizer.{k}.{name}": tensor for name, tensor in moments.items()}
+    tensors["random"] = torch.get_rng_state()
+    return {name: np.array(tensor.cpu().numpy()) for name, tensor in tensors.items()}
 
 
 def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict[str, np.ndarray]) -> None:
@@ -393,4 +382,3 @@ def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict
         state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
     optimizer.load_state_dict(state)
     torch.set_rng_state(torch.from_numpy(arrays["random"]))
-    np.random.set_state(("MT19937", arrays["shuffle"][:-1], int(arrays["shuffle"][-1]), 0, 0.0))
