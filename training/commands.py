@@ -7,8 +7,7 @@ import tyro
 
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, make_console, parse_overrides
 from lissajous_env.plugins import of_extra
-from training.rogue_settings import RogueTraining
-from training.settings import TrainingSettings
+from training.settings import RogueTraining, TrainingSettings
 
 
 def train(
