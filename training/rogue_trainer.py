@@ -25,7 +25,7 @@ from lissajous_env.world.columns import DETECTION_TIME
 from training.learned import checkpoint
 from training.learned.networks import RogueNetwork
 from training.learned.rogue import rogue_card
-from training.rogue_settings import MAY_CHANGE, RogueTraining
+from training.settings import RogueTraining
 from training.trainer import FIRST_SEED, load_state, save_state
 
 FIRST_EVALUATION_SEED = 20_000
@@ -169,7 +169,7 @@ class RogueTrainer:
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes={"rogues": history})
 
     def _resume(self) -> None:
-        with checkpoint.resuming(self.settings.out, self.card, MAY_CHANGE) as (contents, arrays):
+        with checkpoint.resuming(self.settings, self.card) as (contents, arrays):
             self.history |= contents["rogues"]
             if "normal.mean" in arrays:
                 self.normalization = arrays["normal.mean"], arrays["normal.spread"]

@@ -1,24 +1,27 @@
-"""The settings of a training: one dataclass, which is the command line of `lissajous train`."""
+"""The settings of a training of robots, which are the command line of `lissajous train`, and of one of rogues."""
 
 import contextlib
+import dataclasses
 import itertools
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
 
 from baselines.policies import registry
+from baselines.policies.factories import as_factory
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.named import scenario_space, space_and_split
-from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.parameters.rogues import AGENTS
+from lissajous_env.settings.checks import Checked, is_whole, number, rows, whole
 from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
 NO_BASE = "none"
@@ -27,8 +30,6 @@ TRAINING_SPLIT, VALIDATION_SPLIT = "train", "validation"
 """Splits of a space for training and for validation; no training uses the split `test`."""
 MAX_VALIDATION_SCENARIOS = 16
 """Largest number of scenarios of a validation, the first ones of their split."""
-MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
-"""Settings that may change when a training is resumed; the schedules of noise and learning rate depend on `steps`."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class SharedSettings(Checked, with_defaults=False):
     another program uses a core."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
+    may_change: ClassVar[tuple[str, ...]] = ("out", "threads", "episodes")
+    """Settings that may change when a training is resumed."""
 
     @property
     def part(self) -> str:
@@ -116,6 +119,8 @@ class TrainingSettings(SharedSettings, with_defaults=False):
     """Factor of the scenario's reward for collisions at the beginning."""
     evaluate_every: int = whole(250_000, 1, 10**15)
     """Robot steps between validations, each of which writes a checkpoint."""
+    # The schedules of noise and learning rate depend on `steps`.
+    may_change = (*SharedSettings.may_change, "steps", "evaluate_every")
 
     def _check_together(self) -> None:
         as_device(self.device)
@@ -175,6 +180,59 @@ class TrainingSettings(SharedSettings, with_defaults=False):
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
         return plain(self) | {"base": self.corrected_base or NO_BASE}
+
+
+@dataclass(frozen=True)
+class RogueTraining(SharedSettings, with_defaults=False):
+    """Settings of a training of rogues against robots that do not learn."""
+
+    scenario: str = "intruders"
+    """Scenario of the game."""
+    against: str = "kuramoto-mpcc"
+    """Policy of the robots: a name, or the folder of a checkpoint."""
+    rounds: int = whole(48, 1, 10_000)
+    """Rounds of imitation of a rogue with foresight, each with an episode per world."""
+    starts: int = whole(96, 2, 4096)
+    """Rogues per episode on average, each with a start of its own; half of them are present from the beginning."""
+    worlds: int = whole(8, 1, 65_536)
+    """Environments that are stepped together."""
+    layers: tuple[int, ...] = rows(
+        (64, 64), "must be whole numbers of at least 1", lambda size: size if is_whole(size) and size >= 1 else None
+    )
+    """Sizes of the hidden layers."""
+
+    def _check_together(self) -> None:
+        if "rogues" in self.overrides or "targets.rogues" in self.overrides:
+            raise ValueError("targets.rogues must be omitted if rogues are trained")
+        as_device(self.device)
+        as_factory(self.against)(self.make_scenario(), 1, self.device)  # raises for an unknown or unfit policy
+
+    @classmethod
+    def from_common(cls, common: TrainingSettings, **more: Any) -> "RogueTraining":
+        """Return the settings with those of `common` that both kinds of training share, and `more`.
+
+        Raises:
+            ValueError: another setting of `common` is not the default.
+        """
+        shared = {option.name: getattr(common, option.name) for option in dataclasses.fields(SharedSettings)}
+        for option in dataclasses.fields(common):
+            if option.name not in shared and getattr(common, option.name) != option.default:
+                rule = f"must be omitted if rogues are trained, which share only {', '.join(shared)}"
+                raise ValueError(f"{option.name} {rule}; got {getattr(common, option.name)!r}")
+        return cls(**shared, **more)
+
+    def make_scenario(self, rogues: str = AGENTS) -> Scenario:
+        """Return the scenario with `starts` rogues per episode that `rogues` controls, and only the necessary grids."""
+        scenario = make_scenario(self.scenario, **self.overrides)
+        needs_grid = scenario.task.conservative
+        scenario = make_scenario(scenario, **{"task.grid": None} | ({} if needs_grid else {"task.contamination": None}))
+        first = self.starts // 2
+        starts = {"targets.count": first, "targets.arrival_rate": (self.starts - first) / scenario.task.duration}
+        return make_scenario(scenario, rogues=rogues, **starts, **{"targets.speed_limit": scenario.rogue_speed})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, as written into a checkpoint."""
+        return plain(self) | {"side": "rogues"}
 
 
 def space_of(name: str) -> ScenarioSpace | None:

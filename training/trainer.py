@@ -25,13 +25,12 @@ from torch import Tensor, nn
 
 import baselines
 from lissajous_env.console.terminal import make_console, print_line
-from lissajous_env.storage.folder import Folder
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import TeamNetwork
 from training.learned.perception import OWN, TOKEN
 from training.learned.policy import LearnedTeam
-from training.settings import MAY_CHANGE, TrainingSettings, without_warnings
+from training.settings import TrainingSettings, without_warnings
 from training.validation import described, limit_of, mean_of, rating_of, validate
 from training.worlds import TRUTH, Rollout, StepResult, Worlds
 
@@ -64,39 +63,33 @@ def train(
         OSError: the disk is full; the last checkpoint is intact.
     """
     console = console or make_console()
+    say = partial(print_line, console)
     torch.set_num_threads(settings.threads or 1)
     with checkpoint.locked(settings.out) as folder, without_warnings(settings.space):
-        return _train(settings, folder, partial(print_line, console), log)
-
-
-def _train(
-    settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
-) -> dict[str, Any]:
-    """Train in a locked folder; `say` prints a line, and `log` is that of `train`."""
-    state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
-    history = _resume_or_begin(settings, state, card, say)
-    curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
-    began -= curve[-1]["seconds"] if curve else 0.0
-    state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
-    while True:
-        steps, every = numbers["steps"], settings.evaluate_every
-        last, done = curve[-1]["steps"] if curve else -every, steps >= settings.steps
-        if steps // every > last // every or (done and last < steps):
-            network = state.actor.arrays()
-            results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
-            history["first"], means = history["first"] or results, mean_of(results)
-            point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
-            curve.append(point)
-            say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
-            if history["best"] is None or rating_of(point, state.limit) > rating_of(history["best"], state.limit):
-                history["best"] = point
-                checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
-            checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
-            log(point)
-        if done:
-            return history
-        diagnostics = state.update(state.collect())
+        state, began, diagnostics = Training(settings), time.monotonic(), {}
+        card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
+        history = _resume_or_begin(settings, state, card, say)
+        curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
+        began -= curve[-1]["seconds"] if curve else 0.0
+        state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
+        while True:
+            steps, every = numbers["steps"], settings.evaluate_every
+            last, done = curve[-1]["steps"] if curve else -every, steps >= settings.steps
+            if steps // every > last // every or (done and last < steps):
+                network = state.actor.arrays()
+                results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
+                history["first"], means = history["first"] or results, mean_of(results)
+                point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
+                curve.append(point)
+                say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
+                if history["best"] is None or rating_of(point, state.limit) > rating_of(history["best"], state.limit):
+                    history["best"] = point
+                    checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
+                checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
+                log(point)
+            if done:
+                return history
+            diagnostics = state.update(state.collect())
 
 
 def _resume_or_begin(
@@ -104,7 +97,7 @@ def _resume_or_begin(
 ) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
-        with checkpoint.resuming(settings.out, card, MAY_CHANGE) as (contents, arrays):
+        with checkpoint.resuming(settings, card) as (contents, arrays):
             state.load_state(arrays)
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return contents["training"]

@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.identity import OURS
+from lissajous_env.device.compilation import OURS
 from lissajous_env.plugins import ByValue, register, replaces
 from lissajous_env.wording import few_of, nearest, require, shown
 

@@ -17,8 +17,8 @@ from training.learned import checkpoint
 from training.learned.networks import RogueNetwork
 from training.learned.policy import find
 from training.learned.rogue import as_rogue, open_rogue, rogue_card
-from training.rogue_settings import RogueTraining
 from training.rogue_trainer import train_rogues, undetected_times
+from training.settings import RogueTraining
 
 SMALL = {"sensing.radius": 0.35, "task.duration": 8.0, "targets.entry": "unseen"}
 FAST = {"scenario": "experiment", "against": "sweep", "rounds": 3, "starts": 24, "worlds": 4,

@@ -8,11 +8,9 @@ checkpoint in the folder `best`. No pickle is read, and inconsistent files are r
 import contextlib
 import hashlib
 import json
-import platform
 import re
 import sys
-from collections.abc import Collection, Iterator, Mapping
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from safetensors.numpy import load as from_safetensors
 from safetensors.numpy import save as to_safetensors
 
 from lissajous_env import Scenario
+from lissajous_env.identity import versions
 from lissajous_env.parameters.extensions import Extension, load_extension
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
@@ -38,7 +37,6 @@ ACTIVATION = "relu"
 """Activation between the layers of every network."""
 LARGEST = 1 << 31
 """Largest size of a file of arrays [bytes]."""
-_PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3", "ray", "gymnasium")
 _NAME = r"-[0-9a-f]{12}\.safetensors"
 
 
@@ -83,7 +81,7 @@ def save(
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
             "scenario": card.scenario_fields,
-            "versions": _versions(),
+            "versions": versions("torch"),
             "files": files,
             **(notes or {}),
         }
@@ -163,24 +161,21 @@ def read_state(folder: str | Path, contents: Mapping[str, Any]) -> dict[str, np.
 
 
 @contextlib.contextmanager
-def resuming(
-    folder: str | Path, card: Card, may_change: Collection[str]
-) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
     """Yield the contents of `checkpoint.json` and the arrays from which a training resumes, which are loaded within.
 
     Args:
-        folder: Folder of the training.
+        settings: Settings of the training, with its folder `out`; those that `may_change` names may differ.
         card: Card of its policy, with its settings and scenario.
-        may_change: Names of the settings that may differ.
 
     Raises:
         ValueError: the settings or the scenario differ, with all differences; or the state cannot be loaded.
     """
-    _, stored, contents = read(folder)
+    folder, (_, stored, contents) = settings.out, read(settings.out)
     differences = [
         f"{name} = {stored.settings.get(name)!r} there, {value!r} here"
         for name, value in card.settings.items()
-        if name not in may_change and stored.settings.get(name) != value
+        if name not in settings.may_change and stored.settings.get(name) != value
     ]
     if card.scenario_fields != stored.scenario_fields:
         differences.append("the scenario has changed")
@@ -192,7 +187,7 @@ def resuming(
         yield contents, arrays
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
         words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
-        file = Path(folder) / contents["files"]["state"]["name"]
+        file = folder / contents["files"]["state"]["name"]
         raise ValueError(f"{file} must be the state of this training: {words}") from error
 
 
@@ -277,13 +272,3 @@ def _read(folder: Path, entry: Mapping[str, str]) -> dict[str, np.ndarray]:
         raise ValueError(f"{path} is damaged: {str(error)[:200]}") from error
     except KeyError as error:
         raise ValueError(f"{path} is damaged: NumPy has no numbers of type {error}") from error
-
-
-def _versions() -> dict[str, str]:
-    versions = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return versions
