@@ -1,16 +1,13 @@
 """The command `lissajous train`."""
 
 import dataclasses
-import importlib
 from typing import Annotated, Any, Literal
 
 import tyro
-from rich.console import Console
 
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, make_console, parse_overrides
-from lissajous_env.plugins import missing
-from training.rogue_settings import RogueTraining
-from training.settings import TrainingSettings
+from lissajous_env.plugins import of_extra
+from training.settings import RogueTraining, TrainingSettings
 
 
 def train(
@@ -49,26 +46,14 @@ def train(
         raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
     try:
         if side == "rogues":
-            history = _train_rogues(settings, of_rogues, console)
+            if against is None:
+                raise ValueError("against must be the policy from which the rogues learn to hide, got none")
+            rogue_training = RogueTraining.from_common(settings, **of_rogues)
+            trainer = of_extra("training.rogue_trainer", "train", "train")
+            history = trainer.train_rogues(rogue_training, console)
         else:
-            history = _import("training.trainer").train(settings, console)
+            history = of_extra("training.trainer", "train", "train").train(settings, console)
     except KeyboardInterrupt:
         words = f"run the same command again to resume from the last checkpoint in {settings.out}"
         raise KeyboardInterrupt(words) from None
     output.print_json({"out": settings.out, **history})
-
-
-def _import(module: str) -> Any:
-    """Import a module that requires the libraries of the extra `train`."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise missing("train", "train", error) from error
-
-
-def _train_rogues(settings: TrainingSettings, given: dict[str, Any], console: Console) -> dict[str, Any]:
-    """Train rogues and return the history."""
-    if "against" not in given:
-        raise ValueError("against must be the policy from which the rogues learn to hide, got none")
-    rogue_training = RogueTraining.from_common(settings, **given)
-    return _import("training.rogue_trainer").train_rogues(rogue_training, console)

@@ -191,7 +191,8 @@ def cells_of(
         ValueError: an invalid value, an unknown name, a policy that drives no scenario, or a scenario without a policy.
     """
     settings.check()
-    own = {name: factories.as_factory(name) for name in settings.policies if factories.is_unregistered(name)}
+    unregistered = [name for name in settings.policies if registry.is_folder(name) or factories.is_imported(name)]
+    own = {name: factories.as_factory(name) for name in unregistered}
     own |= {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     registered = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]

@@ -161,7 +161,7 @@ def transit_from_any_angle(
 
 
 def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.ndarray, ...]:
-    """Return the ways among which cars choose: by words, ends and tilts.
+    """Return the ways among which cars choose: by kinds of paths, ends and tilts.
 
     They are the lengths (P, N, C, 3) of the arcs and of the stretch between them [m], infinite for a way that does not
     exist, the directions (C, 3) and radii (C,) of the arcs, the lengths (C,) of the last stretch, and the tilts (C,).
@@ -174,10 +174,10 @@ def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.nd
         entry = np.concatenate([poses[:, :2] - lead * ahead, poses[:, 2:]], axis=-1)
         pieces = dubins_lengths(begin, entry, wide)[..., :4, :]
         of_ends.append(np.where(np.isnan(pieces), [0.0, np.inf, 0.0], pieces))
-    count, words = len(_TILTS), len(_ENDS) * 4
+    count, kinds = len(_TILTS), len(_ENDS) * 4
     leads, radii = (np.tile(np.repeat(array, 4), count) for array in (leads, radii))
     turns = np.tile(TURNS[:4], (len(_ENDS) * count, 1))
-    return np.concatenate(of_ends * count, axis=2), turns, radii, leads, np.repeat(_TILTS, words)
+    return np.concatenate(of_ends * count, axis=2), turns, radii, leads, np.repeat(_TILTS, kinds)
 
 
 def _times(scenario: Scenario, pace: Pace, speed: np.ndarray, shortest: np.ndarray) -> np.ndarray:
