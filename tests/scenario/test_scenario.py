@@ -134,7 +134,7 @@ TOGETHER = [
     ({"curve.inset": 0.8}, "curve.inset must be below 0.8, half of the rectangle's side"),
     ({"curve.inset": 0.7, "sensing.radius": 0.6}, "sensing.radius must be at least the inset of 0.7"),
     ({"task.boundary": "wall", "robot.radius": 0.9}, "robot.radius must be below 0.8"),
-    ({"curv.a": 3}, "override must name one of curve, formation, .*, got 'curv.a'; did you mean curve?"),
+    ({"curv.a": 3}, "override must name one of curve, formation, .*, got 'curv.a'; did you mean curve"),
     ({"wheels": 3}, "override must name one of .*, got 'wheels'; did you mean "),
     ({"curve.halfwidth": 3}, "override must name one of .*, got 'curve.halfwidth'; did you mean curve.half_width"),
     ({"robot": {"radios": 3}}, "override must name one of .*, got 'robot.radios'; did you mean robot.radius?"),
@@ -152,11 +152,11 @@ def test_rules_that_join_fields_and_fields_that_are_none(fields, message):
         lissajous_env.scenario(Scenario(), **fields)
 
 
-@pytest.mark.parametrize(("part", "got"), [("name", None), ("robot", None), ("noise", Task())])
-def test_parts_have_their_types(part, got):
-    with pytest.raises(
-        ValueError, match=rf"^{part} must be (text|a Robot|a Noise), got {type(got).__name__.strip('Type')}"
-    ):
+@pytest.mark.parametrize(
+    ("part", "got", "kind"), [("name", 3, "text"), ("robot", None, "a Robot"), ("noise", Task(), "a Noise")]
+)
+def test_parts_have_their_types(part, got, kind):
+    with pytest.raises(ValueError, match=rf"^{part} must be {kind}, got {re.escape(repr(got)[:9])}"):
         Scenario(**{part: got})
 
 
