@@ -16,7 +16,8 @@ from typing import Any
 from baselines.benchmark.local import failure_of, results
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import versions
-from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Rows, Work
+from baselines.benchmark.table import Rows
+from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
 from baselines.policies.factories import parts
 from lissajous_env.identity import MODULE
 from lissajous_env.plugins import of_extra
