@@ -1,6 +1,5 @@
 """Recordings: episodes as arrays, which can be saved, loaded and drawn."""
 
-import dataclasses
 import json
 import zipfile
 from collections.abc import Sequence
