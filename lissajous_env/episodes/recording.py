@@ -11,13 +11,13 @@ from typing import Annotated, Any, BinaryIO, get_origin, get_type_hints
 import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
-from lissajous_env.episodes.snapshot import Snapshot, of_world
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.contamination.labels import introduced_at
-from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.selection import fold_seed, of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER
 

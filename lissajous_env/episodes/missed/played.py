@@ -8,12 +8,11 @@ import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.episodes.recording import Recorder, Recording
-from lissajous_env.episodes.snapshot import of_world
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
-from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.selection import fold_seed, of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import HIDDEN, NEVER, NOWHERE, PRESENT
 
