@@ -5,7 +5,11 @@ With `task.boundary = wall`, the centre of a body is inside the walls where it i
 the right as fast as it can, or keeps straight on. The rule lets an action pass if the drive is in K during the step and
 can stop after it, as its motion predicts for both ends of the spreads of motors and wheels. Otherwise it takes the
 first action for which this is so: the yaw rate is blended with that of a way to stop that the drive has now, with the
-speed that is wanted and then with half of it. If there is none, the drive stops in this way.
+speed that is wanted and then with half of it. If there is none, the drive stops or goes back, as it stays farthest
+inside.
+
+With noise, an action is predicted with errors of `DEVIATIONS` standard deviations, and a drive that brakes stays in K
+by `DEVIATIONS` standard deviations of the place that it then reaches.
 
 A drive that can stop never meets a wall, if its measurements are exact and its constants are those of the scenario: it
 can brake on for the rest of its way, and at rest it can turn on the spot until it may leave. No circle has to fit
@@ -62,7 +66,7 @@ class Limits:
     turn: wp.float32
     """Action of the yaw rate of a way to stop that turns."""
     heading_noise: wp.float32
-    """`DEVIATIONS` standard deviations of the change of a heading in an integration step by the noise of actions [rad]."""
+    """Bound of the change of a heading in an integration step by the noise of an action [rad]."""
     speed_error: wp.float32
     """Bound of the error of a measured speed [m/s]."""
     yaw_error: wp.float32
@@ -223,8 +227,8 @@ def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) ->
             if is_safe_after(limits, robot, half, drive, action):
                 return action
     best = wp.vec2(0.0, turning)
-    most = float(-1.0e30)
-    for k in range(9):
+    most = room_after(limits, robot, limits.half, drive, best, -1.0e30, 1.0e30)
+    for k in range(wp.where(limits.is_exact == 1, 0, 9)):
         action = wp.vec2(float(k / 3 - 1) * 2.0 * limits.action_error, float(k % 3 - 1) * limits.turn)
         room = room_after(limits, robot, limits.half, drive, action, most, 1.0e30)
         if room > most:
