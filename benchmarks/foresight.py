@@ -20,8 +20,8 @@ from lissajous_env import Scenario, Simulation
 from lissajous_env.episodes.missed.foresight import Foresight, Visits
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
 from training.learned import checkpoint
-from training.rogue_settings import RogueTraining
 from training.rogue_trainer import undetected_times
+from training.settings import RogueTraining
 
 TITLES = ("scenario, policy", "best script [s]", "learned [s]", "with foresight [s]", "learned share of it")
 TITLES = (*TITLES, "never detected [s]")

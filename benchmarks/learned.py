@@ -27,9 +27,9 @@ import lissajous_env
 import training
 from lissajous_env.world.columns import task_score
 from training.learned import checkpoint
+from training.learned.networks import TeamNetwork
 from training.learned.policy import LearnedTeam, find
-from training.learned.team_network import TeamNetwork
-from training.settings import MAY_CHANGE, TrainingSettings
+from training.settings import TrainingSettings
 from training.validation import limit_of, rating_of
 
 POLICIES = {
@@ -182,7 +182,7 @@ def options_of(settings: dict[str, Any]) -> tuple[str, int]:
     """Return the options of `lissajous train` in which settings differ from the defaults, and the steps."""
     usual = TrainingSettings(scenario=settings["scenario"]).to_dict()
     words = [f"--{name.replace('_', '-')} {value}" for name, value in settings.items()
-             if name not in (*MAY_CHANGE, "seed", "overrides") and value != usual[name]]  # fmt: skip
+             if name not in (*TrainingSettings.may_change, "seed", "overrides") and value != usual[name]]  # fmt: skip
     changed = [f"{name}={value}" for name, value in settings["overrides"].items()]
     return " ".join(words + (["--set", *changed] if changed else [])), settings["steps"]
 

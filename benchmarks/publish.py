@@ -18,10 +18,10 @@ from lissajous_env.storage.folder import LIST
 from lissajous_env.world.columns import COLLISIONS, MEAN, task_score
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.networks import TeamNetwork
 from training.learned.policy import LearnedTeam
-from training.learned.team_network import TeamNetwork
-from training.rogue_settings import RogueTraining
 from training.rogue_trainer import undetected_times
+from training.settings import RogueTraining
 
 HELD_OUT = range(10_000, 10_256)
 SCRIPTS = "wander", "flee", "shadow", "follow-gap"

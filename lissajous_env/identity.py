@@ -16,10 +16,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from lissajous_env.device.compilation import OURS
 from lissajous_env.device.devices import as_device, memory
 
-OURS = ("lissajous_env", "baselines", "training")
-"""Packages of this distribution."""
 MODULE = "module "
 """Prefix of the names of parts that are the file of a module."""
 
@@ -77,9 +76,9 @@ def machine(device: str) -> dict[str, Any]:
     }
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of Python and the packages on which the numbers depend."""
-    names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo")
+def versions(*more: str) -> dict[str, str]:
+    """Return the versions of Python and the packages on which the numbers depend, `more` packages included."""
+    names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo", *more)
     return {"python": platform.python_version()} | {name: version(name) for name in names}
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import cloudpickle
 
-from lissajous_env.wording import nearest, shown, where_raised
+from lissajous_env.wording import nearest, require, shown, where_raised
 
 PROMPT = "__main__", "__mp_main__"
 """Modules that are other ones in other processes."""
@@ -129,8 +129,8 @@ def register(
         ValueError: the name is invalid, or a different object has it.
     """
     name, (pattern, rule) = new.name, names
-    if not (isinstance(name, str) and re.fullmatch(pattern, name)):
-        raise ValueError(f"name of a {thing} must be {rule}, got {shown(name)}")
+    is_name = isinstance(name, str) and re.fullmatch(pattern, name)
+    require(is_name, f"name of a {thing}", f"must be {rule}", name)
     if name in taken or (registry.get(name, new) != new and not replaces):
         raise ValueError(f"name of a {thing} must be new, got {shown(name)}, which another one has")
     registry[name] = new

@@ -45,6 +45,12 @@ def nearest(word: Any, words: Iterable[str]) -> str:
     return f"; did you mean {' or '.join([*begun, *alike][:3])}?" if begun or alike else ""
 
 
+def require(holds: Any, name: str, rule: str, got: Any, known: Iterable[str] = ()) -> None:
+    """Raise ValueError with a name, its rule and the value got, unless the rule holds; suggest similar known words."""
+    if not holds:
+        raise ValueError(f"{name} {rule}, got {shown(got)}{nearest(got, known)}")
+
+
 def few_of(names: Iterable[Any], word: Any = "") -> str:
     """Join names to a line; of many names, only those similar to `word` and the number of others."""
     known = list(dict.fromkeys(map(str, names)))

@@ -5,12 +5,10 @@ import importlib
 from typing import Annotated, Any, Literal
 
 import tyro
-from rich.console import Console
 
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, make_console, parse_overrides
 from lissajous_env.plugins import missing
-from training.rogue_settings import RogueTraining
-from training.settings import TrainingSettings
+from training.settings import RogueTraining, TrainingSettings
 
 
 def train(
@@ -49,7 +47,10 @@ def train(
         raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
     try:
         if side == "rogues":
-            history = _train_rogues(settings, of_rogues, console)
+            if against is None:
+                raise ValueError("against must be the policy from which the rogues learn to hide, got none")
+            rogue_training = RogueTraining.from_common(settings, **of_rogues)
+            history = _import("training.rogue_trainer").train_rogues(rogue_training, console)
         else:
             history = _import("training.trainer").train(settings, console)
     except KeyboardInterrupt:
@@ -64,11 +65,3 @@ def _import(module: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise missing("train", "train", error) from error
-
-
-def _train_rogues(settings: TrainingSettings, given: dict[str, Any], console: Console) -> dict[str, Any]:
-    """Train rogues and return the history."""
-    if "against" not in given:
-        raise ValueError("against must be the policy from which the rogues learn to hide, got none")
-    rogue_training = RogueTraining.from_common(settings, **given)
-    return _import("training.rogue_trainer").train_rogues(rogue_training, console)

@@ -17,16 +17,15 @@ from torch import Tensor, nn
 
 from baselines.policies.factories import as_factory
 from lissajous_env import Scenario, Simulation
-from lissajous_env.console.terminal import make_console
+from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
 from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import DETECTION_TIME
 from training.learned import checkpoint
+from training.learned.networks import RogueNetwork
 from training.learned.rogue import rogue_card
-from training.learned.rogue_network import RogueNetwork
-from training.rogue_settings import MAY_CHANGE, RogueTraining
-from training.settings import check_resumes
+from training.settings import RogueTraining
 from training.trainer import FIRST_SEED, load_state, save_state
 
 FIRST_EVALUATION_SEED = 20_000
@@ -79,17 +78,17 @@ class RogueTrainer:
         """Train until the last round."""
         settings, history = self.settings, self.history
         if history["scores"] is not None:
-            self._say(f"{settings.out} is finished: {history['rounds']:,} rounds")
+            print_line(self.console, f"{settings.out} is finished: {history['rounds']:,} rounds")
             return history
-        self._say(f"rogues on {settings.scenario} against {settings.against}, to {settings.out}")
+        print_line(self.console, f"rogues on {settings.scenario} against {settings.against}, to {settings.out}")
         for name in _RIVALS:
             if name not in history["rivals"]:
                 history["rivals"][name] = self._evaluated(name)
-                self._say(f"{name}: {_words(history['rivals'][name])}")
+                print_line(self.console, f"{name}: {_words(history['rivals'][name])}")
         self._imitate()
         history["scores"] = self._evaluated(str(settings.out))
         self._save({})
-        self._say(f"after {history['seconds']:.0f} s: {_words(history['scores'])}")
+        print_line(self.console, f"after {history['seconds']:.0f} s: {_words(history['scores'])}")
         return history
 
     def _imitate(self) -> None:
@@ -106,13 +105,16 @@ class RogueTrainer:
                 spread = np.maximum(labels.rows.std(axis=0), 1e-3)
                 self.normalization = labels.rows.mean(axis=0), spread.astype(np.float32)
             before, new = self._labelled, self._tensors(labels)
-            self._labelled = [torch.cat(parts) for parts in zip(before, new, strict=True)] if before else list(new)
+            self._labelled = [torch.cat(parts) for parts in zip(before, new, strict=True)] if before else new
             error = self._fit(is_last)
             history["seconds"] += time.monotonic() - began
             history["rounds"] += 1
             self._save({name: part.cpu().numpy() for name, part in zip(_LABELLED, self._labelled, strict=True)})
             if k < 2 or k % 4 == 3 or is_last:
-                self._say(f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}")
+                print_line(
+                    self.console,
+                    f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}",
+                )
 
     def _visit(self, k: int) -> Visits:
         """Play an episode in each world in round k, and record the rogues."""
@@ -124,15 +126,12 @@ class RogueTrainer:
         runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
         return visits
 
-    def _normalized(self, rows: np.ndarray) -> Tensor:
+    def _tensors(self, labels: Labels) -> list[Tensor]:
+        """Return rows that are normalized, actions and weights of labels."""
         assert self.normalization is not None
         mean, spread = self.normalization
-        return torch.from_numpy(((rows - mean) / spread).astype(np.float32)).to(self.settings.device)
-
-    def _tensors(self, labels: Labels) -> tuple[Tensor, ...]:
-        weights = np.clip(labels.gains, 0.0, _MOST_GAIN) + _LEAST_WEIGHT
-        others = [torch.from_numpy(array.astype(np.float32)) for array in (labels.actions, weights)]
-        return self._normalized(labels.rows), *(tensor.to(self.settings.device) for tensor in others)
+        arrays = (labels.rows - mean) / spread, labels.actions, np.clip(labels.gains, 0.0, _MOST_GAIN) + _LEAST_WEIGHT
+        return [torch.from_numpy(array.astype(np.float32)).to(self.settings.device) for array in arrays]
 
     def _fit(self, is_last: bool) -> float:
         """Fit the network to the labels of all rounds by weighted least squares; return the mean error."""
@@ -153,12 +152,13 @@ class RogueTrainer:
         """Copy the policy into a network for rows that are not normalized."""
         assert self.normalization is not None
         mean, spread = self.normalization
-        layers = [part for part in self.actor if isinstance(part, nn.Linear)]
-        weights = [layer.weight.detach().cpu().numpy() for layer in layers]
-        biases = [layer.bias.detach().cpu().numpy() for layer in layers]
-        weights[0] = weights[0] / spread
-        biases[0] = biases[0] - weights[0] @ mean
-        return RogueNetwork(tuple(weights), tuple(biases))
+        linear = [layer for layer in self.actor if isinstance(layer, nn.Linear)]
+        layers = {str(k): layer for k, layer in enumerate(linear)}
+        weights = {name: layer.weight.detach().cpu().numpy() for name, layer in layers.items()}
+        biases = {name: layer.bias.detach().cpu().numpy() for name, layer in layers.items()}
+        weights["0"] = weights["0"] / spread
+        biases["0"] = biases["0"] - weights["0"] @ mean
+        return RogueNetwork(weights, biases)
 
     def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
         """Write a checkpoint with the state of the training and the arrays of its labels, `_LABELLED`."""
@@ -169,10 +169,7 @@ class RogueTrainer:
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes={"rogues": history})
 
     def _resume(self) -> None:
-        _, card, contents = checkpoint.read(self.settings.out)
-        check_resumes(self.settings.to_dict(), card.settings, MAY_CHANGE)
-        arrays = checkpoint.read_state(self.settings.out, contents)
-        with checkpoint.resuming(self.settings.out, contents):
+        with checkpoint.resuming(self.settings, self.card) as (contents, arrays):
             self.history |= contents["rogues"]
             if "normal.mean" in arrays:
                 self.normalization = arrays["normal.mean"], arrays["normal.spread"]
@@ -184,9 +181,6 @@ class RogueTrainer:
         settings, scenario = self.settings, self.settings.make_scenario(rogues)
         seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + settings.episodes)
         return undetected_times(settings.against, scenario, seeds, settings.device)
-
-    def _say(self, text: str) -> None:
-        self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def undetected_times(policy: str, scenario: Scenario, seeds: Sequence[int], device: Any = "cpu") -> dict[str, float]:

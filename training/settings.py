@@ -1,24 +1,27 @@
-"""The settings of a training: one dataclass, which is the command line of `lissajous train`."""
+"""The settings of a training of robots, which are the command line of `lissajous train`, and of one of rogues."""
 
 import contextlib
 import dataclasses
 import itertools
 import warnings
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
 
 from baselines.policies import registry
+from baselines.policies.factories import as_factory
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
+from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.named import scenario_space, space_and_split
-from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.parameters.rogues import AGENTS
+from lissajous_env.settings.checks import Checked, is_whole, number, rows, whole
 from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
 NO_BASE = "none"
@@ -27,21 +30,41 @@ TRAINING_SPLIT, VALIDATION_SPLIT = "train", "validation"
 """Splits of a space for training and for validation; no training uses the split `test`."""
 MAX_VALIDATION_SCENARIOS = 16
 """Largest number of scenarios of a validation, the first ones of their split."""
-MAY_CHANGE = ("steps", "out", "threads", "episodes", "evaluate_every")
-"""Settings that may change when a training is resumed; the schedules of noise and learning rate depend on `steps`."""
 
 
 @dataclass(frozen=True)
-class TrainingSettings(Checked, with_defaults=False):
-    """Settings of a training of one policy, which all robots share."""
+class SharedSettings(Checked, with_defaults=False):
+    """Settings of every training, of robots or of rogues."""
 
     scenario: str = "watch"
-    """Scenario to train on, or a space of scenarios: training draws from its split train, and validations play the
-    first scenarios of its split validation."""
+    """Scenario to train on. For robots also a space of scenarios: training draws from its split train, and validations
+    play the first scenarios of its split validation."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")
     """Folder for the results; the same command resumes from its last checkpoint."""
     seed: int = whole(0, 0, 999)
     """Seed of the worlds, initial weights and exploration."""
+    episodes: int = whole(128, 1, 65_536)
+    """Episodes per validation; for a space, of all its scenarios together."""
+    device: str = "cpu"
+    """Device of the worlds: `cpu`, `cuda` or `cuda:k`; the networks of robots are on the CPU."""
+    threads: int | None = whole(None, 1, 1024)
+    """CPU threads; by default all cores for the worlds and one for the networks, whose threads wait for each other if
+    another program uses a core."""
+    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
+    """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
+    may_change: ClassVar[tuple[str, ...]] = ("out", "threads", "episodes")
+    """Settings that may change when a training is resumed."""
+
+    @property
+    def part(self) -> str:
+        """Name of these settings in error messages."""
+        return "training"
+
+
+@dataclass(frozen=True)
+class TrainingSettings(SharedSettings, with_defaults=False):
+    """Settings of a training of one policy, which all robots share."""
+
     steps: int = whole(4_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
     worlds: int = whole(64, 1, 1_000_000)
@@ -96,20 +119,8 @@ class TrainingSettings(Checked, with_defaults=False):
     """Factor of the scenario's reward for collisions at the beginning."""
     evaluate_every: int = whole(250_000, 1, 10**15)
     """Robot steps between validations, each of which writes a checkpoint."""
-    episodes: int = whole(128, 1, 65_536)
-    """Episodes per validation; for a space, of all its scenarios together."""
-    device: str = "cpu"
-    """Device of the worlds: `cpu`, `cuda` or `cuda:k`; the networks are on the CPU."""
-    threads: int | None = whole(None, 1, 1024)
-    """CPU threads; by default all cores for the worlds and one for the networks, whose threads wait for each other if
-    another program uses a core."""
-    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
-    """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
-
-    @property
-    def part(self) -> str:
-        """Name of these settings in error messages."""
-        return "training"
+    # The schedules of noise and learning rate depend on `steps`.
+    may_change = (*SharedSettings.may_change, "steps", "evaluate_every")
 
     def _check_together(self) -> None:
         as_device(self.device)
@@ -168,36 +179,60 @@ class TrainingSettings(Checked, with_defaults=False):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
-        values = {option.name: getattr(self, option.name) for option in dataclasses.fields(self)}
-        return values | {
-            "out": str(self.out),
-            "overrides": dict(self.overrides),
-            "base": self.corrected_base or NO_BASE,
-        }
+        return plain(self) | {"base": self.corrected_base or NO_BASE}
 
 
-def check_resumes(
-    here: Mapping[str, Any], stored: Mapping[str, Any], may_change: Collection[str], others: Collection[str] = ()
-) -> None:
-    """Check that a training can resume what is stored in its folder.
+@dataclass(frozen=True)
+class RogueTraining(SharedSettings, with_defaults=False):
+    """Settings of a training of rogues against robots that do not learn."""
 
-    Args:
-        here: Settings of the training.
-        stored: Settings of what is stored.
-        may_change: Names of the settings that may differ.
-        others: Further differences, each in words.
+    scenario: str = "intruders"
+    """Scenario of the game."""
+    against: str = "kuramoto-mpcc"
+    """Policy of the robots: a name, or the folder of a checkpoint."""
+    rounds: int = whole(48, 1, 10_000)
+    """Rounds of imitation of a rogue with foresight, each with an episode per world."""
+    starts: int = whole(96, 2, 4096)
+    """Rogues per episode on average, each with a start of its own; half of them are present from the beginning."""
+    worlds: int = whole(8, 1, 65_536)
+    """Environments that are stepped together."""
+    layers: tuple[int, ...] = rows(
+        (64, 64), "must be whole numbers of at least 1", lambda size: size if is_whole(size) and size >= 1 else None
+    )
+    """Sizes of the hidden layers."""
 
-    Raises:
-        ValueError: there is a difference; the message contains all of them.
-    """
-    differences = [
-        f"{name} = {stored.get(name)!r} there, {value!r} here"
-        for name, value in here.items()
-        if name not in may_change and stored.get(name) != value
-    ]
-    if differences or others:
-        rule = "must be an empty folder or contain a training with the same settings"
-        raise ValueError(f"out {rule}, got {here['out']}: {'; '.join([*differences, *others])}")
+    def _check_together(self) -> None:
+        if "rogues" in self.overrides or "targets.rogues" in self.overrides:
+            raise ValueError("targets.rogues must be omitted if rogues are trained")
+        as_device(self.device)
+        as_factory(self.against)(self.make_scenario(), 1, self.device)  # raises for an unknown or unfit policy
+
+    @classmethod
+    def from_common(cls, common: TrainingSettings, **more: Any) -> "RogueTraining":
+        """Return the settings with those of `common` that both kinds of training share, and `more`.
+
+        Raises:
+            ValueError: another setting of `common` is not the default.
+        """
+        shared = {option.name: getattr(common, option.name) for option in dataclasses.fields(SharedSettings)}
+        for option in dataclasses.fields(common):
+            if option.name not in shared and getattr(common, option.name) != option.default:
+                rule = f"must be omitted if rogues are trained, which share only {', '.join(shared)}"
+                raise ValueError(f"{option.name} {rule}; got {getattr(common, option.name)!r}")
+        return cls(**shared, **more)
+
+    def make_scenario(self, rogues: str = AGENTS) -> Scenario:
+        """Return the scenario with `starts` rogues per episode that `rogues` controls, and only the necessary grids."""
+        scenario = make_scenario(self.scenario, **self.overrides)
+        needs_grid = scenario.task.conservative
+        scenario = make_scenario(scenario, **{"task.grid": None} | ({} if needs_grid else {"task.contamination": None}))
+        first = self.starts // 2
+        starts = {"targets.count": first, "targets.arrival_rate": (self.starts - first) / scenario.task.duration}
+        return make_scenario(scenario, rogues=rogues, **starts, **{"targets.speed_limit": scenario.rogue_speed})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, as written into a checkpoint."""
+        return plain(self) | {"side": "rogues"}
 
 
 def space_of(name: str) -> ScenarioSpace | None:

@@ -24,14 +24,13 @@ from rich.console import Console
 from torch import Tensor, nn
 
 import baselines
-from lissajous_env.console.terminal import make_console
-from lissajous_env.storage.folder import Folder
+from lissajous_env.console.terminal import make_console, print_line
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.networks import TeamNetwork
 from training.learned.perception import OWN, TOKEN
 from training.learned.policy import LearnedTeam
-from training.learned.team_network import TeamNetwork
-from training.settings import MAY_CHANGE, TrainingSettings, check_resumes, without_warnings
+from training.settings import TrainingSettings, without_warnings
 from training.validation import described, limit_of, mean_of, rating_of, validate
 from training.worlds import TRUTH, Rollout, StepResult, Worlds
 
@@ -64,54 +63,42 @@ def train(
         OSError: the disk is full; the last checkpoint is intact.
     """
     console = console or make_console()
+    say = partial(print_line, console)
     torch.set_num_threads(settings.threads or 1)
-
-    def say(text: str) -> None:
-        console.print(text, highlight=False, markup=False, soft_wrap=True)
-
     with checkpoint.locked(settings.out) as folder, without_warnings(settings.space):
-        return _train(settings, folder, say, log)
+        state, began, diagnostics = Training(settings), time.monotonic(), {}
+        card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
+        history = _resume_or_begin(settings, state, card, say)
+        curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
+        began -= curve[-1]["seconds"] if curve else 0.0
+        state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
+        while True:
+            steps, every = numbers["steps"], settings.evaluate_every
+            last, done = curve[-1]["steps"] if curve else -every, steps >= settings.steps
+            if steps // every > last // every or (done and last < steps):
+                network = state.actor.arrays()
+                results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
+                history["first"], means = history["first"] or results, mean_of(results)
+                point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
+                curve.append(point)
+                say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
+                if history["best"] is None or rating_of(point, state.limit) > rating_of(history["best"], state.limit):
+                    history["best"] = point
+                    checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
+                checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
+                log(point)
+            if done:
+                return history
+            diagnostics = state.update(state.collect())
 
 
-def _train(
-    settings: TrainingSettings, folder: Folder, say: Callable[[str], None], log: Callable[[dict[str, float]], Any]
+def _resume_or_begin(
+    settings: TrainingSettings, state: "Training", card: Card, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Train in a locked folder; `say` prints a line, and `log` is that of `train`."""
-    state, began, diagnostics = Training(settings), time.monotonic(), {}
-    card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
-    history = _resume_or_begin(settings, state, say)
-    curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
-    began -= curve[-1]["seconds"] if curve else 0.0
-    state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
-    while True:
-        steps, every = numbers["steps"], settings.evaluate_every
-        last, done = curve[-1]["steps"] if curve else -every, steps >= settings.steps
-        if steps // every > last // every or (done and last < steps):
-            network = state.actor.arrays()
-            results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
-            history["first"], means = history["first"] or results, mean_of(results)
-            point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
-            curve.append(point)
-            say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
-            if history["best"] is None or rating_of(point, state.limit) > rating_of(history["best"], state.limit):
-                history["best"] = point
-                checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
-            checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
-            log(point)
-        if done:
-            return history
-        diagnostics = state.update(state.collect())
-
-
-def _resume_or_begin(settings: TrainingSettings, state: "Training", say: Callable[[str], None]) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
-        _, stored, contents = checkpoint.read(settings.out)
-        is_other = Card.of(settings.make_checkpoint_scenario()).scenario_fields != stored.scenario_fields
-        others = ["the scenario has changed"] if is_other else []
-        check_resumes(settings.to_dict(), stored.settings, MAY_CHANGE, others)
-        with checkpoint.resuming(settings.out, contents):
-            state.load_state(checkpoint.read_state(settings.out, contents))
+        with checkpoint.resuming(settings, card) as (contents, arrays):
+            state.load_state(arrays)
             say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return contents["training"]
     history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
@@ -369,17 +356,12 @@ class TeamModule(nn.Module):
 
 
 def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:
-    """Copy a module, its optimizer, and the state of torch's and NumPy's random generators, by name."""
-    arrays = checkpoint.prefixed(
-        "model", {name: tensor.detach().cpu().numpy() for name, tensor in module.state_dict().items()}
-    )
+    """Copy a module, its optimizer, and the state of torch's random generator, by name."""
+    tensors = {f"model.{name}": tensor for name, tensor in module.state_dict().items()}
     for k, moments in optimizer.state_dict()["state"].items():
-        arrays |= checkpoint.prefixed(
-            f"optimizer.{k}", {name: tensor.cpu().numpy() for name, tensor in moments.items()}
-        )
-    _, keys, position, *_ = np.random.get_state()
-    arrays |= {"random": torch.get_rng_state().numpy(), "shuffle": np.append(keys, np.uint32(position))}
-    return {name: np.array(array) for name, array in arrays.items()}
+        tensors |= {f"optimizer.{k}.{name}": tensor for name, tensor in moments.items()}
+    tensors["random"] = torch.get_rng_state()
+    return {name: np.array(tensor.cpu().numpy()) for name, tensor in tensors.items()}
 
 
 def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict[str, np.ndarray]) -> None:
@@ -393,4 +375,3 @@ def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict
         state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
     optimizer.load_state_dict(state)
     torch.set_rng_state(torch.from_numpy(arrays["random"]))
-    np.random.set_state(("MT19937", arrays["shuffle"][:-1], int(arrays["shuffle"][-1]), 0, 0.0))

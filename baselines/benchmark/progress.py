@@ -8,16 +8,20 @@ from rich.console import Console
 from rich.markup import escape
 
 
-def bar(console: Console, name: bars.ProgressColumn | None, *numbers: bars.ProgressColumn) -> bars.Progress:
-    """Return a bar with the elapsed and the remaining time for a terminal, and none elsewhere.
+def bar(console: Console, counts: str = "") -> bars.Progress:
+    """Return a bar with a description, counts and the elapsed and the remaining time for a terminal; none elsewhere.
 
-    A narrow terminal omits first the bar itself, then the name.
+    A narrow terminal omits first the bar itself, then the description.
+
+    Args:
+        console: The console.
+        counts: Format of the counts, such as "{task.completed} replays".
     """
-    shown = [name] if name is not None and console.width >= 80 else []
+    shown: list[bars.ProgressColumn] = [bars.TextColumn("{task.description}")] if console.width >= 80 else []
     shown += [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
+    shown += [bars.TextColumn(counts)] if counts else []
     return bars.Progress(
         *shown,
-        *numbers,
         bars.TimeElapsedColumn(),
         bars.TimeRemainingColumn(),
         console=console,
@@ -39,8 +43,7 @@ class Progress:
         self._console = console
         self._left = {id(cell): len(numbers) for cell, numbers in work}
         self._began: dict[int, float] = {}
-        counted = bars.TextColumn("{task.completed}/{task.total} episodes")
-        self._bar = bar(console, bars.TextColumn("{task.description}"), counted)
+        self._bar = bar(console, "{task.completed}/{task.total} episodes")
         self._task = self._bar.add_task("", total=sum(self._left.values()))
 
     def begin(self, cell: Any) -> None:

@@ -6,7 +6,6 @@ from functools import partial
 from itertools import zip_longest
 from typing import Any
 
-from rich import progress as bars
 from rich.console import Console
 
 from baselines.benchmark import written
@@ -88,8 +87,7 @@ def _played_again(
             played[cell.scenario.name, cell.policy, seed] = contents(recording, BRIEF)
         shown.advance(task, len(seeds))
 
-    counted = bars.TextColumn("{task.completed} replays")
-    with bar(progress, bars.TextColumn("{task.description}"), counted) as shown:
+    with bar(progress, "{task.completed} replays") as shown:
         task = shown.add_task("", total=len(keys))
         work = [(cells[place], seeds) for place, seeds in seeds_of.items()]
         on_cores([(partial(play, cell, seeds), may_be_shared(cell, device)) for cell, seeds in work])

@@ -5,6 +5,7 @@ Later calls can add scenarios, policies and episodes to a folder. Stored rows do
 
 import json
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +22,7 @@ from lissajous_env.parameters.rogues import folder_of
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
-from lissajous_env.wording import shown
+from lissajous_env.wording import outside, shown
 from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
 
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
@@ -59,6 +60,9 @@ class Results:
         if stored is None:
             self._write(folder)  # before the episodes, which are useless without it
         self._journal = folder.journal(EPISODES)
+        if self._journal.torn:
+            words = f"the unfinished last line of {self._journal.path} was dropped; the benchmark plays its episode"
+            warnings.warn(words, RuntimeWarning, stacklevel=outside())
         try:
             self._read()
             if stored is not None and wanted is not None:

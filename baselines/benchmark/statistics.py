@@ -183,8 +183,8 @@ OVER_LOWER_BOUND = Column(
 """Derived column; the bound is one of an expectation, so that the mean counts."""
 SCORE_OVER_BEST = Column(
     "score_over_best",
-    "score of the task over that of the best policy on the same scenario and seed; where larger scores are better, its "
-    "inverse, so that no policy is below 1",
+    "score of the task over that of the best policy on the same scenario and seed, unless that is 0; where larger "
+    "scores are better, its inverse, so that no policy is below 1",
     title="score / best",
     better=-1,
 )

@@ -130,7 +130,7 @@ def with_derived(
     """Return the rows of a scenario, by policy, with the derived columns.
 
     The worst-case undetected time of an open episode is infinite. The best policy is the best on the same seed; where
-    no policy has a finite time, there is no ratio. A policy is compared with the reference on the seeds of both.
+    its number is 0 or not finite, no policy has a ratio. A policy is compared with the reference on the seeds of both.
 
     Args:
         policies: Rows of the scenario by policy.
@@ -150,11 +150,11 @@ def with_derived(
         won = wins(-score.better * numbers(rows, score), -score.better * numbers(compared, score))
         derived[policy] = []
         for row, is_better in zip(rows, won, strict=True):
-            value, (best_value, best_worst_case) = row[score.name], best[row["seed"]]
-            over_best = (value, best_value) if score.better < 0 else (best_value, value)
+            best_value, best_worst_case = best[row["seed"]]
+            over_best = _ratio(row[score.name], best_value)
             derived[policy].append(row | {
                 OVER_LOWER_BOUND.name: row[DETECTION_TIME.name] / bounds.mean_time,
-                SCORE_OVER_BEST.name: _ratio(*over_best),
+                SCORE_OVER_BEST.name: over_best if score.better < 0 else 1 / over_best if over_best else math.inf,
                 WORST_CASE_OVER_BEST.name: _ratio(_worst_case(row), best_worst_case),
                 IMPROVEMENT.name: float(is_better),
             })  # fmt: skip
@@ -166,10 +166,8 @@ def _worst_case(row: Row) -> float:
     return math.inf if row.get(OPEN.name) == 1 else row.get(WORST_CASE.name, math.nan)
 
 
-def _ratio(time: float, least: float) -> float:
-    if math.isnan(time) or not math.isfinite(least):
-        return math.nan
-    return float(time / least) if least > 0 else 1.0 if time == 0 else math.inf
+def _ratio(value: float, best: float) -> float:
+    return float(value / best) if 0 < best < math.inf else math.nan
 
 
 def is_growing(row: Row) -> bool:

@@ -6,7 +6,6 @@ import tyro
 
 from baselines.benchmark.running import measure
 from baselines.benchmark.types import Benchmark
-from baselines.commands.playing import progress_console
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     CommandError,
@@ -37,7 +36,7 @@ def benchmark(
 
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides, rogues))
     try:
-        outcome = measure(settings, console=output.console(), progress=progress_console(output))
+        outcome = measure(settings, console=output.console(), progress=output.progress())
     except KeyboardInterrupt:
         words = f"finished episodes are stored in {settings.out}; run the same command again to resume"
         raise KeyboardInterrupt(words) from None

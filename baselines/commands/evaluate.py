@@ -7,7 +7,7 @@ import tyro
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.types import Benchmark, cells_of
-from baselines.commands.playing import check_file, naming, progress_console, scenarios_and_policy, with_policy
+from baselines.commands.playing import check_file, naming, scenarios_and_policy, with_policy
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     Device,
@@ -61,7 +61,7 @@ def evaluate(
     cells = cells_of(settings, scenarios=None if own is None else [own])
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
-    with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:
+    with Progress([(cell, numbers) for cell in cells], output.progress()) as progress:
         for k, cell in enumerate(cells):
             progress.begin(cell)
             cells[k] = with_policy(cell, settings)

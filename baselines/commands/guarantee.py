@@ -21,6 +21,7 @@ from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import FormationGuarantee, fastest_rogue, formation_guarantee
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import whole_number
 
 _PAPER = "experiment", "ideal"
 """The paper's two curves."""
@@ -48,9 +49,8 @@ def guarantee(
         radii: number of sensing radii, from 0.3 to 1.35 times that of Eq. (8) of the paper.
         cells: grid cells along the longer side of the rectangle; more of them are more precise and slower.
     """
-    for name, value, least, most in (("radii", radii, 2, 200), ("cells", cells, 10, 1000)):
-        if not least <= value <= most:
-            raise ValueError(f"{name} must be from {least} to {most}, got {value}")
+    whole_number("radii", radii, 2, 200)
+    whole_number("cells", cells, 10, 1000)
     changed = parse_overrides(overrides)
     formations = [named.scenario(name, **changed) for name in scenarios]
     guarantees = {}

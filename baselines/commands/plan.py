@@ -1,14 +1,11 @@
 """The command `lissajous plan`: the patrols that a team can run, and what each guarantees."""
 
 from contextlib import nullcontext
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
-from rich import progress as bars
 
 from baselines.benchmark.progress import bar
-from baselines.commands.playing import progress_console
 from baselines.planning import report
 from baselines.planning.plans import robots_top_speed
 from baselines.planning.request import Request
@@ -18,19 +15,8 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import counted
 
 
-@dataclass(frozen=True)
-class Options(Request):
-    """The options of the command."""
-
-    scenario: Annotated[
-        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")
-    ] = None
-    """Name of a scenario, .toml file, or module:attribute from which missing options are taken; without it, the
-    rectangle and the robots must be given."""
-
-
 def plan(
-    request: tyro.conf.OmitArgPrefixes[tyro.conf.FlagCreatePairsOff[Options]],
+    request: tyro.conf.OmitArgPrefixes[tyro.conf.FlagCreatePairsOff[Request]],
     rows: int = 8,
     out: OutFolder = None,
     output: OutputOptions = DEFAULT_OUTPUT,
@@ -79,8 +65,7 @@ def plan(
 
 def _search(outcome: Outcome, output: Any) -> None:
     """Search with a progress bar."""
-    counted = bars.TextColumn("{task.fields[looks]} plans tried, {task.fields[finals]} played")
-    with bar(progress_console(output), bars.TextColumn("{task.description}"), counted) as shown_bar:
+    with bar(output.progress(), "{task.fields[looks]} plans tried, {task.fields[finals]} played") as shown_bar:
         task = shown_bar.add_task("planning", total=1.0, looks=0, finals=0)
 
         def progress(share: float, outcome: Outcome) -> None:

@@ -6,15 +6,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from rich import progress as bars
+from typing import TYPE_CHECKING
 
 from baselines.benchmark.progress import Progress, bar
 from baselines.benchmark.types import Benchmark, Cell, cells_of
 from baselines.policies import registry
 from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
-from lissajous_env.console.terminal import CommandError, Output, make_console
+from lissajous_env.console.terminal import CommandError, Output
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.wording import few_of, nearest, where_raised
@@ -46,18 +44,13 @@ def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = 
     if len(settings.scenarios) > 1:
         raise ValueError(f"exactly one scenario must be given, got {few_of(settings.scenarios)}")
     (cell,) = cells_of(settings, scenarios=None if scenario is None else [scenario])
-    with Progress([(cell, [0])], progress_console(output)) as progress:
+    with Progress([(cell, [0])], output.progress()) as progress:
         progress.begin(cell)
         acting = with_policy(cell, settings).factory(cell.scenario, 1, settings.device)
         with naming(cell):
             recording = record(acting, cell.scenario, settings.seed, settings.device)
         progress.finished(cell, 1)
     return replace(recording, score=recording.score | {"policy": cell.policy})
-
-
-def progress_console(output: Output) -> Any:
-    """Return a console on stderr for the progress."""
-    return make_console(stderr=True, quiet=output.quiet)
 
 
 def with_policy(cell: Cell, settings: Benchmark) -> Cell:
@@ -76,17 +69,6 @@ def naming(cell: Cell) -> Iterator[None]:
         raise CommandError(f"{cell.policy} failed on {cell.scenario.name}: {where_raised(error)}") from error
 
 
-def check_pace(speed: float, fps: float) -> None:
-    """Check the pace of a film.
-
-    Raises:
-        ValueError: the speed is not from 0.01 to 1000, or the pictures per second are not from 0.1 to 50.
-    """
-    for name, value, least, most in (("speed", speed, 0.01, 1000), ("fps", fps, 0.1, 50)):
-        if not least <= value <= most:
-            raise ValueError(f"{name} must be from {least:g} to {most:g}, got {value:g}")
-
-
 def has_display() -> bool:
     """Return True if a window can be opened; without a display, SDL would open an invisible one."""
     driver = os.environ.get("SDL_VIDEODRIVER", "")
@@ -103,14 +85,14 @@ def check_file(out: Path | None, *suffixes: str) -> None:
     """
     if out is None:
         return
-    if out.suffix.lower() not in suffixes:
-        hint = nearest(out.suffix.lower(), suffixes)
-        raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{hint}")
-    if out.suffix.lower() == ".mp4":
+    suffix = out.suffix.lower()
+    if suffix not in suffixes:
+        raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{nearest(suffix, suffixes)}")
+    if suffix == ".mp4":
         from lissajous_env.render.film import pyav
 
         pyav()
-    if out.suffix.lower() == ".mcap":
+    if suffix == ".mcap":
         from lissajous_env.logs.messages import rosbags
 
         rosbags()
@@ -143,7 +125,7 @@ def show(
     if out is None:
         film.play(recording, speed=speed)
         return
-    with bar(progress_console(output), bars.TextColumn("{task.description}")) as progress:
+    with bar(output.progress()) as progress:
         task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
         if suffix == ".html":
             Replay(recording, against).save(out)

@@ -9,7 +9,6 @@ from baselines.benchmark.types import Benchmark
 from baselines.commands.playing import (
     FORMATS,
     check_file,
-    check_pace,
     has_display,
     record_one,
     scenarios_and_policy,
@@ -27,7 +26,7 @@ from lissajous_env.console.terminal import (
     parse_overrides,
 )
 from lissajous_env.plugins import beside
-from lissajous_env.wording import nearest
+from lissajous_env.wording import nearest, require
 
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Recording
@@ -66,7 +65,8 @@ def replay(
         fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
     """
     check_file(out, *FORMATS)
-    check_pace(speed, fps)
+    for name, value, least, most in (("speed", speed, 0.01, 1000), ("fps", fps, 0.1, 50)):
+        require(least <= value <= most, name, f"must be from {least:g} to {most:g}", value)
     alone = len(names) == 1 and registry.is_folder(names[0])
     if not names or (len(names) == 1 and not alone and not Path(names[0]).is_file()):
         hint = "".join(nearest(name, beside(name, ".npz")) for name in names)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich import progress as bars
 from rich.console import Console
 
 from baselines.benchmark.progress import bar
@@ -25,10 +24,11 @@ from baselines.reproduce import (
 from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Format
 from baselines.reproduce.episodes import Player
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, OutputOptions, make_console
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, OutputOptions
 from lissajous_env.device.devices import as_device
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.folder import Folder
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import require
 
 PARTS: dict[str, Callable[[Player], Part]] = {
     "fig2": detection.fig2,
@@ -88,13 +88,12 @@ def reproduce(
         ValueError: an unknown name (the message offers the nearest), a seed out of range or a device that is not there.
     """
     chosen = _chosen(figures)
-    if not 0 <= seed < 2**31 - 1000:
-        raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
+    whole_number("seed", seed, 0, 2**31 - 1001)
     as_device(device)
     player, results, pictures = Player(seed, device), [], []
     formatted = [] if format == "png" else ["--format", format]
     command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed), *formatted])
-    console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
+    console, notes = output.console(), output.progress()
     with Folder(out, (_PAGE, *(f"{name}.{format}" for name in chosen))) as folder:
         try:
             for part in _played(chosen, player, notes):
@@ -115,16 +114,15 @@ def reproduce(
 
 def _chosen(figures: Sequence[str]) -> list[str]:
     """Return the names of the parts, in the order of the table."""
+    known = [*PARTS, "all"]
     for name in figures:
-        if name not in PARTS and name != "all":
-            known = [*PARTS, "all"]
-            raise ValueError(f"figures must be some of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
+        require(name in known, "figures", f"must be some of {', '.join(known)}", name, known)
     return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
 
 
 def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable[Part]:
     """Make the parts one after the other, with a bar on stderr, or a line for each where that is no terminal."""
-    with bar(console, bars.TextColumn("{task.description}"), bars.MofNCompleteColumn()) as progress:
+    with bar(console, "{task.completed}/{task.total}") as progress:
         task = progress.add_task("", total=len(chosen))
         for name in chosen:
             about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")

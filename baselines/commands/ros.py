@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich import progress as bars
 
 from baselines.benchmark.progress import bar
-from baselines.commands.playing import FORMATS, check_file, progress_console, show
+from baselines.commands.playing import FORMATS, check_file, show
 from baselines.ros.settings import RobotSettings, WorldSettings
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
@@ -49,7 +48,7 @@ def robot(
         node = RobotNode(settings, namespace)
         process.nodes.append(node)
         words = f"{node.get_fully_qualified_name()} runs {node.settings.policy} on {node.scenario.name}: {node.reason}"
-        print_line(progress_console(output), words)
+        print_line(output.progress(), words)
         process.spin()
 
 
@@ -130,8 +129,7 @@ def play(
 
     check_file(out, *FORMATS)
     console = output.console()
-    shown = bar(progress_console(output), bars.TextColumn("{task.description}"))
-    with alone(), started() as process, shown as shown_bar:
+    with alone(), started() as process, bar(output.progress()) as shown_bar:
         world = WorldNode(scenario, settings)
         if robots is not None:
             for k in range(scenario.num_robots):

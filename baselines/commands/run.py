@@ -9,7 +9,6 @@ from baselines.commands.playing import (
     FORMATS,
     check_file,
     has_display,
-    progress_console,
     record_one,
     scenarios_and_policy,
     show,
@@ -70,4 +69,4 @@ def run(
         show(recording, out, output)
     else:
         words = f"there is no display for a window; --out FILE writes {', '.join(FORMATS)} instead"
-        print_line(progress_console(output), words)
+        print_line(output.progress(), words)

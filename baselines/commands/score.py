@@ -4,15 +4,15 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich import progress as bars
 
 from baselines.benchmark.progress import bar
-from baselines.commands.playing import FORMATS, check_file, progress_console, show
+from baselines.commands.playing import FORMATS, check_file, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, parse_overrides
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.scoring import GAP, own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
+from lissajous_env.settings.checks import whole_number
 
 _Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
@@ -52,8 +52,7 @@ def score(
     from baselines.benchmark.table import Table
     from lissajous_env.logs.reading import read
 
-    if episodes < 1:
-        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    whole_number("episodes", episodes)
     for file in out:
         check_file(file, ".csv", *FORMATS)
     log = read(logs, topics, origin=origin)
@@ -61,7 +60,7 @@ def score(
     if given is not None and overrides:
         given = named.scenario(given, **parse_overrides(overrides))
     first = seed if seed is not None else int((log.episode or {}).get("seed", 0))
-    with bar(progress_console(output), bars.TextColumn("{task.description}")) as shown_bar:
+    with bar(output.progress()) as shown_bar:
         task = shown_bar.add_task(f"scoring {log.name}", total=None)
         scored = score_log(log, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
     console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]

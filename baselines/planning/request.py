@@ -6,7 +6,9 @@ import os
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+import tyro
 
 from baselines.benchmark.bounds import GRIDS
 from baselines.planning.plans import robots_top_speed
@@ -17,13 +19,12 @@ from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import whole_number
+from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.settings.parts import Formation, Robot
 from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.design import Design, best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed, turning_radius
-from lissajous_env.wording import shown
 
 _SWEEPS = 12
 """Duration of an episode of a rectangle, in the time in which an ideal team would sweep it once."""
@@ -39,60 +40,54 @@ _CLEARANCE = 0.1
 """Default of the least distance of two bodies, over the diameter of one."""
 _GRID = 36
 """Cells of the coverage grid along the longer side of the rectangle."""
-_LEAST, _MOST = 0.01, 1e4
+_RANGE = 0.01, 1e4
 """Range of lengths [m] and speeds [m/s]."""
-_LAST_SEED, _LONGEST = 2**31 - 1000, 1e6
-"""Largest seed; longest time [s]."""
+_LONGEST = 1e6
+"""Longest time [s]."""
 PLANS = 200
 """Default number of plans that are tried: about a minute on two cores for five cars in a hall of 40 m x 25 m."""
 _NEEDED = {"width": "m", "height": "m", "robots": "", "robot_radius": "m", "sensor_radius": "m", "speed": "m/s"}
 """Units of what must be given if no scenario is named."""
-_RANGES = {
-    **{name: (_LEAST, _MOST, unit) for name, unit in _NEEDED.items() if unit},
-    "turning_radius": (_LEAST, _MOST, "m"),
-    "acceleration": (_LEAST, _MOST, "m/s^2"),
-    "rogue_speed": (0.0, 100.0, "m/s"),
-    "clearance": (0.0, _MOST, "m"),
-    "guarantee": (1e-3, _LONGEST, "s"),
-    "seconds": (1.0, _LONGEST, "s"),
-}
-"""Smallest and largest value of the numbers, with their units."""
 
 
 @dataclass(frozen=True)
-class Request:
+class Request(Checked, with_defaults=False, part=""):
     """Subject and extent of a search for plans: a scenario, a rectangle and robots, or a scenario with changes.
 
     Raises:
         ValueError: a value is invalid or missing.
     """
 
-    scenario: str | os.PathLike[str] | Scenario | None = None
+    scenario: Annotated[
+        str | os.PathLike[str] | Scenario | None,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="", constructor=str),
+    ] = None
     """Name of a scenario, .toml file, or module:attribute from which missing options are taken; without it, the
     rectangle and the robots must be given."""
-    width: float | None = None
+    width: float | None = number(None, *_RANGE, "m")
     """Width of the rectangle [m]."""
-    height: float | None = None
+    height: float | None = number(None, *_RANGE, "m")
     """Height of the rectangle [m]."""
     open: bool = False
     """Plan for open ground: bodies may leave the rectangle, and the table has the space outside that a plan needs.
     Without it, a rectangle that is given by its width and height has walls."""
     robots: int | str | None = None
     """Number of robots, or a range such as 3:8."""
-    robot_radius: float | None = None
+    robot_radius: float | None = number(None, *_RANGE, "m")
     """Radius of a robot's body [m]."""
-    sensor_radius: float | None = None
+    sensor_radius: float | None = number(None, *_RANGE, "m")
     """Radius of a robot's sensing disc [m]."""
-    speed: float | None = None
+    speed: float | None = number(None, *_RANGE, "m/s")
     """Top speed of the robots [m/s]."""
-    turning_radius: float | None = None
+    turning_radius: float | None = number(None, *_RANGE, "m")
     """Radius of a car's tightest circle [m]; without it and a kind of robots, robots are points that stay on the curve,
     and all plans are formations."""
     robot: Literal["curve", "car", "differential"] | None = None
     """Kind of the robots: points on the curve, cars, or differential drives, which turn on the spot."""
-    acceleration: float | None = None
+    acceleration: float | None = number(None, *_RANGE, "m/s^2")
     """Largest acceleration of differential drives [m/s^2]."""
-    rogue_speed: float | None = None
+    rogue_speed: float | None = number(None, 0, 100, "m/s")
     """Top speed of evading targets that know the robots' future [m/s]; 0 by default."""
     entry: Literal["inside", "boundary", "unseen"] | None = None
     """Place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs."""
@@ -100,42 +95,31 @@ class Request:
     """Number of robots that fail for good, besides those that the scenario removes at random (`faults.lost`): each
     combination of as many is removed once, after a quarter of an episode; of more than 64 combinations, 64 are drawn
     at random."""
-    guarantee: float | None = None
+    guarantee: float | None = number(None, 1e-3, _LONGEST, "s")
     """Time within which every target must be detected [s]; if robots is a range, the search ends at the smallest number
     that achieves it."""
-    clearance: float | None = None
+    clearance: float | None = number(None, 0, _RANGE[1], "m")
     """Least distance of two bodies [m]; plans whose bodies come closer are marked and come after the others. It is a
     tenth of a body's diameter by default."""
-    plans: int | None = None
+    plans: int | None = whole(None, 1, 10**9)
     """Number of plans that are tried for each number of robots, 200 by default; a fifth as many of the best ones are
     then simulated to the end. The result does not depend on the speed of the machine."""
-    seconds: float | None = None
+    seconds: float | None = number(None, 1, _LONGEST, "s")
     """Duration of the search [s], in place of a number of plans."""
     fixed_start: bool = False
     """Include only plans whose robots begin where the scenario places them."""
-    seed: int = 0
+    seed: int = whole(0, 0, 2**31 - 1000)
     """Seed of the simulated episodes and of the search."""
 
-    def __post_init__(self) -> None:
+    def _check_together(self) -> None:
         for name, unit in _NEEDED.items():
-            if self.scenario is None and getattr(self, name) is None:
-                rule = f"{name} must be given if no scenario is named"
-                raise ValueError(f"{rule}{f' [{unit}]' if unit else ''}, got None")
-        for name, (least, most, unit) in _RANGES.items():
-            value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                raise ValueError(f"{name} must be from {least:g} to {most:.10g} [{unit}], got {shown(value)}")
+            is_given = self.scenario is not None or getattr(self, name) is not None
+            self._require(is_given, name, "must be given if no scenario is named" + (f" [{unit}]" if unit else ""))
         self._check_kind()
-        whole_number("seed", self.seed, 0, _LAST_SEED)
-        if self.plans is not None:
-            whole_number("plans", self.plans)
-            if self.seconds is not None:
-                rule = "plans must be omitted if seconds is given"
-                raise ValueError(f"{rule}, got {self.plans} and {self.seconds:g} s")
+        self._require(self.plans is None or self.seconds is None, "plans", "must be omitted if seconds is given")
         most = max(self.team_sizes[0] - 1 - (0 if self.base is None else self.base.faults.lost), 0)
-        if not isinstance(self.failures, int) or not 0 <= self.failures <= most:
-            rule = f"failures must be a whole number from 0 to {most}, so that a robot remains"
-            raise ValueError(f"{rule}, got {shown(self.failures)}")
+        fits = isinstance(self.failures, int) and 0 <= self.failures <= most
+        self._require(fits, "failures", f"must be a whole number from 0 to {most}, so that a robot remains")
 
     def _check_kind(self) -> None:
         """Check that the options of a kind of robots come with that kind."""
@@ -145,8 +129,8 @@ class Request:
             value = getattr(self, name)
             if value is not None and kind != of:
                 raise ValueError(f"{name} must be omitted unless robots are of kind {of}, got {value:g} with {kind}")
-        if self.robot == "car" and self.base is None and self.turning_radius is None:
-            raise ValueError("turning_radius must be given for robots of kind car [m], got None")
+        is_given = self.robot != "car" or self.base is not None or self.turning_radius is not None
+        self._require(is_given, "turning_radius", "must be given for robots of kind car [m]")
 
     @cached_property
     def base(self) -> Scenario | None:
@@ -174,8 +158,8 @@ class Request:
             return range(self.base.num_robots, self.base.num_robots + 1)
         ends = re.fullmatch(r"(\d{1,4})(?::(\d{1,4}))?", str(self.robots))
         few, many = (int(ends[1]), int(ends[2] or ends[1])) if ends else (0, 0)
-        if not 2 <= few <= many <= 64:
-            raise ValueError(f"robots must be a number or a range such as 3:8, from 2 to 64, got {shown(self.robots)}")
+        fits = 2 <= few <= many <= 64
+        self._require(fits, "robots", "must be a number or a range such as 3:8, from 2 to 64")
         return range(few, many + 1)
 
     def scenario_of(self, num_robots: int) -> Scenario:

@@ -23,7 +23,7 @@ def _coordinate(value: object) -> float | None:
 
 
 @dataclass(frozen=True)
-class RobotSettings(Limits):
+class RobotSettings(Limits, part="node"):
     """Settings of a robot's node with the limits beyond which it stops: parameters of ROS 2 with the same names."""
 
     scenario: str = word("experiment", "must be the name of a scenario or a file")
@@ -53,17 +53,12 @@ class RobotSettings(Limits):
     autostart: Annotated[bool, _Flag] = flag(False)
     """Drive from the first pose on, without a call of the service `start`."""
 
-    @property
-    def part(self) -> str:
-        """Name of these settings in error messages."""
-        return "node"
-
     def _check_together(self) -> None:
         self._require(len(self.origin) == 3, "origin", "must be x, y [m] and heading [rad]")
 
 
 @dataclass(frozen=True)
-class WorldSettings(Checked):
+class WorldSettings(Checked, part="node"):
     """Settings of the node that simulates the robots' hardware."""
 
     command: CommandKind = choice("car", *chain(*COMMANDS.values()))  # noqa: RUF009
@@ -76,11 +71,6 @@ class WorldSettings(Checked):
     """Longest time for which the clock waits for the decision of a robot [s]."""
     pace: float = number(1.0, 0.01, 1000.0)
     """Largest number of simulated seconds per second."""
-
-    @property
-    def part(self) -> str:
-        """Name of these settings in error messages."""
-        return "node"
 
 
 def check_command(scenario: Scenario, command: str) -> None:

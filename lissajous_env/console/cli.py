@@ -29,7 +29,7 @@ from lissajous_env.console.interrupts import INTERRUPTED
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import compilation
 from lissajous_env.plugins import import_module, search_current_folder
-from lissajous_env.wording import few_of, nearest, shown, where_raised
+from lissajous_env.wording import few_of, require, shown, where_raised
 
 GROUP = "lissajous_env.commands"
 FAILED = 1
@@ -110,8 +110,7 @@ def _run(arguments: list[str]) -> int:
         return 0
     if group:
         raise ValueError(f"{name} must be followed by {few_of([command.partition(' ')[2] for command in group])}")
-    if name not in known:
-        raise ValueError(f"command must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}")
+    require(name in known, "command", f"must be one of {few_of(known, name)}", name, known)
     if name.startswith("ros ") and ROS_ARGUMENTS in options:
         options = options[: options.index(ROS_ARGUMENTS)]
     quiet = "--quiet" in options

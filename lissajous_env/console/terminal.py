@@ -52,6 +52,10 @@ class Output:
         """Return the console for readable results; silent with --json or --quiet."""
         return make_console(quiet=self.quiet or self.json)
 
+    def progress(self) -> Console:
+        """Return the console on stderr for progress and notes; silent with --quiet."""
+        return make_console(stderr=True, quiet=self.quiet)
+
     def print(self, words: str | Text, style: str | None = None) -> None:
         """Print a line of a readable result; nothing with --json or --quiet."""
         print_line(self.console(), words, style)

@@ -8,7 +8,6 @@ message says that kernels are compiled.
 """
 
 import atexit
-import contextlib
 import functools
 import os
 import shutil
@@ -51,22 +50,12 @@ def module_apart(name: str, options: dict[str, Any]) -> Any:
     return module
 
 
-OURS = ("lissajous_env.", "baselines.", "training.")
+OURS = ("lissajous_env", "baselines", "training")
+"""Packages of this distribution."""
 
 listener: Callable[[str], None] | None = None
 """Function that receives one-line messages for the user, such as that kernels are compiled; the command line prints
 them."""
-
-
-def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
-    """Start Warp, in silence, where need be with a cache of its own."""
-    try:
-        with silence():
-            wp.init()
-    except OSError as error:
-        _keep_for_this_run(str(error.strerror))
-        with silence():
-            wp.init()
 
 
 def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
@@ -76,7 +65,7 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
     """
     new = [module for module in {kernel.module: None for kernel in kernels} if (module, str(device)) not in _loaded]
     for module in new:
-        if not module.name.startswith(OURS):
+        if module.name.partition(".")[0] not in OURS:
             module.mark_modified()  # its user may have loaded it with a frame for tiles
     cache, folders = (
         str(wp.config.kernel_cache_dir),
@@ -86,7 +75,7 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
         try:
             tempfile.TemporaryFile(dir=cache).close()
         except OSError as error:
-            _keep_for_this_run(str(error.strerror))
+            use_temporary_cache(str(error.strerror))
         _say_that_it_compiles()
     if new:
         wp.force_load(device, new, max_workers=threads)
@@ -97,7 +86,7 @@ _loaded: set[tuple[Any, str]] = set()
 """Modules that were loaded on a device."""
 
 
-def _keep_for_this_run(reason: str) -> None:
+def use_temporary_cache(reason: str) -> None:
     """Let Warp store compiled kernels in a temporary folder, which is removed when the process ends."""
     where, made_by = wp.config.kernel_cache_dir or "the cache of Warp", os.getpid()
     folder = tempfile.mkdtemp(prefix="lissajous-kernels-")

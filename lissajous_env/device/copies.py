@@ -28,17 +28,8 @@ _AS_MADE = (
 _MADE_WITH = "_made_with"
 
 
-class Copyable:
-    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above, without code in subclasses."""
-
-    def __new__(cls, *args: Any, **more: Any) -> Any:
-        """Keep the arguments, with which a copy is made again."""
-        instance = super().__new__(cls)
-        # A device is not picklable, its name is.
-        named = [[str(value) if isinstance(value, wp.Device) else value for value in values]
-                 for values in (args, more.values())]  # fmt: skip
-        instance.__dict__[_MADE_WITH] = tuple(named[0]), dict(zip(more, named[1], strict=True))
-        return instance
+class Stateful:
+    """Base class of objects whose arrays can be saved and restored, with those of their parts."""
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy every array of the object to the host, by name."""
@@ -66,6 +57,19 @@ class Copyable:
             )
         for name, array in own.items():
             array.assign(saved[name]) if isinstance(array, wp.array) else np.copyto(array, saved[name])
+
+
+class Copyable(Stateful):
+    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above, without code in subclasses."""
+
+    def __new__(cls, *args: Any, **more: Any) -> Any:
+        """Keep the arguments, with which a copy is made again."""
+        instance = super().__new__(cls)
+        # A device is not picklable, its name is.
+        named = [[str(value) if isinstance(value, wp.Device) else value for value in values]
+                 for values in (args, more.values())]  # fmt: skip
+        instance.__dict__[_MADE_WITH] = tuple(named[0]), dict(zip(more, named[1], strict=True))
+        return instance
 
     def __reduce__(self) -> tuple:
         args, more = self.__dict__[_MADE_WITH]

@@ -129,8 +129,15 @@ def compile_quietly() -> Iterator[None]:
 
 @cache
 def _start() -> None:
+    """Start Warp, in silence, where need be with a cache of its own."""
     with compile_quietly():
-        compilation.start(silent_stderr)
+        try:
+            with silent_stderr():
+                wp.init()
+        except OSError as error:
+            compilation.use_temporary_cache(str(error.strerror))
+            with silent_stderr():
+                wp.init()
 
 
 @contextlib.contextmanager

@@ -9,11 +9,12 @@ import os
 from collections.abc import Mapping
 from importlib import import_module
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
 
+from lissajous_env.device.copies import Stateful
 from lissajous_env.device.devices import cores
 from lissajous_env.device.work import Work
 from lissajous_env.envs.sides import Rows, Side, padded, sides_of, state_rows, state_size
@@ -34,17 +35,16 @@ FIRST_SCENARIOS = 64
 """Number of scenarios at the beginning of a split whose largest team and most target slots are those of a batch."""
 _FROM_SYSTEM, _NEXT = -2, -1
 """Codes for the seed of a world's next episode: the operating system draws it, or it follows from the latest one."""
-_POLICY = "robot_policy."
-"""Prefix of the saved arrays of the policy that drives the robots."""
 
 
-class Batch:
+class Batch(Stateful):
     """W worlds in groups of one scenario each.
 
     Without a space all worlds are one group. With a space, each group draws its first scenario at its first reset, and
     the next one whenever all of its worlds are reset together. Scenarios, and the episodes in them, depend on the seed
     and on the number of the group alone. Scenarios with more robots or more target slots than any of the first
-    `FIRST_SCENARIOS` of the split are skipped.
+    `FIRST_SCENARIOS` of the split are skipped. `save_state` and `load_state` are for batches without a space; they
+    include the arrays of the policy that drives the robots.
 
     Attributes:
         sides: The sides whose actions `step` requires.
@@ -288,24 +288,6 @@ class Batch:
         most = self._most_robots, self._most_targets
         parts = [state_rows(simulation, library, *most) for simulation in self.simulations]
         return parts[0] if len(parts) == 1 else library.concatenate(parts)
-
-    def save_state(self) -> dict[str, np.ndarray]:
-        """Return copies of all arrays that change during steps, by name; not for a space of scenarios.
-
-        They include those of the policy that drives the robots, if it has a method `save_state`.
-        """
-        saved, policy = self.simulation.save_state(), cast("Any", self.robot_policy)
-        if hasattr(policy, "save_state"):
-            saved |= {_POLICY + name: array for name, array in policy.save_state().items()}
-        return saved
-
-    def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Resume from what `save_state` returned."""
-        of_policy = {name.removeprefix(_POLICY): saved[name] for name in saved if name.startswith(_POLICY)}
-        self.simulation.load_state({name: array for name, array in saved.items() if not name.startswith(_POLICY)})
-        if hasattr(self.robot_policy, "load_state"):
-            cast("Any", self.robot_policy).load_state(of_policy)
-        self._seeds[:] = _NEXT
 
     @property
     def state_size(self) -> int:

@@ -8,7 +8,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.settings.parts import Robot
-from lissajous_env.world.robots.differential import commanded_speed
+from lissajous_env.world.robots.differential import commanded_speed, drive_action
 
 wp.set_module_options(OPTIONS)
 
@@ -31,9 +31,7 @@ def action_of(robot: RobotStruct, is_car: int, given: wp.vec2) -> wp.vec2:
     """Return the action in [-1, 1] of a command, clipped to what the robot can do."""
     if is_car == 1:
         return action_of_input(robot, given[0], given[1])
-    end = wp.where(given[0] < 0.0, -robot.speed_min, robot.speed_max)
-    speed = wp.where(end > 0.0, given[0] / wp.max(end, 1.0e-6), 0.0)
-    return wp.vec2(wp.clamp(speed, -1.0, 1.0), wp.clamp(given[1] / robot.yaw_rate_max, -1.0, 1.0))
+    return drive_action(robot, given[0], given[1])
 
 
 @wp.kernel

@@ -1,9 +1,11 @@
 """The motion of a robot between its poses, and what is not known of it.
 
 Nothing is known of a robot between two poses that are far apart in time (a gap), between two that it cannot have driven
-between (a jump), before its first one, and after its last one. Elsewhere it moves along a cubic through its poses,
-whose slopes are the logged speeds along the headings. Where speeds were not logged, or contradict the poses, the slopes
-are those of cubics through several neighbouring poses: so many that their noise does not matter.
+between (a jump), before its first one, and after its last one. Elsewhere its speed and its heading change evenly from
+pose to pose; a cubic without slopes at its ends adds the rest of the way, so that every pose is met. An arc that is
+driven at a steady speed is exact, and without a turn the motion is the cubic through both poses with these speeds.
+Where speeds were not logged, or contradict the poses, it is the cubic whose slopes are those of cubics through several
+neighbouring poses: so many that their noise does not matter.
 """
 
 import math
@@ -25,8 +27,11 @@ _LONGEST = 1.0
 _CONTRADICTING = 0.25
 """Share of the poses of a moving robot, from which on logged speeds contradict them."""
 _CHUNK = 4096
-_STEEPEST = 3.0
-"""Largest velocity in those of the straight line between two poses, up to which a cubic does not overshoot."""
+_STOPS = 1 / 3
+"""Share of the way at the speeds of two poses by which theirs may differ; where more is missed, the robot stopped at
+once, and is slower before, so that it does not overshoot."""
+_WITH_TURNS = 0.05
+"""This share where whole turns are added between two poses."""
 _FASTER = 2.0
 """Factor on the top speed of the scenario's robots, above which the way between two poses is a jump."""
 _JUMP = 6.0
@@ -61,22 +66,21 @@ class Motion:
         share = np.clip((times - track.time[k]) / width, 0, 1)
         share = np.where(np.abs(times - track.time[k]) < SAME, 0.0, share)
         share = np.where(np.abs(times - track.time[k + 1]) < SAME, 1.0, share)
-        s, w = share[:, None], width[:, None]
-        way = np.diff(track.position, axis=0)[k]
-        begin, end = self._limited(k, w, way), self._limited(k + 1, w, way)
-        bend = s * (1 - s) * ((1 - s) * w * begin - s * w * end + (2 * s - 1) * way)
-        linear = np.where(s < 1, track.position[k] + s * way, track.position[k + 1])
+        begin, end = width[:, None] * self.velocity[[k, k + 1]]
+        turn, way = np.diff(track.heading)[k] * (not self.derived), np.diff(track.position, axis=0)[k]
+        whole = _driven(begin, end, turn, np.ones_like(share))
+        length = _length(begin, end)
+        stops = np.linalg.norm(way - whole, axis=1) > _STOPS * length
+        most = np.linalg.norm(way, axis=1) / np.maximum((1 - _STOPS) * length, 1e-12)
+        slower, s = np.where(stops, np.minimum(most, 1), 1)[:, None], share[:, None]
+        smooth = slower * _driven(begin, end, turn, share) + s**2 * (3 - 2 * s) * (way - slower * whole)
+        smooth = np.where(known[k, None], smooth, s * way)
+        place = np.where(s < 1, track.position[k] + smooth, track.position[k + 1])
         heading, speed = (
             np.where(share < 1, values[k] + share * np.diff(values)[k], values[k + 1])
             for values in (track.heading, track.speed)
         )
-        return linear + np.where(known[k, None], bend, 0), heading, np.where(self.unknown(times, times), 0.0, speed)
-
-    def _limited(self, k: np.ndarray, width: np.ndarray, way: np.ndarray) -> np.ndarray:
-        """Return velocities with which a cubic does not overshoot, as that of a car that stops at once would."""
-        speed = np.linalg.norm(self.velocity[k], axis=1, keepdims=True)
-        most = _STEEPEST * np.linalg.norm(way, axis=1, keepdims=True)
-        return self.velocity[k] * np.minimum(1, most / np.maximum(width * speed, 1e-12))
+        return place, heading, np.where(self.unknown(times, times), 0.0, speed)
 
     def unknown(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Return True for the intervals between two times each that are not wholly known."""
@@ -136,8 +140,42 @@ def motion_of(
         reason = "do not match the poses"
     else:
         speed, velocity = track.speed, along * track.speed[:, None]
+        heading = _with_whole_turns(track, heading, velocity) if trusted else heading
     whole = Track(track.time, track.position, heading, speed)
     return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, headless)
+
+
+def _driven(begin: np.ndarray, end: np.ndarray, turn: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return the ways (M, 3) within shares (M,) of steps [m], by Gauss-Legendre quadrature of the velocity.
+
+    Args:
+        begin: (M, 3) velocities at the beginning, in distances of a step [m].
+        end: (M, 3) velocities at the end [m]; the velocity changes evenly from one to the other, while it turns.
+        turn: (M,) angles by which the heading turns in a step [rad].
+        share: (M,) shares of the steps.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    at = share[:, None] * (1 + nodes) / 2
+    first, last = begin[:, None] * (1 - at)[..., None], end[:, None] * at[..., None]
+    level = first[..., :2] @ [1, 1j] * np.exp(1j * at * turn[:, None])
+    level += last[..., :2] @ [1, 1j] * np.exp(1j * (at - 1) * turn[:, None])
+    velocity = np.stack([level.real, level.imag, first[..., 2] + last[..., 2]], axis=-1)
+    return share[:, None] * np.einsum("mnx,n->mx", velocity, weights) / 2
+
+
+def _length(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the lengths (M,) of the ways at some velocities, as in `_driven`, without a turn [m]."""
+    return (np.linalg.norm(begin, axis=1) + np.linalg.norm(end, axis=1)) / 2
+
+
+def _with_whole_turns(track: Track, heading: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Return headings (K,) with up to two whole turns between two poses whose way cannot be driven without them."""
+    width, turn, counts = np.diff(track.time)[:, None], np.diff(heading), np.array([0, 1, -1, 2, -2])
+    begin, end, way = width * velocity[:-1], width * velocity[1:], np.diff(track.position, axis=0)
+    driven = [_driven(begin, end, turn + 2 * np.pi * count, np.ones(len(turn))) for count in counts]
+    missed = np.linalg.norm(way - driven, axis=2) / np.maximum(_length(begin, end), 1e-12)
+    turned = (missed[0] > _STOPS) & (missed.min(axis=0) < _WITH_TURNS)
+    return heading + 2 * np.pi * np.append(0, np.cumsum(turned * counts[missed.argmin(axis=0)]))
 
 
 def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation: float, derived: np.ndarray) -> bool:

@@ -103,7 +103,7 @@ def score(
         raise ValueError(f"log {log.name} must have the {scenario.num_robots} robots of {scenario.name}, got {got}")
     if not gap >= scenario.task.step:
         raise ValueError(f"gap must be at least the control step of {scenario.task.step:g} s, got {shown(gap)}")
-    times = _moments(log, scenario.task.step, gap)
+    times = _moments(log, scenario.task.step, gap, own)
     motions = _motions(log, scenario, gap)
     before = np.maximum(times - scenario.task.step, times[0])
     hidden = np.stack([motion.unknown(before, times) for motion in motions], axis=1)
@@ -154,16 +154,20 @@ def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tu
     return tuple(blanks)
 
 
-def _moments(log: Log, step: float, gap: float) -> np.ndarray:
+def _moments(log: Log, step: float, gap: float, own: Scenario | None) -> np.ndarray:
     """Return the times at which the scenario's steps begin and end [s].
 
-    They end with the last pose of a robot such that the poses of all others that ended before ended a gap before.
+    They end with the last pose of a robot such that the poses of all others that ended before ended a gap before, or
+    with the episode of the log's own scenario if all robots were removed before.
     """
     lasts, steps = np.sort([track.time[-1] for track in log.tracks]), 0
     for k, last in enumerate(lasts.tolist()):
         until = math.floor((last - log.start) / step + _SAME)
         if not k or (log.start + until * step - lasts[:k] > gap).all():
             steps = until
+    removed = [robot for robot, status in log.statuses.items() if int(REMOVED) in status.value]
+    if own is not None and len(removed) == len(log.tracks):
+        steps = max(steps, round(own.task.duration / step))
     if steps < 1:
         raise ValueError(
             f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, "

@@ -27,7 +27,7 @@ import warp as wp
 from lissajous_env.identity import parts_of
 from lissajous_env.plugins import PROMPT, ByValue, import_attribute
 from lissajous_env.settings.checks import Checked, choice, number, whole
-from lissajous_env.wording import few_of, nearest, shown
+from lissajous_env.wording import few_of, require
 
 REDUCTIONS = ("mean", "sum", "max", "min", "last")
 LARGEST = 1e30
@@ -50,17 +50,16 @@ class Extension(Checked):
     """Function `reset(world)` that fills them when an episode begins; None leaves them zero."""
 
     def __post_init__(self) -> None:
-        if not callable(self.run) and not isinstance(self.run, wp.Kernel):
-            raise ValueError(f"{self.kind} must be a function or a Warp kernel, got {shown(self.run)}")
-        if not re.fullmatch(r"[a-z][a-z0-9_]{0,62}", self.name):
-            raise ValueError(f"name of a {self.kind} must be of small letters, digits and _, got {shown(self.name)}")
+        runs = callable(self.run) or isinstance(self.run, wp.Kernel)
+        require(runs, self.kind, "must be a function or a Warp kernel", self.run)
+        is_named = re.fullmatch(r"[a-z][a-z0-9_]{0,62}", self.name)
+        require(is_named, f"name of a {self.kind}", "must be of small letters, digits and _", self.name)
+        called = f"the {self.kind} {self.name}"
         for name, shape in self.state.items():
-            whole_shape = isinstance(shape, tuple) and all(isinstance(size, int) and size > 0 for size in shape)
-            if not (isinstance(name, str) and name.isidentifier() and whole_shape):
-                rule = f"state of the {self.kind} {self.name} must map names to tuples of whole numbers above 0"
-                raise ValueError(f"{rule}, got {shown({name: shape})}")
-        if self.reset is not None and not callable(self.reset):
-            raise ValueError(f"reset of the {self.kind} {self.name} must be a function, got {shown(self.reset)}")
+            is_shape = isinstance(shape, tuple) and all(isinstance(size, int) and size > 0 for size in shape)
+            fits = isinstance(name, str) and name.isidentifier() and is_shape
+            require(fits, f"state of {called}", "must map names to tuples of whole numbers above 0", {name: shape})
+        require(self.reset is None or callable(self.reset), f"reset of {called}", "must be a function", self.reset)
         super().__post_init__()
 
     @property
@@ -191,13 +190,12 @@ def load_extension(place: str, settings: Mapping[str, Any] | None = None) -> Ext
         ValueError: the object cannot be imported or is no extension, or a setting is unknown or invalid.
     """
     extension = import_attribute(place, "extension must be module:name")
-    if not isinstance(extension, Extension):
-        raise ValueError(f"extension {place} must be made by reward_term, score_column, ..., got {shown(extension)}")
-    given = dict(settings or {})
+    is_extension = isinstance(extension, Extension)
+    require(is_extension, f"extension {place}", "must be made by reward_term, score_column, ...", extension)
+    known, given = extension.settings, dict(settings or {})
     for name in given:
-        if name not in extension.settings:
-            rule = f"settings of {place} must be of {', '.join(extension.settings) or 'none, for it has none'}"
-            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, extension.settings)}")
+        rule = f"must be of {', '.join(known) or 'none, for it has none'}"
+        require(name in known, f"settings of {place}", rule, name, known)
     return dataclasses.replace(extension, place=place, **given)
 
 
@@ -211,18 +209,16 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
     """
     one_alone = isinstance(given, (Extension, Mapping))
     sequence = given.split(",") if isinstance(given, str) else (given,) if one_alone else given
-    if not isinstance(sequence, Iterable):
-        raise ValueError(f"extensions must be objects or module:name, got {shown(given)}")
+    rule = "must be objects or module:name"
+    require(isinstance(sequence, Iterable), "extensions", rule, given)
     extensions = tuple(_loaded(one) for one in sequence)
     for one in extensions:
-        if not isinstance(one, Extension):
-            raise ValueError(f"extensions must be objects or module:name, got {shown(one)}")
+        require(isinstance(one, Extension), "extensions", rule, one)
     names = [one.name for one in extensions]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"extensions must have different names, got {few_of(twice)} twice")
     entries = [entry for one in extensions if isinstance(one, ObservationEntry) for entry in one.entries]
-    if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
-        raise ValueError(f"entries of the observation must have different names, got {few_of(twice)} twice")
+    for things, known in {"extensions": names, "entries of the observation": entries}.items():
+        if twice := sorted({name for name in known if known.count(name) > 1}):
+            raise ValueError(f"{things} must have different names, got {few_of(twice)} twice")
     for kind, words in ((TargetMotion, "motion"), (TargetEntry, "law of entry")):
         if sum(isinstance(one, kind) for one in extensions) > 1:
             raise ValueError(f"extensions must contain at most one {words} of targets, got {few_of(names)}")
@@ -234,8 +230,8 @@ def _loaded(one: Any) -> Any:
         return load_extension(one)
     if not isinstance(one, Mapping):
         return one
-    if not isinstance(place := one.get("place"), str):
-        raise ValueError(f"extensions must contain tables with a place, as module:name, got {shown(one)}")
+    place: Any = one.get("place")
+    require(isinstance(place, str), "extensions", "must contain tables with a place, as module:name", one)
     return load_extension(place, {name: value for name, value in one.items() if name != "place"})
 
 

@@ -31,7 +31,7 @@ from lissajous_env.parameters.scenario_file import (
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.settings.task import MOST_STEPS
-from lissajous_env.wording import nearest, shown, where_raised
+from lissajous_env.wording import nearest, require, shown, where_raised
 
 SCENARIOS: dict[str, Any] = {}
 """Scenarios of users and of other packages, by name."""
@@ -97,8 +97,7 @@ def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
 
 
 def _register(registry: dict[str, Any], thing: str, new: Any, kind: type, included: Collection[str]) -> None:
-    if not isinstance(new, kind):
-        raise ValueError(f"{thing} must be a {kind.__name__} to be registered, got {shown(new)}")
+    require(isinstance(new, kind), thing, f"must be a {kind.__name__} to be registered", new)
     plugins.register(registry, thing, new, NAMES, included, plugins.is_notebook())
     register_ids(new.name, is_space=kind is ScenarioSpace)
 
@@ -311,15 +310,14 @@ def _loaded(name: Any) -> Scenario:
 
 
 def _imported(reference: str) -> Scenario:
-    attribute = plugins.import_attribute(reference, "scenario must be module:attribute")
-    rule = f"scenario {reference} must be a Scenario, or a function without arguments that returns one"
+    attribute: Any = plugins.import_attribute(reference, "scenario must be module:attribute")
+    called, rule = f"scenario {reference}", "must be a Scenario, or a function without arguments that returns one"
     if callable(attribute):
         try:
             attribute = attribute()
         except (Exception, SystemExit) as error:
-            raise ValueError(f"{rule}, got {where_raised(error)}") from error
-    if not isinstance(attribute, Scenario):
-        raise ValueError(f"{rule}, got {shown(attribute)}")
+            raise ValueError(f"{called} {rule}, got {where_raised(error)}") from error
+    require(isinstance(attribute, Scenario), called, rule, attribute)
     return attribute
 
 

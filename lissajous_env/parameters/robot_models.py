@@ -13,7 +13,7 @@ from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.plugins import register, replaces
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
-from lissajous_env.wording import few_of, shown
+from lissajous_env.wording import few_of, require
 
 
 def _nothing_to_check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
@@ -101,32 +101,27 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     Raises:
         ValueError: the name is taken or invalid, or the model is invalid.
     """
-    if not isinstance(model, RobotModel):
-        raise ValueError(f"robot model must be a RobotModel, got {shown(model)}")
-
-    def require(holds: Any, what: str, rule: str, got: Any) -> None:
-        if not holds:
-            raise ValueError(f"{what}robot model {model.name} must {rule}, got {shown(got)}")
-
-    size, as_car = model.action_size, model.as_car
+    require(isinstance(model, RobotModel), "robot model", "must be a RobotModel", model)
+    called, size, as_car = f"robot model {model.name}", model.action_size, model.as_car
     are_words = all(isinstance(action, str) and action.strip() == action != "" for action in model.actions)
     is_named = model.actions and are_words and len(set(model.actions)) == size
-    require(is_named, "", "have an action of at least one component, with different names", model.actions)
-    require(isinstance(model.move, wp.Kernel), "", "move by a Warp kernel", model.move)
-    require(model.table, "", "have a table of at least one row", model.table)
-    require(model.rest is None or callable(model.rest), "rest of ", "be a function of a Robot", model.rest)
+    require(is_named, called, "must have an action of at least one component, with different names", model.actions)
+    require(isinstance(model.move, wp.Kernel), called, "must move by a Warp kernel", model.move)
+    require(model.table, called, "must have a table of at least one row", model.table)
+    rests = model.rest is None or callable(model.rest)
+    require(rests, f"rest of {called}", "must be a function of a Robot", model.rest)
     for what, given in {"table": model.table, "rest": [model.rest_action(Robot())]}.items():
         for row in given:
             are_actions = len(row) == size and all(map(_is_action, row))
-            require(are_actions, f"{what} of ", f"contain rows of {size} numbers from -1 to 1", row)
+            require(are_actions, f"{what} of {called}", f"must contain rows of {size} numbers from -1 to 1", row)
     are_indices = set(model.driving or ()) <= set(range(size))
-    rule = f"contain indices of components of the action, from 0 to {size - 1}"
-    require(are_indices, "driving of ", rule, model.driving)
-    require(as_car is None or isinstance(as_car, AsCar), "as_car of ", "be an AsCar", as_car)
+    rule = f"must contain indices of components of the action, from 0 to {size - 1}"
+    require(are_indices, f"driving of {called}", rule, model.driving)
+    require(as_car is None or isinstance(as_car, AsCar), f"as_car of {called}", "must be an AsCar", as_car)
     if as_car is not None:
         arguments = names_of_arguments(as_car.act) if isinstance(as_car.act, wp.Kernel) else ()
-        rule = f"be a Warp kernel of {', '.join(_TO_ACT)}"
-        require(tuple(arguments) == _TO_ACT, "as_car.act of ", rule, arguments or as_car.act)
+        rule = f"must be a Warp kernel of {', '.join(_TO_ACT)}"
+        require(tuple(arguments) == _TO_ACT, f"as_car.act of {called}", rule, arguments or as_car.act)
     before = _MODELS.get(str(model.name), model)
     register(_MODELS, "robot model", model, _NAMES, replaces=replaces(model.move.func, before.move.func))
     return model
@@ -142,8 +137,7 @@ def model_of(kind: str) -> RobotModel:
     Raises:
         ValueError: there is no such model.
     """
-    if kind not in _MODELS:
-        raise ValueError(f"robot.kind must be one of {few_of(_MODELS, kind)}, got {shown(kind)}")
+    require(kind in _MODELS, "robot.kind", f"must be one of {few_of(_MODELS, kind)}", kind)
     return _MODELS[kind]
 
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.identity import OURS
+from lissajous_env.device.compilation import OURS
 from lissajous_env.plugins import ByValue, register, replaces
-from lissajous_env.wording import few_of, nearest, shown
+from lissajous_env.wording import few_of, nearest, require, shown
 
 AGENTS = "agents"
 """Value of `targets.rogues` where the caller of each step gives the rogues' actions."""
@@ -61,10 +61,9 @@ def register_rogue(rogue: Rogue) -> Rogue:
         ValueError: the name is taken or invalid, or the rule is neither a function nor a Warp kernel. A cell of a
             notebook that is run again replaces its rogue.
     """
-    if not isinstance(rogue, Rogue):
-        raise ValueError(f"rogue must be a Rogue, got {shown(rogue)}")
-    if not callable(rogue.decide) and not isinstance(rogue.decide, wp.Kernel):
-        raise ValueError(f"rogue {rogue.name} must decide by a function or a Warp kernel, got {shown(rogue.decide)}")
+    require(isinstance(rogue, Rogue), "rogue", "must be a Rogue", rogue)
+    decides = callable(rogue.decide) or isinstance(rogue.decide, wp.Kernel)
+    require(decides, f"rogue {rogue.name}", "must decide by a function or a Warp kernel", rogue.decide)
     before = _ROGUES.get(str(rogue.name), rogue)
     taken = (AGENTS, *shipped_rogues())
     register(_ROGUES, "rogue", rogue, _NAMES, taken, replaces(rogue.decide, before.decide))

@@ -21,6 +21,7 @@ from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
 from lissajous_env.settings.task import Sensing, Targets, Task
 from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.wording import require
 
 __all__ = [
     "PARTS",
@@ -61,11 +62,9 @@ class Scenario(BringsRogues):
 
     def __post_init__(self) -> None:
         for name, part in PARTS.items():
-            if not isinstance(getattr(self, name), part):
-                raise ValueError(f"{name} must be a {part.__name__}, got {getattr(self, name)!r}")
+            require(isinstance(getattr(self, name), part), name, f"must be a {part.__name__}", getattr(self, name))
         for name in ("name", "description"):
-            if not isinstance(getattr(self, name), str):
-                raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
+            require(isinstance(getattr(self, name), str), name, "must be text", getattr(self, name))
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
 
@@ -383,8 +382,8 @@ class Scenario(BringsRogues):
             ValueError: a factor is not a positive number, or a scaled field is out of its range.
         """
         for name, factor in (("length", length), ("time", time)):
-            if not (isinstance(factor, (int, float)) and 0 < factor < math.inf):
-                raise ValueError(f"{name} must be a positive number, got {factor!r}")
+            is_positive = isinstance(factor, (int, float)) and 0 < factor < math.inf
+            require(is_positive, name, "must be a positive number", factor)
         return dataclasses.replace(self, **{name: getattr(self, name).scaled(length, time) for name in PARTS})
 
     def to_dict(self) -> dict:

@@ -28,7 +28,7 @@ from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.plugins import beside
 from lissajous_env.settings.parts import Robot
 from lissajous_env.storage.files import read_bytes
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import nearest, require, shown
 
 SUFFIX = ".toml"
 NAMES = r"(?!.*\.toml$)\w[\w.-]{0,98}", "a word of letters, digits, _, - and . that does not end in .toml"
@@ -127,11 +127,14 @@ def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
         ValueError: it is missing, no plain file, above this size, or no TOML; the message names it.
     """
     try:
-        # Some editors write a byte order mark.
-        return tomllib.loads(read_bytes(os.path.realpath(path), largest).decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
+        data = read_bytes(os.path.realpath(path) if os.path.islink(path) else path, largest)
+    except ValueError as error:
         hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
-        raise ValueError(f"{path} must be a TOML file that can be read: {error}{hint}") from error
+        raise ValueError(f"{error}{hint}") from error
+    try:
+        return tomllib.loads(data.decode("utf-8-sig"))  # some editors write a byte order mark
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
 
 
 def is_file(name: Any) -> bool:
@@ -159,8 +162,7 @@ def check_keys(table: Mapping[str, Any], known: Mapping[str, tuple[type, str]]) 
         ValueError: a key is unknown, or a value has another type.
     """
     for key, value in table.items():
-        if key not in known:
-            raise ValueError(f"file must contain {', '.join(known)}, got {key!r}{nearest(key, known)}")
+        require(key in known, "file", f"must contain {', '.join(known)}", key, known)
         kind, words = known[key]
         if not isinstance(value, kind):
             raise ValueError(f"{key} must be {words}, got {type(value).__name__}")

@@ -12,7 +12,7 @@ from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.parameters.scenario_file import by_field, overridden
 from lissajous_env.settings.checks import LAST_SEED, is_finite, whole_number
 from lissajous_env.settings.formulas import Formula, Names
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import require
 
 SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
 """Share of the seeds that belong to each split."""
@@ -86,8 +86,7 @@ class ScenarioSpace:
     given: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.base, Scenario):
-            raise ValueError(f"base of a space must be a Scenario, got {shown(self.base)}")
+        require(isinstance(self.base, Scenario), "base of a space", "must be a Scenario", self.base)
         object.__setattr__(self, "require", tuple(self.require))
         for name in self.shifts:
             if name in SPLITS:
@@ -132,9 +131,8 @@ class ScenarioSpace:
         """
         if split in self.shifts:
             return iter(range(LAST_SEED + 1))
-        if split not in SPLITS:
-            known = [*SPLITS, *self.shifts]
-            raise ValueError(f"split must be one of {', '.join(known)}, got {shown(split)}{nearest(split, known)}")
+        known = [*SPLITS, *self.shifts]
+        require(split in known, "split", f"must be one of {', '.join(known)}", split, known)
         return (seed for seed in range(LAST_SEED + 1) if self.split_of(seed) == split)
 
     def scenarios(self, split: str) -> Iterator[Scenario]:
@@ -152,9 +150,8 @@ class ScenarioSpace:
         Raises:
             ValueError: there is no such shift, or its draws are invalid.
         """
-        if shift not in self.shifts:
-            known = ", ".join(self.shifts) or "none"
-            raise ValueError(f"shift must be one of {known}, got {shown(shift)}{nearest(shift, self.shifts)}")
+        rule = f"must be one of {', '.join(self.shifts) or 'none'}"
+        require(shift in self.shifts, "shift", rule, shift, self.shifts)
         draw = {part: dict(given) for part, given in self.draw.items()}
         for part, other in self.shifts[shift].items():
             draw[part] = draw.get(part, {}) | dict(other)
@@ -188,12 +185,10 @@ class ScenarioSpace:
         """The draw of each field by its dotted name, as a function of other values; `PART.choices` draws several."""
         draws, known = {}, [*PARTS, "variables", "scale"]
         for part, entries in self.draw.items():
-            if part not in known:
-                raise ValueError(f"draw must name one of {', '.join(known)}, got {shown(part)}{nearest(part, known)}")
-            if not isinstance(entries, Mapping):
-                raise ValueError(f"draw.{part} must be a mapping from fields to draws, got {shown(entries)}")
-            if part == "scale" and (other := set(entries) - set(_SCALE)):
-                raise ValueError(f"draw.scale must contain length or time, got {shown(min(other))}")
+            require(part in known, "draw", f"must name one of {', '.join(known)}", part, known)
+            require(isinstance(entries, Mapping), f"draw.{part}", "must be a mapping from fields to draws", entries)
+            for name in entries if part == "scale" else ():
+                require(name in _SCALE, "draw.scale", "must contain length or time", name)
             for name, entry in entries.items():
                 if name == "choices":
                     draws[f"{part}.{name}"] = _choice(f"draw.{part}", entry, entries.get("weights"))
@@ -271,12 +266,11 @@ def _choice(name: str, choices: Any, weights: Any) -> Callable[[Names], Any]:
     Raises:
         ValueError: there is none, or the weights are not a number for each.
     """
-    if not isinstance(choices, (list, tuple)) or not choices:
-        raise ValueError(f"{name}.choices must be a list of at least one value, got {shown(choices)}")
+    is_list = isinstance(choices, (list, tuple)) and choices
+    require(is_list, f"{name}.choices", "must be a list of at least one value", choices)
     shares = [1.0] * len(choices) if weights is None else list(weights)
-    if len(shares) != len(choices) or not all(is_finite(share) and share >= 0 for share in shares) or not sum(shares):
-        rule = f"must be {len(choices)} numbers of at least 0, not all 0"
-        raise ValueError(f"{name}.weights {rule}, got {shown(weights)}")
+    fits = len(shares) == len(choices) and all(is_finite(share) and share >= 0 for share in shares) and sum(shares)
+    require(fits, f"{name}.weights", f"must be {len(choices)} numbers of at least 0, not all 0", weights)
     above = list(itertools.accumulate(shares))
     return lambda names: choices[bisect.bisect(above, names("uniform")(0, above[-1]))]
 

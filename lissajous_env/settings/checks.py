@@ -14,11 +14,11 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 
 LAST_SEED = 2**31 - 1
 """Largest seed of a world, of a draw and of a scenario of a space."""
@@ -71,12 +71,11 @@ def rows(
     default: tuple | None,
     rule: str,
     convert: Callable[[Any], Any],
-    optional: bool = False,
     units: tuple[str, ...] = (),
 ) -> Any:
     """Declare a tuple of entries, each converted by `convert`, which returns None for an invalid entry.
 
-    None is valid if `optional`, or if it is the default. `units` are the units of an entry that is a row of numbers.
+    None is valid if it is the default. `units` are the units of an entry that is a row of numbers.
     """
 
     def converted(value: tuple) -> tuple:
@@ -85,18 +84,31 @@ def rows(
     def holds(value: Any) -> bool:
         return isinstance(value, tuple) and all(entry is not None for entry in converted(value))
 
-    return _checked(default, rule, holds, converted, optional, units=units)
+    return _checked(default, rule, holds, converted, units=units)
+
+
+def columns_and_rows(default: tuple[int, int] | None, most: int) -> Any:
+    """Declare the columns and rows of a grid, each from 1 to `most`, or None for no grid."""
+
+    def holds(value: Any) -> bool:
+        is_pair = isinstance(value, tuple) and len(value) == 2
+        return is_pair and all(is_whole(side) and 1 <= side <= most for side in value)
+
+    return _checked(default, f"must be (columns, rows), each from 1 to {most}, or None", holds, optional=True)
 
 
 class Checked:
     """Base of the frozen dataclasses: checks each declared field, then calls `_check_together`.
 
     Docstrings state the default of each field, except with `with_defaults=False`, for options of a command, whose
-    `--help` states them by itself.
+    `--help` states them by itself. `part` is the name in error messages, by default that of the class, or "" for none.
     """
 
-    def __init_subclass__(cls, with_defaults: bool = True, **settings: Any) -> None:
+    _part: ClassVar[str]
+
+    def __init_subclass__(cls, with_defaults: bool = True, part: str | None = None, **settings: Any) -> None:
         super().__init_subclass__(**settings)
+        cls._part = cls.__name__.removesuffix("Parameters").lower() if part is None else part
         cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{_fields_in_words(cls, with_defaults)}".strip()
 
     def __post_init__(self) -> None:
@@ -106,15 +118,14 @@ class Checked:
             if "check" not in rule or (given is None and rule["optional"]):
                 continue
             value = _plain(given)
-            if not _holds(rule["check"], value):
-                raise ValueError(f"{self.part}.{field.name} {rule['rule']}, got {shown(given)}")
+            self._require(_holds(rule["check"], value), field.name, rule["rule"])
             object.__setattr__(self, field.name, rule["convert"](value) if rule["convert"] else value)
         self._check_together()
 
     @property
     def part(self) -> str:
         """Name of this part in overrides and error messages, as `curve` in `curve.half_width`."""
-        return type(self).__name__.removesuffix("Parameters").lower()
+        return self._part
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> Self:
         """Return a copy with all lengths multiplied by `length` and all times by `time`.
@@ -137,8 +148,7 @@ class Checked:
         """Check rules that involve more than one field."""
 
     def _require(self, holds: bool, name: str, rule: str) -> None:
-        if not holds:
-            raise ValueError(f"{self.part}.{name} {rule}, got {shown(getattr(self, name))}")
+        require(holds, f"{self.part}.{name}" if self.part else name, rule, getattr(self, name))
 
 
 def is_whole(value: Any) -> bool:
@@ -163,9 +173,9 @@ def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -
     Raises:
         ValueError: it is not a whole number of at least `low`, or, if `high` is given, from `low` to `high`.
     """
-    if not is_whole(value) or operator.index(value) < low or (high is not None and operator.index(value) > high):
-        rule = f"of at least {low}" if high is None else f"from {low} to {high}"
-        raise ValueError(f"{name} must be a whole number {rule}, got {shown(value)}")
+    fits = is_whole(value) and low <= operator.index(value) <= (math.inf if high is None else high)
+    limits = f"of at least {low}" if high is None else f"from {low} to {high}"
+    require(fits, name, f"must be a whole number {limits}", value)
     return operator.index(value)
 
 
@@ -175,8 +185,8 @@ def as_robot(value: Any) -> int:
     Raises:
         ValueError: the value is not a whole number of at least 0.
     """
-    if not _is_number(value) or value < 0 or not float(value).is_integer():
-        raise ValueError(f"a robot must be a whole number of at least 0, got {shown(value)}")
+    fits = _is_number(value) and value >= 0 and float(value).is_integer()
+    require(fits, "a robot", "must be a whole number of at least 0", value)
     return int(value)
 
 

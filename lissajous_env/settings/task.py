@@ -1,18 +1,13 @@
 """The targets of a scenario, the sensors that detect them, and the task; the other parts are in `parts.py`."""
 
 from dataclasses import dataclass
-from typing import Any
 
-from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, rows, whole, word
+from lissajous_env.settings.checks import Checked, choice, columns_and_rows, flag, number, whole, word
 
 MOST_STEPS = 2**20
 """Limit on the steps of an episode."""
 MOST_TARGETS = 2**21
 """Limit on the targets of an episode."""
-
-
-def _as_lines(entry: Any) -> int | None:
-    return entry if is_whole(entry) and 1 <= entry <= 4096 else None
 
 
 @dataclass(frozen=True)
@@ -32,12 +27,7 @@ class Sensing(Checked):
     """Number of tracks in an observation, nearest first: targets that the robot remembers or was told of."""
     teammates_seen: int = whole(0, 0, 64)
     """Number of teammates in an observation, nearest first, at the places that their last messages contained."""
-    cells_seen: tuple[int, int] | None = rows(
-        None,
-        "must be (columns, rows), each from 1 to 64, or None",
-        lambda entry: entry if is_whole(entry) and 1 <= entry <= 64 else None,
-        optional=True,
-    )
+    cells_seen: tuple[int, int] | None = columns_and_rows(None, 64)
     """Columns and rows of the cells in an observation, each with the time since the robot knows it covered; None for
     none."""
     memory: float = number(10.0, 1e-3, 1e6, "s")
@@ -49,8 +39,6 @@ class Sensing(Checked):
     def _check_together(self) -> None:
         seen = self.sight is None or self.radius is None or self.sight >= self.radius
         self._require(seen, "sight", f"must be at least radius = {self.radius} [m]")
-        fits = self.cells_seen is None or len(self.cells_seen) == 2
-        self._require(fits, "cells_seen", "must be (columns, rows) or None")
 
     @property
     def most_seen(self) -> int:
@@ -155,19 +143,9 @@ class Task(Checked):
     action: str = choice("control", "control", "velocity")
     """Meaning of an action: the robot's controls, such as steering and throttle; or, for cars, a velocity in the world
     frame, in units of the top speed, which the driver of `lissajous_env.world.robots.car` turns into controls."""
-    grid: tuple[int, int] | None = rows(
-        (36, 16),
-        "must be (columns, rows), each from 1 to 4096, or None",
-        _as_lines,
-        optional=True,
-    )
+    grid: tuple[int, int] | None = columns_and_rows((36, 16), 4096)
     """Columns and rows of the coverage grid; None disables coverage and idleness."""
-    contamination: tuple[int, int] | None = rows(
-        None,
-        "must be (columns, rows), each from 1 to 4096, or None",
-        _as_lines,
-        optional=True,
-    )
+    contamination: tuple[int, int] | None = columns_and_rows(None, 4096)
     """Columns and rows of the contamination grid: the cells where an undetected target may be, for the worst-case
     undetected time. None disables it. Positions are resolved to about half a cell: smaller cells reduce the error."""
     conservative: bool = flag(False)
@@ -203,9 +181,6 @@ class Task(Checked):
 
     def _check_together(self) -> None:
         self._require(self.duration >= self.step, "duration", f"must be at least one step of {self.step} s")
-        self._require(self.grid is None or len(self.grid) == 2, "grid", "must be (columns, rows) or None")
-        fits = self.contamination is None or len(self.contamination) == 2
-        self._require(fits, "contamination", "must be (columns, rows) or None")
         self._require(self.duration <= self.step * MOST_STEPS, "duration", f"must be at most {MOST_STEPS} steps")
 
     @property

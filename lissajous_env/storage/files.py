@@ -86,6 +86,8 @@ def open_plainly(path: Path, flags: int) -> int:
         OSError: the file cannot be opened.
     """
     wrong = f"{path} must be a plain file, got a"
+    if "\0" in str(path):
+        raise ValueError(f"{wrong} name with a null character")
     if path.is_symlink():
         raise ValueError(f"{wrong} link to {os.readlink(path)}")
     try:

@@ -30,7 +30,7 @@ _TEMPORARY = ".lissajous-writing"
 class Journal:
     """A JSON Lines file that only grows; its lines are on the disk when `append` returns.
 
-    When the file is opened, a last line that a kill left unfinished is dropped.
+    When the file is opened, a last line that a kill left unfinished is dropped, and `torn` is its length [bytes].
 
     Args:
         path: The file; it is created if it does not exist.
@@ -61,7 +61,8 @@ class Journal:
         with open(self._descriptor, "rb", closefd=False) as file:
             file.seek(0)
             *lines, torn = file.read().split(b"\n")
-            self._end = file.tell() - len(torn)
+            self.torn = len(torn)
+            self._end = file.tell() - self.torn
         for number, line in enumerate(lines, start=1):
             place = f"{self.path}, line {number}"
             try:
@@ -72,7 +73,7 @@ class Journal:
                 what = f"got {line.decode(errors='replace')[:60]!r}; delete that line to create it again"
                 raise ValueError(f"{error}; {what}") from None
             self.entries.append(entry)
-        if torn:
+        if self.torn:
             os.ftruncate(self._descriptor, self._end)
             os.fsync(self._descriptor)
 

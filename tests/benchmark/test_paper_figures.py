@@ -1,9 +1,10 @@
-"""Figures and tables for a paper: files that a paper can take as they are."""
+"""Figures and tables for a paper: files that a paper can take as they are, with any settings of matplotlib."""
 
 import re
 import shutil
 import subprocess
 
+import matplotlib
 import numpy as np
 import pytest
 from benchmarks_in_the_small import QUIET, rows
@@ -15,6 +16,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.commands.figures import figures
+from baselines.reproduce.drawing import sheet
 
 SHORT = {"task.duration": 3.0}
 
@@ -117,3 +119,29 @@ def test_what_has_no_results_is_refused_and_nothing_is_written(tmp_path):
     with pytest.raises(ValueError, match=r"folder must contain the results of a benchmark \(settings.json\), got"):
         figures(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+HOSTILE = {
+    "text.usetex": True, "savefig.bbox": "tight", "savefig.dpi": 37, "savefig.format": "svg",
+    "savefig.transparent": True, "figure.dpi": 33, "font.family": "A font that nobody has", "axes.facecolor": "black",
+    "lines.linewidth": 9, "axes.prop_cycle": "cycler('color', ['r'])", "svg.fonttype": "none", "pdf.fonttype": 42,
+    "path.simplify": False, "figure.constrained_layout.use": False,
+}  # fmt: skip
+
+
+def drawn(suffix):
+    with sheet("name", "Title with a $ sign", 5.0, 3.0) as picture:
+        axes = picture.figure.subplots()
+        axes.plot([0, 1, 2], [0, 1, -1], label="a line")
+        axes.legend()
+        picture.caption = "A caption."
+    return picture.content(suffix)
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_pictures_are_the_same_with_any_settings(suffix):
+    # Oracle: the picture of a user without settings, bit for bit.
+    expected = drawn(suffix)
+    with matplotlib.rc_context(HOSTILE):
+        assert drawn(suffix) == expected
+        assert matplotlib.rcParams["lines.linewidth"] == 9

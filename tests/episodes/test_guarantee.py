@@ -100,8 +100,8 @@ def test_the_command_prints_its_radii(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--radii", 1], "radii must be from 2 to 200, got 1"),
-        (["--cells", 5], "cells must be from 10 to 1000, got 5"),
+        (["--radii", 1], "radii must be a whole number from 2 to 200, got 1"),
+        (["--cells", 5], "cells must be a whole number from 10 to 1000, got 5"),
         (["nowhere"], "scenario must be one of"),
         (["experiment", "--set", "targets.speed_limit=50"], "the speed of targets must be at most 12 m/s"),
     ],

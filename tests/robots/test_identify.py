@@ -6,7 +6,7 @@ from log_messages import EPOCH, KINDS, circles, header, moments, write
 
 import lissajous_env
 from lissajous_env.logs.identification import MODELS, identify
-from lissajous_env.logs.inputs import INPUTS, actions_of, inputs_of
+from lissajous_env.logs.inputs import INPUTS, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
@@ -164,16 +164,6 @@ def test_a_limit_that_no_command_reaches_is_given():
     found = identify(track, commands, DRIVE)
     assert np.isnan(found.errors["acceleration_max"])
     assert np.isfinite(found.errors["speed_factor"])
-
-
-@pytest.mark.parametrize("fields", [{}, LIMITS])
-def test_commands_are_actions_again(fields):
-    robot = lissajous_env.scenario("experiment", **fields).resolve().robot
-    actions = np.random.default_rng(0).uniform(-1, 1, (7, 3, 2)).astype(np.float32)
-    np.testing.assert_allclose(actions_of(robot, inputs_of(robot, actions)), actions, atol=1e-6)
-    if fields:
-        np.testing.assert_allclose(inputs_of(robot, np.array([[1, 1], [-1, -1]])), [[1.2, 3.0], [-0.6, -3.0]])
-        assert actions_of(robot, np.array([9.0, -9.0])).tolist() == [1, -1]
 
 
 @pytest.mark.parametrize("stamps", [False, True])

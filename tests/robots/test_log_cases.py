@@ -291,6 +291,8 @@ REFUSED = {
     "a missing robot": ([each for each in shrunk() if each[0][7] != "2"], {}, "got 4: robots 0, 1, 3 and 4"),
     "twice": (shrunk(), {"topics": ["/robot_0/odom"] * 2}, "must name each topic once, got /robot_0/odom twice"),
     "braces": (shrunk(), {"topics": ["/robot_{}/{}"]}, "stands once for a number"),
+    "unknown": (shrunk(), {"topics": ["/car_{}/odom"]}, "got /car_0/odom"),
+    "type": (extra("/phase", lambda t: plain("Float64", t)), {"topics": ["/phase"]}, "must be of type nav_msgs"),
     "origin": (shrunk(), {"origin": (math.nan, 0.0, 0.0)}, "origin must be three finite numbers"),
     "all NaN": (
         of_robots(lambda k, t: odometry(EPOCH + t, math.nan, 0.0, 0.0)), {},

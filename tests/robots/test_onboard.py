@@ -5,10 +5,11 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.onboard import Limits, Message, Odometry, Twist, inputs_of
+from baselines.onboard import Limits, Message, Odometry, inputs_of
 from baselines.onboard.signals import Actuation
 from baselines.onboard.simulated import Vehicle
 from baselines.policies import patrol
+from lissajous_env.logs import inputs
 from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.theory.geometry import locate
 from lissajous_env.world.observation import layout
@@ -59,18 +60,25 @@ def play(scenario, policy, steps=None, seed=3):
     return decisions
 
 
-def test_a_differential_drive_is_commanded_the_twist_of_its_action():
-    # Oracle: by hand; the base of a simulated drive understands the same twist as the same action.
-    speeds = {"robot.speed_max": 2.0, "robot.speed_min": -0.5}
-    scenario = lissajous_env.scenario("evaders", **DRIVES, **speeds).resolve()
+@pytest.mark.parametrize(("fields", "commands"), [
+    ({}, [(0.35, 0.25), (-0.35, 0.1), (0.0, 0.175)]),
+    (DRIVES | {"robot.speed_max": 2.0, "robot.speed_min": -0.5, "robot.yaw_rate_max": 3.0},
+     [(2.0, 3.0), (-0.5, -3.0), (0.0, 0.0)]),
+])  # fmt: skip
+def test_a_robot_is_commanded_the_input_of_its_action_and_its_base_understands_it(fields, commands):
+    # Oracle: by hand; the base of a simulated robot understands the command as the same action.
+    scenario = lissajous_env.scenario("experiment", **{"robot.steering_max": 0.35} | fields).resolve()
     actuation = Actuation(scenario)
-    assert actuation.stop == Twist(0.0, 0.0)
-    for action in ([1.0, 0.5], [-1.0, -1.0], [0.25, 0.0], [0.0, 0.3]):
-        twist, base = actuation.command(np.float32(action)), Vehicle(scenario, 1.0)
-        speed = action[0] * (2.0 if action[0] > 0 else 0.5)
-        assert twist == pytest.approx((speed, action[1] * scenario.robot.yaw_rate_max), rel=1e-6)
-        base.take(0.0, twist)
+    for action, wanted in zip([[1, 1], [-1, -1], [0, 0]], commands, strict=True):
+        command, base = actuation.command(np.float32(action)), Vehicle(scenario, 1.0)
+        assert command == pytest.approx(wanted, rel=1e-6)
+        base.take(0.0, command)
         np.testing.assert_allclose(base.action(0.0), action, atol=1e-6)
+    assert actuation.stop == pytest.approx((0.0, 0.1 if not fields else 0.0))
+    actions = np.random.default_rng(0).uniform(-1, 1, (7, 3, 2)).astype(np.float32)
+    np.testing.assert_allclose(
+        inputs.actions_of(scenario.robot, inputs.inputs_of(scenario.robot, actions)), actions, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("scenario", "policy"), PAIRS)
@@ -120,19 +128,6 @@ def test_the_phase_is_found_from_any_pose_on_the_curve(scenario):
         heading = np.arctan2(*(ahead - here)[::-1])
         found = locate(made.curve, made.alpha, *here, heading, theta)
         assert np.cos(found - theta) > np.cos(2e-3)
-
-
-def test_a_car_receives_the_angle_and_the_throttle_of_its_action():
-    # Oracle: the scaling in the docstrings of the action, in float64.
-    made = lissajous_env.scenario("experiment").resolve()
-    onboard = baselines.Onboard("random", made, 0)
-    pose = Odometry(1.7, 0.1, 1.5, 0.5, 0.0)
-    output = onboard.act(0.0, pose)
-    robot, (steering, throttle) = made.robot, output.action
-    assert output.command.steering == pytest.approx(steering * robot.steering_max, rel=1e-6)
-    span = robot.full_throttle - robot.throttle_min
-    assert output.command.throttle == pytest.approx(robot.throttle_min + 0.5 * (throttle + 1) * span, rel=1e-6)
-    assert onboard.act(0.1, pose).message[0] == 0
 
 
 def test_a_function_and_a_factory_are_policies():

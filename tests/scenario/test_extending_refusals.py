@@ -106,10 +106,16 @@ def test_what_is_no_file(here, capsys):
     os.mkfifo(here / "pipe.toml")
     (here / "bytes.toml").write_bytes(b"name = '\xff'")
     (here / "nowhere.toml").symlink_to("gone.toml")
-    names = ["folder", "pipe", "bytes", "nowhere", "gone", "no/such", "a" * 999, "/proc/self/mem/x", "\0"]
-    for name in [f"{each}.toml" for each in names]:
-        with pytest.raises(ValueError, match=r"\.toml must be a TOML file that can be read: "):
-            lissajous_env.scenario(name)
+    plain, read, missing = "must be a plain file, got a ", "must be a file that can be read: ", "is missing"
+    refused = {
+        "folder": f"{plain}folder", "pipe": f"{plain}folder or pipe", "\0": f"{plain}name with a null character",
+        "bytes": "must be a TOML file that can be read: 'utf-8' codec", "nowhere": missing, "gone": missing,
+        "no/such": missing, "a" * 999: f"{read}File name too long", "/proc/self/mem/x": f"{read}Not a directory",
+    }  # fmt: skip
+    for name, words in refused.items():
+        with pytest.raises(ValueError, match=words) as error:
+            lissajous_env.scenario(f"{name}.toml")
+        assert str(error.value).partition("; did you mean")[0].count(".toml") == 1  # the file is named once
     for line in (["scenarios", "folder.toml"], ["evaluate", "gone.toml", "still"], ["policies", "pipe.toml"]):
         with pytest.raises(SystemExit) as ended:
             cli.main(line)

@@ -1,5 +1,6 @@
 """Names that modules register which a command imports, and suggestions of names and files."""
 
+import importlib.machinery
 import sys
 
 import pytest
@@ -7,6 +8,7 @@ from command_line import called
 
 import lissajous_env
 from lissajous_env.parameters import named
+from lissajous_env.plugins import search_current_folder
 from training.learned.card import Card
 
 POLICIES = """
@@ -100,3 +102,21 @@ def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     code, _, error = called(capsys, *line)
     assert code == 2
     assert words in error.splitlines()[0], error
+
+
+def test_the_current_folder_hides_no_package(tmp_path, monkeypatch, capsys):
+    # Story: a project has a folder training/ and a file baselines.py beside the policy that it benchmarks.
+    for name in ("training/__init__.py", "baselines.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("raise AssertionError('a module of the user')\n")
+    (tmp_path / "my_policy.py").write_text(
+        "import baselines\ndef make(*given):\n    return baselines.make('still', *given)\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_policy", raising=False)
+    search_current_folder()
+    for name in ("training", "baselines"):
+        assert str(tmp_path) not in importlib.machinery.PathFinder.find_spec(name).origin
+    short = ["my_policy:make", "--episodes", "1", "--set", "task.duration=1", "--quiet"]
+    code, _, error = called(capsys, "evaluate", "failure", *short)
+    assert (code, error) == (0, "")

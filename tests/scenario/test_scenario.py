@@ -98,13 +98,8 @@ def test_every_field_refuses_what_its_rule_forbids(part, field):
             continue  # a word; the scenario checks that it is registered
         with pytest.raises(ValueError) as refused:
             KINDS[part](**{field.name: value})
-        message = str(refused.value)
-        in_pairs = name in ("sensing.cells_seen", "task.grid", "task.contamination") and isinstance(value, tuple)
-        if in_pairs and len(value) != 2 and "x" not in value:
-            assert message.startswith(f"{name} must be (columns, rows) or None, got ")
-        else:
-            got = repr(value) if len(repr(value)) <= 160 else f"{repr(value)[:157]}..."
-            assert message == f"{name} {field.metadata['rule']}, got {got}"
+        got = repr(value) if len(repr(value)) <= 160 else f"{repr(value)[:157]}..."
+        assert str(refused.value) == f"{name} {field.metadata['rule']}, got {got}"
 
 
 @pytest.mark.parametrize(("part", "field"), FIELDS, ids=FIELD_NAMES)

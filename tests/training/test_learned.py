@@ -14,8 +14,8 @@ from baselines.policies import registry
 from lissajous_env import Simulation
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.networks import TeamNetwork
 from training.learned.policy import LearnedTeam
-from training.learned.team_network import TeamNetwork
 
 
 @pytest.mark.parametrize("name", training.names())

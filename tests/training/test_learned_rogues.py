@@ -14,11 +14,11 @@ import baselines
 import lissajous_env
 from tests.command_line import called
 from training.learned import checkpoint
+from training.learned.networks import RogueNetwork
 from training.learned.policy import find
 from training.learned.rogue import as_rogue, open_rogue, rogue_card
-from training.learned.rogue_network import RogueNetwork
-from training.rogue_settings import RogueTraining
 from training.rogue_trainer import train_rogues, undetected_times
+from training.settings import RogueTraining
 
 SMALL = {"sensing.radius": 0.35, "task.duration": 8.0, "targets.entry": "unseen"}
 FAST = {"scenario": "experiment", "against": "sweep", "rounds": 3, "starts": 24, "worlds": 4,
@@ -34,8 +34,8 @@ def trained(tmp_path_factory):
 
 def make_network(inputs, seed=0):
     draw = np.random.default_rng(seed)
-    weights = (draw.normal(size=(16, inputs)), draw.normal(size=(2, 16)))
-    return RogueNetwork(weights, (draw.normal(size=16), draw.normal(size=2)))
+    weights = {"0": draw.normal(size=(16, inputs)), "1": draw.normal(size=(2, 16))}
+    return RogueNetwork(weights, {"0": draw.normal(size=16), "1": draw.normal(size=2)})
 
 
 def test_training_makes_rogues_that_stay_undetected_longer_than_those_that_wander(trained):
@@ -101,8 +101,8 @@ def test_a_rogue_acts_as_its_network_says():
     for _ in range(5):
         simulation.step(still, np.zeros(simulation.rogues.action.shape, np.float32))
     rows = simulation.rogues.observation.numpy().astype(float)
-    hidden = np.maximum(rows @ network.weights[0].T.astype(float) + network.biases[0], 0)
-    wanted = np.clip(hidden @ network.weights[1].T.astype(float) + network.biases[1], -1, 1)
+    hidden = np.maximum(rows @ network.weights["0"].T.astype(float) + network.biases["0"], 0)
+    wanted = np.clip(hidden @ network.weights["1"].T.astype(float) + network.biases["1"], -1, 1)
     assert np.abs(decide(simulation.rogues.observation.numpy()) - wanted).max() < 1e-4
 
 

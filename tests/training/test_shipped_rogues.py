@@ -10,7 +10,7 @@ import lissajous_env
 from benchmarks.rogues import rows
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
 from training.learned import checkpoint
-from training.rogue_settings import RogueTraining
+from training.settings import RogueTraining
 
 SCRIPTS = ("wander", "flee", "shadow", "follow-gap")
 

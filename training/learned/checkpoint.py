@@ -8,11 +8,9 @@ checkpoint in the folder `best`. No pickle is read, and inconsistent files are r
 import contextlib
 import hashlib
 import json
-import platform
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +20,14 @@ from safetensors.numpy import load as from_safetensors
 from safetensors.numpy import save as to_safetensors
 
 from lissajous_env import Scenario
+from lissajous_env.identity import versions
 from lissajous_env.parameters.extensions import Extension, load_extension
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import shown
 from training.learned.card import Card, require
-from training.learned.rogue_network import RogueNetwork
-from training.learned.team_network import TeamNetwork
+from training.learned.networks import RogueNetwork, TeamNetwork
 
 FILE = "checkpoint.json"
 BEST = "best/"
@@ -39,7 +37,6 @@ ACTIVATION = "relu"
 """Activation between the layers of every network."""
 LARGEST = 1 << 31
 """Largest size of a file of arrays [bytes]."""
-_PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3", "ray", "gymnasium")
 _NAME = r"-[0-9a-f]{12}\.safetensors"
 
 
@@ -78,13 +75,13 @@ def save(
         if subfolder:
             directory.make_folder(subfolder.rstrip("/"))
         arrays = {"weights": network.to_arrays()} | ({} if state is None else {"state": state})
-        files = {stem: _write(directory, subfolder, stem, to_bytes(named)) for stem, named in arrays.items()}
+        files = {stem: _write(directory, subfolder, stem, named) for stem, named in arrays.items()}
         contents = {
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
             "scenario": card.scenario_fields,
-            "versions": _versions(),
+            "versions": versions("torch"),
             "files": files,
             **(notes or {}),
         }
@@ -164,19 +161,34 @@ def read_state(folder: str | Path, contents: Mapping[str, Any]) -> dict[str, np.
 
 
 @contextlib.contextmanager
-def resuming(folder: str | Path, contents: Mapping[str, Any]) -> Iterator[None]:
-    """Convert an error while a state is loaded to a ValueError with the name of its file."""
+def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+    """Yield the contents of `checkpoint.json` and the arrays from which a training resumes, which are loaded within.
+
+    Args:
+        settings: Settings of the training, with its folder `out`; those that `may_change` names may differ.
+        card: Card of its policy, with its settings and scenario.
+
+    Raises:
+        ValueError: the settings or the scenario differ, with all differences; or the state cannot be loaded.
+    """
+    folder, (_, stored, contents) = settings.out, read(settings.out)
+    differences = [
+        f"{name} = {stored.settings.get(name)!r} there, {value!r} here"
+        for name, value in card.settings.items()
+        if name not in settings.may_change and stored.settings.get(name) != value
+    ]
+    if card.scenario_fields != stored.scenario_fields:
+        differences.append("the scenario has changed")
+    if differences:
+        rule = "must be an empty folder or contain a training with the same settings"
+        raise ValueError(f"out {rule}, got {folder}: {'; '.join(differences)}")
+    arrays = read_state(folder, contents)
     try:
-        yield
+        yield contents, arrays
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
         words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
-        file = Path(folder) / contents["files"]["state"]["name"]
+        file = folder / contents["files"]["state"]["name"]
         raise ValueError(f"{file} must be the state of this training: {words}") from error
-
-
-def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Return named arrays in the safetensors format."""
-    return to_safetensors({name: np.ascontiguousarray(array) for name, array in arrays.items()})
 
 
 def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -238,7 +250,8 @@ def _check_files(files: Mapping[str, Any]) -> None:
         require(f"SHA-256 of {stem}", re.fullmatch("[0-9a-f]{64}", digest), "must be 64 hexadecimal digits", digest)
 
 
-def _write(folder: Folder, subfolder: str, stem: str, data: bytes) -> dict[str, str]:
+def _write(folder: Folder, subfolder: str, stem: str, arrays: Mapping[str, np.ndarray]) -> dict[str, str]:
+    data = to_safetensors({name: np.ascontiguousarray(array) for name, array in arrays.items()})
     digest = hashlib.sha256(data).hexdigest()
     name = f"{stem}-{digest[:12]}.safetensors"
     folder.write(subfolder + name, data)
@@ -246,16 +259,6 @@ def _write(folder: Folder, subfolder: str, stem: str, data: bytes) -> dict[str, 
 
 
 def _read(folder: Path, entry: Mapping[str, str]) -> dict[str, np.ndarray]:
-    data = _read_file(folder, entry)
-    try:
-        return from_safetensors(data)
-    except (SafetensorError, ValueError, TypeError, OverflowError) as error:
-        raise ValueError(f"{folder / entry['name']} is damaged: {str(error)[:200]}") from error
-    except KeyError as error:
-        raise ValueError(f"{folder / entry['name']} is damaged: NumPy has no numbers of type {error}") from error
-
-
-def _read_file(folder: Path, entry: Mapping[str, str]) -> bytes:
     path = folder / entry["name"]
     if not path.exists():
         raise ValueError(f"{path} is missing, but {folder / FILE} names it")
@@ -263,14 +266,9 @@ def _read_file(folder: Path, entry: Mapping[str, str]) -> bytes:
     digest = hashlib.sha256(data).hexdigest()
     if digest != entry["sha256"]:
         raise ValueError(f"{path} is damaged: its SHA-256 must be {entry['sha256']}, got {digest}")
-    return data
-
-
-def _versions() -> dict[str, str]:
-    versions = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return versions
+    try:
+        return from_safetensors(data)
+    except (SafetensorError, ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{path} is damaged: {str(error)[:200]}") from error
+    except KeyError as error:
+        raise ValueError(f"{path} is damaged: NumPy has no numbers of type {error}") from error

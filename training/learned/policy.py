@@ -14,8 +14,8 @@ from lissajous_env import Scenario
 from lissajous_env.wording import few_of, nearest
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.networks import TeamNetwork
 from training.learned.perception import axes_of, base_action, commanded_velocity, perceive
-from training.learned.team_network import TeamNetwork
 
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:

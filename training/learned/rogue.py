@@ -16,7 +16,7 @@ from lissajous_env.parameters.rogues import Rogue
 from lissajous_env.world.rogues.acting import ACTION_NAMES, rogue_entries, rogue_layout
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.rogue_network import RogueNetwork
+from training.learned.networks import RogueNetwork
 
 KIND = "rogue"
 """`Card.kind` of a rogue, which drives no robots."""

@@ -34,9 +34,9 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import FIELD_ROW, named_struct, part, stage
 from lissajous_env.parameters.spreading import Reaches
-from lissajous_env.world.contamination.field import BOUNDARY
 from lissajous_env.world.contamination.labels import MARGIN, NONE
 from lissajous_env.world.state import NEVER, NOWHERE
+from lissajous_env.world.targets.motion import BOUNDARY
 
 wp.set_module_options(OPTIONS)
 

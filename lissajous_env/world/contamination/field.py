@@ -19,15 +19,12 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
-from lissajous_env.device.structs import code_of
-from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, slot_of
 from lissajous_env.world.state import NEVER, NOWHERE, planar
 from lissajous_env.world.tally import FAULT_MARGIN, any_failed
+from lissajous_env.world.targets.motion import BOUNDARY
 
 wp.set_module_options(OPTIONS)
-
-BOUNDARY = wp.constant(code_of(TargetSettings, "entry", "boundary"))
 
 
 @wp.func

@@ -8,7 +8,6 @@ A row is zero before its target appears and after the step in which it is detect
 positions and velocities are true ones: a rogue has no noise.
 """
 
-import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
@@ -18,7 +17,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import Layout, layout_of
 from lissajous_env.world.observing import clip_coordinate, comes_before, velocity_of
-from lissajous_env.world.robots.signals import flag
+from lissajous_env.world.robots.signals import LARGEST, flag
 from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, IDLE, PRESENT, REMOVED, RUNNING, WORKING, planar
 from lissajous_env.world.targets.motion import inside
 
@@ -68,14 +67,7 @@ def rogue_entries(num_robots: int) -> list[tuple]:
     return [(prefix + name, *rest) for prefix, part in parts for name, *rest in part]
 
 
-_LARGEST = wp.constant(float(np.finfo(np.float32).max))
 _FAR = wp.constant(4.0)
-
-
-@wp.func
-def is_command(x: float, y: float) -> bool:
-    """Return whether both components of an action are finite."""
-    return wp.abs(x) <= _LARGEST and wp.abs(y) <= _LARGEST
 
 
 @wp.func
@@ -93,7 +85,7 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
         x = rogues.action[w, t, 0]
         y = rogues.action[w, t, 1]
         place = targets.position[w, t]
-        if is_command(x, y):
+        if wp.abs(x) <= LARGEST and wp.abs(y) <= LARGEST:
             after = inside(place + target.speed_limit * task.step * commanded(x, y), curve)
             moved = after - place
             targets.position[w, t] = after

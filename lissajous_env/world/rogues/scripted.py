@@ -6,6 +6,7 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import TWO_PI
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
@@ -14,7 +15,6 @@ from lissajous_env.world.targets.motion import inside
 
 wp.set_module_options(OPTIONS)
 
-TURN = wp.constant(6.2831853)
 _MARGIN = wp.constant(0.05)
 """Distance that `shadow` preserves from a disc [sensing radius]."""
 DIRECTIONS = wp.constant(16)
@@ -63,7 +63,7 @@ def wander(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.ve
     """Return the direction of a random walk that bounces off the walls."""
     draw = randomness.uniform(key, t, randomness.ROGUE)
     before = wp.vec2(rogues.observation[w, t, 3], rogues.observation[w, t, 4])
-    heading = TURN * draw
+    heading = TWO_PI * draw
     if wp.length_sq(before) > 0.0:
         heading = atan2(before[1], before[0]) + target.turn_rate * wp.sqrt(3.0 * task.step) * (2.0 * draw - 1.0)
     ahead = cos_sin(heading)
@@ -126,7 +126,7 @@ def follow_gap(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> w
     best = wp.vec2(0.0, 0.0)
     widest = least_gap(w, t, best, curve, sensing, target, speed_unit, rogues)
     for k in range(DIRECTIONS):
-        ahead = cos_sin(TURN * float(k) / float(DIRECTIONS))
+        ahead = cos_sin(TWO_PI * float(k) / float(DIRECTIONS))
         gap = least_gap(w, t, ahead, curve, sensing, target, speed_unit, rogues)
         if gap > widest:
             widest = gap

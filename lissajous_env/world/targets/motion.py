@@ -20,7 +20,7 @@ FLEEING = wp.constant(3)
 CUSTOM = wp.constant(4)
 """Moved by an extension of the scenario, or by an adversary: `lissajous_env.world.rogues`."""
 
-_BOUNDARY = wp.constant(code_of(TargetSettings, "entry", "boundary"))
+BOUNDARY = wp.constant(code_of(TargetSettings, "entry", "boundary"))
 _HOTSPOTS = wp.constant(code_of(TargetSettings, "entry", "hotspots"))
 _MIDDLE = wp.constant(0.85)
 """Share of the width and of the height in which hotspots are."""
@@ -87,7 +87,7 @@ def entry_place(key, draw: wp.uint32, curve, target) -> tuple[wp.vec2, wp.uint32
     x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
     y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
     place = wp.vec2(x, y)
-    if target.entry == _BOUNDARY:
+    if target.entry == BOUNDARY:
         place = boundary_point(curve, wp.randf(draw))
     elif target.entry == _HOTSPOTS and wp.randf(draw) >= target.hotspot_uniform:
         share = wp.randf(draw)

@@ -1,0 +1,183 @@
+"""The networks of learned policies as plain arrays: that of a team, and that of rogues.
+
+Each world is computed by matrix products of its own, so that actions do not depend on the other worlds of a batch.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from lissajous_env.wording import few_of
+from training.learned.perception import OWN, TOKEN, Perception
+
+_ABSENT = 1e4
+"""Number that is subtracted from the score of an absent token."""
+
+
+@dataclass(frozen=True)
+class Network:
+    """Layers y = W x + b of a network, by name, in float32; its arrays are read-only copies.
+
+    Raises:
+        ValueError: layers are missing or do not fit together, or numbers are not finite in float32.
+    """
+
+    weights: dict[str, np.ndarray]
+    """W of each layer, (outputs, inputs)."""
+    biases: dict[str, np.ndarray]
+    """b of each layer, (outputs,)."""
+    prefix: ClassVar[str]
+    """Prefix of the names in a checkpoint, where they are those of the layers with `.weight` and `.bias`."""
+
+    def __post_init__(self) -> None:
+        for part in ("weights", "biases"):
+            object.__setattr__(self, part, {name: _numbers(part, array) for name, array in getattr(self, part).items()})
+        if set(self.weights) != set(self.biases):
+            names = f"{few_of(sorted(self.weights))} and {few_of(sorted(self.biases))}"
+            raise ValueError(f"weights and biases must be those of the same layers, got {names}")
+        sizes = {name: array.shape for name, array in self.weights.items()}
+        if any(len(size) != 2 or 0 in size for size in sizes.values()):
+            raise ValueError(f"weights must have shape (outputs, inputs), both at least 1, got {sizes}")
+        fitting = self._fitting(sizes)
+        for name, size in sizes.items():
+            if size != fitting[name] or self.biases[name].shape != size[:1]:
+                got = f"{size} with a bias of shape {self.biases[name].shape}"
+                raise ValueError(f"layer {name} must have shape {fitting[name]}, got {got}")
+
+    def _fitting(self, sizes: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
+        """Return the shape that each layer must have to fit to the others, or raise ValueError for their names."""
+        raise NotImplementedError
+
+    def _layer(self, name: str, values: np.ndarray) -> np.ndarray:
+        return values @ self.weights[name].T + self.biases[name]
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Return the arrays by name, as stored in a checkpoint."""
+        named = {f"{self.prefix}.{name}.weight": array for name, array in self.weights.items()}
+        return named | {f"{self.prefix}.{name}.bias": array for name, array in self.biases.items()}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, Any]) -> Self:
+        """Return the network that `to_arrays` converted; arrays without the prefix are ignored.
+
+        Raises:
+            ValueError: the arrays do not fit together.
+        """
+        weights, biases, kinds = {}, {}, re.compile(rf"{cls.prefix}\.(.+)\.(weight|bias)")
+        for name, array in arrays.items():
+            if match := kinds.fullmatch(name):
+                (weights if match[2] == "weight" else biases)[match[1]] = array
+        return cls(weights, biases)
+
+
+class RogueNetwork(Network):
+    """Network of rogues: y = W_k s(... s(W_0 x + b_0) ...) + b_k, with s(x) = max(x, 0) between the layers 0 to k."""
+
+    prefix = "policy"
+
+    def _fitting(self, sizes: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
+        names = [str(k) for k in range(len(sizes))]
+        if not names or set(names) != set(sizes):
+            raise ValueError(f"layers must be 0, 1 and so on, at least one, got {few_of(sorted(sizes)) or 'none'}")
+        inputs = [sizes["0"][1], *(sizes[name][0] for name in names[:-1])]
+        return {name: (sizes[name][0], count) for name, count in zip(names, inputs, strict=True)}
+
+    def __call__(self, rows: np.ndarray) -> np.ndarray:
+        """Return y (W, ..., outputs) for rows (W, ..., n), cut or padded with zeros to the size of x."""
+        count = min(rows.shape[-1], self.inputs)
+        values = rows[..., :count] @ self.weights["0"][:, :count].T + self.biases["0"]
+        for k in range(1, len(self.weights)):
+            values = self._layer(str(k), np.maximum(values, 0, out=values))
+        return values
+
+    @property
+    def inputs(self) -> int:
+        """Number of entries of x."""
+        return self.weights["0"].shape[1]
+
+    @property
+    def outputs(self) -> int:
+        """Number of entries of y."""
+        return self.weights[str(len(self.weights) - 1)].shape[0]
+
+
+class TeamNetwork(Network):
+    """Network of all robots of a team: it maps what a robot perceives, any number of tokens, to its action.
+
+    A layer maps each token to features, which attention pools: each head has a query, computed from the robot's own
+    numbers, and returns the mean of the features with the weights softmax(query . features). Without heads (no layer
+    `query`), the features are averaged over all slots for tokens, where those of an empty slot are zeros. With a memory
+    (layers `memory.*`), a gated recurrent unit follows (Cho et al., EMNLP 2014).
+    """
+
+    prefix = "team"
+    inputs = 0
+    """Number of `Card.inputs` that it requires: none, because it reads a `Perception`."""
+
+    def _fitting(self, sizes: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
+        required, optional = {"own", "token", "trunk", "last", "action"}, {"query", "memory.input", "memory.hidden"}
+        if not required <= set(sizes) <= required | optional or ("memory.input" in sizes) != ("memory.hidden" in sizes):
+            words = f"{few_of(sorted(required))}, and perhaps query, and memory.input with memory.hidden"
+            raise ValueError(f"layers must be {words}, got {few_of(sorted(sizes))}")
+        own, features, hidden, memory = sizes["own"][0], sizes["token"][0], sizes["trunk"][0], self.memory
+        heads = sizes["query"][0] // features if "query" in sizes else 1
+        fitting = {"own": (own, len(OWN)), "token": (features, len(TOKEN)), "query": (heads * features, own)}
+        fitting |= {"trunk": (hidden, own + heads * features), "last": (sizes["last"][0], hidden + memory)}
+        fitting |= {"memory.input": (3 * memory, hidden), "memory.hidden": (3 * memory, memory)}
+        return fitting | {"action": (sizes["action"][0], sizes["last"][0])}
+
+    @property
+    def outputs(self) -> int:
+        """Number of components of an action."""
+        return self.weights["action"].shape[0]
+
+    @property
+    def memory(self) -> int:
+        """Size of a robot's memory."""
+        return self.weights["memory.hidden"].shape[1] if "memory.hidden" in self.weights else 0
+
+    def __call__(self, seen: Perception, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the outputs (W, N, A), and the memory (W, N, memory) for the next step."""
+        own = np.maximum(self._layer("own", seen.own), 0)
+        worlds, robots, count, size = seen.tokens.shape
+        features = np.maximum(self._layer("token", seen.tokens.reshape(worlds, robots * count, size)), 0)
+        features = features.reshape(worlds, robots, count, -1)
+        if "query" in self.weights:
+            query = self._layer("query", own).reshape(worlds, robots, -1, features.shape[-1])
+            score = query @ features.swapaxes(2, 3) + (seen.present[:, :, None] - 1) * np.float32(_ABSENT)
+            weight = np.exp(score - score.max(axis=-1, keepdims=True))
+            weight = weight / weight.sum(axis=-1, keepdims=True) * seen.present[:, :, None]
+            pooled = (weight @ features).reshape(worlds, robots, -1)
+        else:
+            pooled = (features * seen.present[..., None]).mean(axis=2)
+        hidden = np.maximum(self._layer("trunk", np.concatenate([own, pooled], axis=-1)), 0)
+        if self.memory:
+            memory = self._remember(hidden, memory)
+            hidden = np.concatenate([hidden, memory], axis=-1)
+        return self._layer("action", np.maximum(self._layer("last", hidden), 0)), memory
+
+    def _remember(self, values: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Return h' = (1 - z) n + z h with the reset gate r, the update gate z and the candidate n, as in PyTorch."""
+        r, z, n = np.split(self._layer("memory.input", values), 3, axis=-1)
+        r_old, z_old, n_old = np.split(self._layer("memory.hidden", memory), 3, axis=-1)
+        r, z = 1 / (1 + np.exp(-r - r_old)), 1 / (1 + np.exp(-z - z_old))
+        return (1 - z) * np.tanh(n + r * n_old) + z * memory
+
+
+def _numbers(name: str, array: Any) -> np.ndarray:
+    """Return a read-only float32 copy of an array; `name` is that of errors.
+
+    Raises:
+        ValueError: the array has other contents than finite numbers.
+    """
+    given = np.asarray(array)
+    if given.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must be numbers, got an array of {given.dtype}")
+    with np.errstate(over="ignore"):
+        copied = np.array(given, dtype=np.float32, order="C")
+    if not np.isfinite(copied).all():
+        raise ValueError("weights and biases must be finite in float32")
+    copied.setflags(write=False)
+    return copied
