@@ -17,8 +17,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark.shown import number
 from baselines.policies.base import Filtered
-from baselines.policies.partition import PartitionRepair
-from baselines.policies.partition_plan import PartitionParameters
+from baselines.policies.partition import PartitionRepair, RepairParameters
 from baselines.policies.safety.proved import Proved
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.parameters.scenario import Scenario
@@ -45,7 +44,7 @@ class Case(NamedTuple):
 
 def six_rows(scenario: Scenario, num_worlds: int, proved: bool) -> Any:
     """Make `partition-repair` with six rows of cells, under the proved filter or not."""
-    made = PartitionRepair(scenario, num_worlds, parameters=PartitionParameters(rows=6))
+    made = PartitionRepair(scenario, num_worlds, parameters=RepairParameters(rows=6))
     return Filtered(made, Proved) if proved else made
 
 

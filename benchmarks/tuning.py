@@ -44,8 +44,7 @@ from baselines.policies.coordinators import ArcParameters, ground_speed
 from baselines.policies.line_abreast import LineAbreast
 from baselines.policies.line_path import LineParameters, lines_of
 from baselines.policies.loops import SweepParameters, cruising_speed
-from baselines.policies.partition import Partition, PartitionRepair, RepairParameters
-from baselines.policies.partition_plan import PartitionParameters
+from baselines.policies.partition import Partition, PartitionRepair
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.safety.filter import Safe, SafetyParameters
 from baselines.policies.trackers import FieldParameters, WithVectorField
@@ -88,10 +87,8 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
     if name in PATROLS:
         policy = PATROLS[name](planned, num_worlds, device, SweepParameters(**parts.get("sweep", {})))
     elif name in PARTITIONS:
-        more = {"repair": RepairParameters(**parts["repair"])} if "repair" in parts else {}
-        policy = PARTITIONS[name](
-            planned, num_worlds, device, PartitionParameters(**parts.get("partition", {})), **more
-        )
+        kind, given = PARTITIONS[name], parts.get("partition", {}) | parts.get("repair", {})
+        policy = kind(planned, num_worlds, device, kind.Parameters(**given))
     elif name == "line-abreast":
         policy = LineAbreast(planned, num_worlds, device, LineParameters(**parts.get("line", {})))
     else:

@@ -167,6 +167,18 @@ class MissingExtraError(ValueError, ImportError):
     """Error for missing libraries of an extra; the message explains how to install them."""
 
 
+def of_extra(module: str, what: str, extra: str) -> Any:
+    """Return a module of the libraries of an extra, which something requires.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise missing(what, extra, error) from error
+
+
 def missing(what: str, extra: str, error: ImportError) -> MissingExtraError:
     """Return the error that names the extra to install."""
     return MissingExtraError(

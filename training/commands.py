@@ -1,13 +1,12 @@
 """The command `lissajous train`."""
 
 import dataclasses
-import importlib
 from typing import Annotated, Any, Literal
 
 import tyro
 
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, make_console, parse_overrides
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import of_extra
 from training.settings import RogueTraining, TrainingSettings
 
 
@@ -50,18 +49,11 @@ def train(
             if against is None:
                 raise ValueError("against must be the policy from which the rogues learn to hide, got none")
             rogue_training = RogueTraining.from_common(settings, **of_rogues)
-            history = _import("training.rogue_trainer").train_rogues(rogue_training, console)
+            trainer = of_extra("training.rogue_trainer", "train", "train")
+            history = trainer.train_rogues(rogue_training, console)
         else:
-            history = _import("training.trainer").train(settings, console)
+            history = of_extra("training.trainer", "train", "train").train(settings, console)
     except KeyboardInterrupt:
         words = f"run the same command again to resume from the last checkpoint in {settings.out}"
         raise KeyboardInterrupt(words) from None
     output.print_json({"out": settings.out, **history})
-
-
-def _import(module: str) -> Any:
-    """Import a module that requires the libraries of the extra `train`."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise missing("train", "train", error) from error

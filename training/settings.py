@@ -129,13 +129,30 @@ class TrainingSettings(SharedSettings, with_defaults=False):
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
-            with without_warnings(self.space):
+            with self.without_warnings():
                 registry.find(self.rival).check(self.make_scenario())
 
     @cached_property
     def space(self) -> ScenarioSpace | None:
-        """Space of scenarios to train on, or None for one scenario."""
-        return space_of(self.scenario)
+        """Space of scenarios to train on, or None for one scenario.
+
+        Raises:
+            ValueError: a split of a space is given.
+        """
+        if space_and_split(self.scenario) is None:
+            return None
+        if ":" in self.scenario:
+            rule = f"must be the name of a space without a split, because a training uses the split {TRAINING_SPLIT}"
+            raise ValueError(f"scenario {rule} and is validated on {VALIDATION_SPLIT}, got {self.scenario}")
+        return scenario_space(self.scenario)
+
+    @contextlib.contextmanager
+    def without_warnings(self) -> Iterator[None]:
+        """Suppress, for a space, the warnings about assumptions of the paper that its scenarios violate."""
+        with warnings.catch_warnings():
+            if self.space is not None:
+                warnings.simplefilter("ignore", AssumptionWarning)
+            yield
 
     @property
     def num_groups(self) -> int:
@@ -154,7 +171,8 @@ class TrainingSettings(SharedSettings, with_defaults=False):
         if self.base not in (None, NO_BASE):
             return self.base
         if scenario.task.action == "velocity":
-            return rule_of(scenario)
+            rules = {OBSERVED: "greedy-cover", DETECTION_RATE: "lead-pursuit"}
+            return rules.get(task_score(scenario), "index-learned")
         return {"car": "arc-mpcc", "differential": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
 
     def make_scenario(self) -> Scenario:
@@ -169,13 +187,26 @@ class TrainingSettings(SharedSettings, with_defaults=False):
         """Return the scenarios of the validations, with `lean_overrides`."""
         if self.space is None:
             return [make_scenario(self.scenario, **self.lean_overrides)]
-        return validation_scenarios(self.space.overridden(self.lean_overrides))
+        with self.without_warnings():
+            scenarios = self.space.overridden(self.lean_overrides).scenarios(VALIDATION_SPLIT)
+            return list(itertools.islice(scenarios, MAX_VALIDATION_SCENARIOS))
 
     @cached_property
     def lean_overrides(self) -> dict[str, Any]:
-        """Overrides of the worlds: those of the user, and those that remove what a training does not need."""
+        """Overrides of the worlds: those of the user, and those that remove what a training does not need.
+
+        These are the grids that neither the reward nor the targets use and, if the reward is for targets in sight, the
+        rewards for first detections, which would outweigh it.
+        """
         base = make_scenario(self.scenario, **self.overrides) if self.space is None else self.space.base
-        return dict(self.overrides) | lean_fields(base)
+        task, fields = base.task, dict(self.overrides)
+        if task.reward_observation > 0:
+            fields |= {"task.reward_detection": 0.0, "task.reward_waiting": 0.0}
+        if task.reward_idleness == 0:
+            fields["task.grid"] = None
+        if task.reward_contamination == 0 and not task.conservative and base.targets.rogues is None:
+            fields["task.contamination"] = None
+        return fields
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
@@ -233,53 +264,3 @@ class RogueTraining(SharedSettings, with_defaults=False):
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""
         return plain(self) | {"side": "rogues"}
-
-
-def space_of(name: str) -> ScenarioSpace | None:
-    """Return the space of scenarios with a name or in a file, or None if it is a single scenario.
-
-    Raises:
-        ValueError: a split of a space is given.
-    """
-    if space_and_split(name) is None:
-        return None
-    if ":" in name:
-        rule = f"must be the name of a space without a split, because a training uses the split {TRAINING_SPLIT}"
-        raise ValueError(f"scenario {rule} and is validated on {VALIDATION_SPLIT}, got {name}")
-    return scenario_space(name)
-
-
-def validation_scenarios(space: ScenarioSpace) -> list[Scenario]:
-    """Return the scenarios of the validations of a space."""
-    with without_warnings(space):
-        return list(itertools.islice(space.scenarios(VALIDATION_SPLIT), MAX_VALIDATION_SCENARIOS))
-
-
-@contextlib.contextmanager
-def without_warnings(space: ScenarioSpace | None) -> Iterator[None]:
-    """Suppress, for a space, the warnings about assumptions of the paper that its scenarios violate."""
-    with warnings.catch_warnings():
-        if space is not None:
-            warnings.simplefilter("ignore", AssumptionWarning)
-        yield
-
-
-def lean_fields(scenario: Scenario) -> dict[str, Any]:
-    """Return overrides that remove what a training does not need.
-
-    These are the grids that neither the reward nor the targets use and, if the reward is for targets in sight, the
-    rewards for first detections, which would outweigh it.
-    """
-    fields: dict[str, Any] = {}
-    if scenario.task.reward_observation > 0:
-        fields |= {"task.reward_detection": 0.0, "task.reward_waiting": 0.0}
-    if scenario.task.reward_idleness == 0:
-        fields["task.grid"] = None
-    if scenario.task.reward_contamination == 0 and not scenario.task.conservative and scenario.targets.rogues is None:
-        fields["task.contamination"] = None
-    return fields
-
-
-def rule_of(scenario: Scenario) -> str:
-    """Return the name of the best classical policy for a scenario in which actions are velocities."""
-    return {OBSERVED: "greedy-cover", DETECTION_RATE: "lead-pursuit"}.get(task_score(scenario), "index-learned")

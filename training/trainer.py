@@ -30,7 +30,7 @@ from training.learned.card import Card
 from training.learned.networks import TeamNetwork
 from training.learned.perception import OWN, TOKEN
 from training.learned.policy import LearnedTeam
-from training.settings import TrainingSettings, without_warnings
+from training.settings import TrainingSettings
 from training.validation import described, limit_of, mean_of, rating_of, validate
 from training.worlds import TRUTH, Rollout, StepResult, Worlds
 
@@ -65,7 +65,7 @@ def train(
     console = console or make_console()
     say = partial(print_line, console)
     torch.set_num_threads(settings.threads or 1)
-    with checkpoint.locked(settings.out) as folder, without_warnings(settings.space):
+    with checkpoint.locked(settings.out) as folder, settings.without_warnings():
         state, began, diagnostics = Training(settings), time.monotonic(), {}
         card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
         history = _resume_or_begin(settings, state, card, say)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from baselines.policies.settings import SCENARIO_FILE, PolicySettings
-from lissajous_env.episodes.guarantee import guaranteed_time
+from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.episodes.lower_bounds import mean_time_lower_bound, worst_case_lower_bound
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -107,7 +107,7 @@ def bounds_of(scenario: Scenario, simulates: bool = True) -> Bounds:
     if simulates and scenario.task.contamination is not None:
         worst_case = _beyond_a_step(worst_case_lower_bound(scenario), scenario)
         with suppress(ValueError):  # targets that are too fast for its grid
-            in_formation = guaranteed_time(scenario, speed=scenario.rogue_speed)
+            in_formation = IdealFormation(scenario).guaranteed_time(scenario.rogue_speed)
     known = known_plans(scenario)
     best = min((plan.worst_case for plan in known), default=math.nan)
     settled = min((plan.settled for plan in known), default=math.nan)

@@ -6,20 +6,21 @@ doubled. Machines of one kind return the rows of the engine `local`, bit for bit
 """
 
 import contextlib
-import importlib
 import logging
 import textwrap
 from collections import deque
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from baselines.benchmark.local import failure_of, results
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import versions
-from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Rows, Work
+from baselines.benchmark.table import Rows
+from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
 from baselines.policies.factories import parts
 from lissajous_env.identity import MODULE
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import of_extra
 from lissajous_env.wording import shown
 
 _RETRIES = 3
@@ -28,6 +29,8 @@ _AHEAD = 2
 """Batches handed out for each CPU, so that none waits for work."""
 _STORE = 100_000_000
 """Memory that the workers of a local Ray share [bytes]; they exchange little."""
+_ray = partial(of_extra, "ray", "engine ray", "cluster")
+"""Function that returns the library."""
 
 
 def check(device: str) -> None:
@@ -163,10 +166,3 @@ def _result(ray: Any, reference: Any, cell: Cell) -> Rows | Failure:
 
 def _one_line(error: BaseException) -> str:
     return textwrap.shorten(str(error), 400, placeholder=" ...") or type(error).__name__
-
-
-def _ray() -> Any:
-    try:
-        return importlib.import_module("ray")
-    except ImportError as error:
-        raise missing("engine ray", "cluster", error) from error

@@ -14,7 +14,8 @@ from typing import Any
 
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import refusal_of
-from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Rows, Work
+from baselines.benchmark.table import Rows
+from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
@@ -77,15 +78,10 @@ def results(
     cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None
 ) -> Iterator[Rows | Failure]:
     """Play some episodes of a cell, and yield each batch; if the policy raises, the failure is the last."""
-    batches = play(cell, settings, numbers, stopped)
-    while True:
-        try:
-            result = next(batches, None)
-        except (Exception, SystemExit) as error:
-            result = failure_of(cell, error)
-        if result is None:
-            return
-        yield result
+    try:
+        yield from play(cell, settings, numbers, stopped)
+    except (Exception, SystemExit) as error:
+        yield failure_of(cell, error)
 
 
 def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None) -> Iterator[Rows]:

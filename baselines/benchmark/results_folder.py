@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from baselines.benchmark.statistics import column_of
-from baselines.benchmark.types import Benchmark, Cell, Rows
+from baselines.benchmark.table import Rows
+from baselines.benchmark.types import Benchmark, Cell
 from baselines.policies import registry
 from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
@@ -20,7 +21,7 @@ from lissajous_env.identity import parts_of
 from lissajous_env.parameters.robot_models import is_shipped, model_of
 from lissajous_env.parameters.rogues import folder_of
 from lissajous_env.parameters.scenario_file import scenario_of
-from lissajous_env.storage.files import read_json
+from lissajous_env.storage.files import Closing, read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import outside, shown
 from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
@@ -35,7 +36,7 @@ _ROBOTS, _ROGUES = "robots of kind ", "rogues "
 _Key = tuple[str, str, int]
 
 
-class Results:
+class Results(Closing):
     """The settings and score rows in a folder; an episode that has ended has exactly one row.
 
     Attributes:
@@ -148,12 +149,6 @@ class Results:
     def close(self) -> None:
         """Close the file."""
         self._journal.close()
-
-    def __enter__(self) -> "Results":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:

@@ -15,9 +15,9 @@ from baselines.benchmark import cluster, local, replays, results_folder, shown, 
 from baselines.benchmark.bounds import as_played
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
-from baselines.benchmark.table import Table
+from baselines.benchmark.table import Rows, Table
 from baselines.benchmark.theorem import about_theorem
-from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome, Rows, cells_of
+from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome, cells_of
 from baselines.policies.factories import Factory
 from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import ActingPolicy

@@ -33,7 +33,8 @@ _REFERENCES = ("kuramoto-mpcc", "kuramoto", "lanes")
 actions are velocities."""
 
 Row = Mapping[str, Any]
-Rows = Sequence[dict[str, Any]]
+Rows = list[dict[str, Any]]
+"""Score rows of episodes."""
 Policies = dict[str, dict[str, Estimate]]
 """Estimates by policy and column."""
 
@@ -51,7 +52,7 @@ class Overall:
 class Table:
     """The results of policies on scenarios."""
 
-    rows: list[dict[str, Any]]
+    rows: Rows
     """Score rows with their derived columns."""
     scenarios: dict[str, Scenario]
     bounds: dict[str, Bounds]
@@ -100,9 +101,9 @@ def numbers(rows: Iterable[Row], column: Column) -> np.ndarray:
     return np.array([row.get(column.name, math.nan) for row in rows], dtype=float)
 
 
-def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, list[dict[str, Any]]]]:
+def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, Rows]]:
     """Return rows by scenario and policy."""
-    by_scenario: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    by_scenario: dict[str, dict[str, Rows]] = {}
     for row in rows:
         by_scenario.setdefault(row["scenario"], {}).setdefault(row["policy"], []).append(row)
     return by_scenario
@@ -126,7 +127,7 @@ def ranked(policies: Policies, column: Column) -> Policies:
 
 def with_derived(
     policies: Mapping[str, Rows], bounds: Bounds, score: Column, reference: str | None = None
-) -> dict[str, list[dict[str, Any]]]:
+) -> dict[str, Rows]:
     """Return the rows of a scenario, by policy, with the derived columns.
 
     The worst-case undetected time of an open episode is infinite. The best policy is the best on the same seed; where
@@ -144,7 +145,7 @@ def with_derived(
         value, worst_case = best.get(row["seed"], (math.nan, math.inf))
         best[row["seed"]] = better(value, row[score.name]), np.fmin(worst_case, _worst_case(row))
     others = {row["seed"]: row for row in policies[reference]} if reference is not None else {}
-    derived: dict[str, list[dict[str, Any]]] = {}
+    derived: dict[str, Rows] = {}
     for policy, rows in policies.items():
         compared = [{} if policy == reference else others.get(row["seed"], {}) for row in rows]
         won = wins(-score.better * numbers(rows, score), -score.better * numbers(compared, score))

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from baselines.benchmark.table import Table
+from baselines.benchmark.table import Rows, Table
 from baselines.policies import factories, registry
 from baselines.policies.factories import Factory
 from lissajous_env.device.devices import as_device
@@ -15,7 +15,7 @@ from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.wording import few_of
+from lissajous_env.wording import few_of, require
 
 SCENARIOS = (
     "evaders", "evaders-walls", "evaders-lost", "team", "intruders", "intruders-walls", "intruders-inside", "rough",
@@ -92,12 +92,9 @@ class Benchmark:
         for name in ("scenarios", "policies"):
             if len(set(getattr(self, name))) < len(getattr(self, name)):
                 raise ValueError(f"{name} must contain each entry once, got {few_of(getattr(self, name))}")
-        if not self.scenarios:
-            raise ValueError("scenarios must contain at least one name, got none")
-        if self.engine not in ("local", "ray"):
-            raise ValueError(f"engine must be local or ray, got {self.engine!r}")
-        if self.address is not None and self.engine != "ray":
-            raise ValueError(f"address must be given only with engine ray, got {self.address!r}")
+        require(self.engine in ("local", "ray"), "engine", "must be local or ray", self.engine)
+        is_ray = self.engine == "ray"
+        require(is_ray or self.address is None, "address", "must be given only with engine ray", self.address)
 
     @property
     def worlds(self) -> int:
@@ -132,8 +129,6 @@ class Failure:
         return "refused" if self.is_refusal else "failed"
 
 
-Rows = list[dict[str, Any]]
-"""Score rows of episodes that were played together."""
 Work = list[tuple[Cell, list[int]]]
 """Cells, each with the numbers of the episodes to play."""
 Finish = Callable[[Cell, Rows | Failure], None]
@@ -191,7 +186,8 @@ def cells_of(
         ValueError: an invalid value, an unknown name, a policy that drives no scenario, or a scenario without a policy.
     """
     settings.check()
-    own = {name: factories.as_factory(name) for name in settings.policies if factories.is_unregistered(name)}
+    unregistered = [name for name in settings.policies if registry.is_folder(name) or factories.is_imported(name)]
+    own = {name: factories.as_factory(name) for name in unregistered}
     own |= {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     registered = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]

@@ -18,7 +18,7 @@ from lissajous_env.console.terminal import (
     print_table,
 )
 from lissajous_env.device.devices import cores
-from lissajous_env.episodes.guarantee import FormationGuarantee, fastest_rogue, formation_guarantee
+from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
@@ -57,20 +57,22 @@ def guarantee(
     for scenario in formations:
         guarantees[scenario.name] = formation_guarantees(scenario, radii, cells)
         _print(output.console(), scenario, guarantees[scenario.name])
-    output.print_json({name: [row._asdict() for row in rows] for name, rows in guarantees.items()})
+    output.print_json(guarantees)
 
 
-def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[FormationGuarantee]:
+def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[dict[str, float]]:
     """Return critical speeds and guaranteed times for sensing radii from 0.3 to 1.35 times that of Eq. (8)."""
 
-    def of_share(share: float) -> FormationGuarantee:
-        return formation_guarantee(scenario, scenario.rogue_speed, share * scenario.detection_radius, cells)
+    def of_share(share: float) -> dict[str, float]:
+        points = IdealFormation(scenario, share * scenario.detection_radius, cells)
+        times = {"guaranteed_time": points.guaranteed_time(scenario.rogue_speed)}
+        return {"radius": points.radius, "critical_speed": points.critical_speed()} | times
 
     with ThreadPoolExecutor(cores()) as threads:
         return list(threads.map(of_share, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
 
 
-def _print(console: Console, scenario: Scenario, rows: Sequence[FormationGuarantee]) -> None:
+def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]]) -> None:
     """Print a row for each sensing radius."""
     speed = scenario.rogue_speed
     console.print(
@@ -86,13 +88,13 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[FormationGuarant
         "evaded for ever\nfrom [m/s]",
         f"at {speed:g} m/s undetected\nfor at most [s]",
     ]
-    highest = fastest_rogue(scenario)
+    highest = IdealFormation(scenario).fastest_rogue
     shown = [
         [
-            f"{row.radius:.3g}",
-            f"{row.radius / scenario.detection_radius:.2f}",
-            f"{row.critical_speed:.3g}" if row.critical_speed < math.inf else f"> {highest:.3g}",
-            f"{row.guaranteed_time:.1f}" if row.guaranteed_time < math.inf else "for ever",
+            f"{row['radius']:.3g}",
+            f"{row['radius'] / scenario.detection_radius:.2f}",
+            f"{row['critical_speed']:.3g}" if row["critical_speed"] < math.inf else f"> {highest:.3g}",
+            f"{row['guaranteed_time']:.1f}" if row["guaranteed_time"] < math.inf else "for ever",
         ]
         for row in rows
     ]

@@ -9,7 +9,7 @@ from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, check_file, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, parse_overrides
 from lissajous_env.logs.poses import TOPICS
-from lissajous_env.logs.scoring import GAP, own_scenario
+from lissajous_env.logs.scoring import own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
 from lissajous_env.settings.checks import whole_number
@@ -24,7 +24,7 @@ def score(
     scenario: _Scenario = None,
     topics: tuple[str, ...] = TOPICS,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    gap: float = GAP,
+    gap: float | None = None,
     episodes: int = 1,
     seed: int | None = None,
     out: _Out = (),
@@ -43,7 +43,8 @@ def score(
         topics: topics of the robots' poses in their order, or one name in which {} stands for their numbers; for /tf
             and arrays of poses also with a part, as in /tf:car_{}.
         origin: x, y [m] and heading [rad] of the middle of the rectangle in the frame of the log.
-        gap: longest time without a pose during which a robot counts as working [s].
+        gap: longest time without a pose during which a robot counts as working [s]; by default 0.5 s, or the control
+            step if that is longer.
         episodes: number of draws of virtual targets, each of which is scored.
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.

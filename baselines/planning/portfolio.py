@@ -28,7 +28,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import read_json
 from lissajous_env.theory.geometry import turning_radius
-from lissajous_env.wording import few_of, shown
+from lissajous_env.wording import require
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_CASE
 
 NAMES = {
@@ -263,8 +263,7 @@ def chosen(name: str, scenario: str | Scenario) -> PolicySettings:
     Raises:
         ValueError: there is no such portfolio, the prior does not include the scenario, or no patrol suits it.
     """
-    if name not in NAMES:
-        raise ValueError(f"portfolio must be one of {few_of(NAMES, name)}, got {shown(name)}")
+    require(name in NAMES, "portfolio", f"must be one of {', '.join(NAMES)}", name, NAMES)
     return _first_suitable(name, scenario, 1, "cpu")[0]
 
 

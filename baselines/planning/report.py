@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
-from baselines.benchmark.shown import between
+from baselines.benchmark.shown import Entry, between, number
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, worst_cases
 from baselines.planning.rehearse import Episodes
 from baselines.planning.search import Outcome
@@ -17,6 +17,7 @@ from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from lissajous_env.console.terminal import Column, plain, print_table
 from lissajous_env.parameters.scenario_file import as_toml
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import counted
 from lissajous_env.world.columns import OPEN, WORST_CASE
 
 FIGURES = "plans.json"
@@ -44,18 +45,22 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> Non
         (
             True,
             Column("lower\nbound [s]", rank=1),
-            lambda entry: _number(bounds.get(entry.plan.scenario.num_robots, math.nan)),
+            lambda entry: number(bounds.get(entry.plan.scenario.num_robots, math.nan)),
         ),
-        (True, Column("mean detection\ntime [s]", rank=1), lambda entry: _detection(entry.figures)),
-        (True, Column("least gap\n[m]", rank=2), lambda entry: _number(entry.figures.clearance)),
-        (is_open, Column("outside\n[m]", rank=1), lambda entry: _number(entry.figures.outside)),
-        (True, Column("driven\n[m/min]", rank=2), lambda entry: _number(entry.figures.distance)),
+        (True, Column("mean detection\ntime [s]", rank=1), lambda entry: str(_detection(entry.figures))),
+        (True, Column("least gap\n[m]", rank=2), lambda entry: number(entry.figures.clearance)),
+        (is_open, Column("outside\n[m]", rank=1), lambda entry: number(entry.figures.outside)),
+        (True, Column("driven\n[m/min]", rank=2), lambda entry: number(entry.figures.distance)),
         (True, Column("messages", left=True, rank=3), lambda entry: entry.figures.messages),
         (True, Column("details", prose=True, rank=4), lambda entry: entry.plan.about),
     ]
     shown = [(column, words) for is_shown, column, words in columns if is_shown]
     rows = [[str(k), *(words(planned) for _, words in shown)] for k, planned in enumerate(plans, start=1)]
     print_table(console, [Column("", name="number"), *(column for column, _ in shown)], rows)
+
+
+def _detection(figures: Figures) -> Entry:
+    return Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
 
 
 def _name(planned: Planned) -> str:
@@ -84,7 +89,7 @@ def sentences(outcome: Outcome) -> list[str]:
     ]
     if episodes.failures:
         count = _lost(outcome)
-        lost = "1 robot is removed" if count == 1 else f"{count} robots are removed"
+        lost = counted(count, "robot is removed", "robots are removed")
         all_or_some = "each combination of robots once" if count > 1 else "each robot once"
         if "of" in _losses(outcome):
             all_or_some = "of as many combinations of robots, drawn at random"
@@ -103,8 +108,8 @@ def sentences(outcome: Outcome) -> list[str]:
     words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)
-    for number, refusals in outcome.refusals.items():
-        at = f" ({number} robots)" if len(outcome.scenarios) > 1 else ""
+    for robots, refusals in outcome.refusals.items():
+        at = f" ({robots} robots)" if len(outcome.scenarios) > 1 else ""
         refusals = {family: reason.removesuffix(".") for family, reason in refusals.items() if family != KNOWN}
         words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items()]
     return words
@@ -157,8 +162,7 @@ def _losses(outcome: Outcome) -> str:
 
 def _failed(planned: Planned) -> str:
     if planned.figures.collisions_failed:
-        count = planned.figures.collisions_failed
-        return "1 collision" if count == 1 else f"{count} collisions"
+        return counted(planned.figures.collisions_failed, "collision")
     return worst_in_words(planned.figures.worst_case_failed, planned.failed_rows)
 
 
@@ -174,23 +178,13 @@ def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WOR
     """
     words = _time(worst)
     if math.isinf(worst) and rows and not any(row[OPEN.name] for row in rows):
-        words = f"> {_number(max(row[name] for row in rows))}"
+        words = f"> {number(max(row[name] for row in rows))}"
     median = _time(statistics.median(worst_cases(rows, name))) if rows else words
     return words if median in (words, "no bound") else f"{words} (median {median})"
 
 
 def _time(seconds: float) -> str:
-    return "no bound" if math.isinf(seconds) else _number(seconds)
-
-
-def _detection(figures: Figures) -> str:
-    """Return the mean detection time with its interval."""
-    ends = between(figures.detection_low, figures.detection_high)
-    return f"{_number(figures.detection_time)} ({ends})" if ends else _number(figures.detection_time)
-
-
-def _number(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return "no bound" if math.isinf(seconds) else number(seconds)
 
 
 def open_folder(path: Path) -> Folder:

@@ -2,9 +2,10 @@
 
 import warp as wp
 
+from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed
 from baselines.similarity import EXPERIMENT
 from lissajous_env.device.car_input import car_action
-from lissajous_env.device.curve import wrap
+from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleration
@@ -41,22 +42,27 @@ def throttle_for(robot: RobotStruct, speed: float, wanted_speed: float, gain: fl
 
 @wp.func
 def drive_towards(
+    w: int,
+    i: int,
+    curve: CurveStruct,
     robot: RobotStruct,
     speed_gain: float,
-    position: wp.vec2,
-    heading: float,
-    speed: float,
     goal: wp.vec2,
     wanted_speed: float,
-) -> wp.vec2:
-    """Return an action towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and `throttle_for` a speed."""
-    away = goal - position
+    observation: Observation,
+    action_out: Actions,
+):
+    """Act towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and `throttle_for` a speed [m/s]."""
+    away = goal - own_position(w, i, curve, observation)
     distance = wp.max(wp.length(away), 2.0 * robot.wheelbase)
-    bearing = wrap(wp.atan2(away[1], away[0]) - heading)
+    bearing = wrap(wp.atan2(away[1], away[0]) - own_heading(w, i, observation))
     steering = wp.atan(2.0 * robot.wheelbase * wp.sin(bearing) / distance)
     if wp.abs(bearing) > 1.5707963:
         steering = wp.sign(bearing) * robot.steering_max
-    return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, speed_gain))
+    speed = own_speed(w, i, steady_speed(robot), observation)
+    action = car_action(robot, steering, throttle_for(robot, speed, wanted_speed, speed_gain))
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
 
 
 @wp.func

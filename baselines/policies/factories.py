@@ -95,11 +95,6 @@ def is_imported(name: str) -> bool:
     return ":" in name and not denotes_scenario(name) and name not in registry.names() and not registry.is_folder(name)
 
 
-def is_unregistered(name: str) -> bool:
-    """Return whether a name is that of a folder or `module:factory`."""
-    return is_imported(name) or registry.is_folder(name)
-
-
 def _acts(policy: Any) -> bool:
     return all(hasattr(policy, part) for part in ("act", "reset", "num_worlds"))
 

@@ -10,6 +10,7 @@ copy that, too, so the spacing law is valid in turns; an outermost car is R near
 from it on the other. `failed_condition` has the conditions.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -197,7 +198,7 @@ def turn_of(curvature_step: float) -> Turn:
     radii have a = pi / 3.
     """
     shortest = math.floor(7 * math.pi / 3 / curvature_step)
-    for steps in range(max(shortest, 4), 4 * shortest + 8):
+    for steps in itertools.count(max(shortest, 4)):
         for short in range(1, steps // 2):
             long = steps - 2 * short
             low, high = 1e-9, math.pi / 2
@@ -207,7 +208,6 @@ def turn_of(curvature_step: float) -> Turn:
                 low, high = (angle, high) if closes else (low, angle)
             if max(low / short, (math.pi + 2 * low) / long) <= curvature_step:
                 return Turn(short, long, low)
-    raise AssertionError("a long turn fits")
 
 
 def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tuple[tuple[Lines, ...], str]:

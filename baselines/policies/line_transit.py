@@ -155,13 +155,13 @@ def transit_from_any_angle(
     coarse = np.moveaxis(coarse[..., :2], -1, 0).astype(np.float32)
     noise = 3 * math.sqrt(2) * scenario.formation.start_noise * effort.angles / (2 * np.pi)
     effort = effort._replace(nearest=min(math.ceil(noise), effort.nearest))
-    chosen = _Choice(coarse, penalties.astype(np.float32), effort, _WANTED * scenario.robot.radius).run()
+    chosen = _chosen(coarse, penalties.astype(np.float32), effort, _WANTED * scenario.robot.radius)
     at = (*np.ogrid[: chosen.shape[0], : chosen.shape[1]], chosen)
     return dubins_poses(begin, pieces[at], turns[at], radii[at], travelled[at])[:, :, :-1, :2]
 
 
 def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.ndarray, ...]:
-    """Return the ways among which cars choose: by words, ends and tilts.
+    """Return the ways among which cars choose: by kinds of paths, ends and tilts.
 
     They are the lengths (P, N, C, 3) of the arcs and of the stretch between them [m], infinite for a way that does not
     exist, the directions (C, 3) and radii (C,) of the arcs, the lengths (C,) of the last stretch, and the tilts (C,).
@@ -174,10 +174,10 @@ def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.nd
         entry = np.concatenate([poses[:, :2] - lead * ahead, poses[:, 2:]], axis=-1)
         pieces = dubins_lengths(begin, entry, wide)[..., :4, :]
         of_ends.append(np.where(np.isnan(pieces), [0.0, np.inf, 0.0], pieces))
-    count, words = len(_TILTS), len(_ENDS) * 4
+    count, kinds = len(_TILTS), len(_ENDS) * 4
     leads, radii = (np.tile(np.repeat(array, 4), count) for array in (leads, radii))
     turns = np.tile(TURNS[:4], (len(_ENDS) * count, 1))
-    return np.concatenate(of_ends * count, axis=2), turns, radii, leads, np.repeat(_TILTS, words)
+    return np.concatenate(of_ends * count, axis=2), turns, radii, leads, np.repeat(_TILTS, kinds)
 
 
 def _times(scenario: Scenario, pace: Pace, speed: np.ndarray, shortest: np.ndarray) -> np.ndarray:
@@ -246,39 +246,33 @@ def closeness(one: np.ndarray, two: np.ndarray, wanted: float) -> np.ndarray:
     return (lacks * lacks).sum(axis=-1)
 
 
-class _Choice:
-    """The choice of a way for each car and angle among C that lead to places (2, P, N, C, K), with penalties (P, N, C).
+def _chosen(places: np.ndarray, penalties: np.ndarray, effort: Effort, wanted: float) -> np.ndarray:
+    """Return the way (P, N) of each car for each angle, among C that lead to places (2, P, N, C, K).
 
-    Each car chooses in turn, for the current choices of the others: the way with the least sum of its penalty and of
-    the closeness to the ways of the others for the same angle and the nearest ones.
+    Each car chooses in turn, for the current choices of the others: the way with the least sum of its penalty (P, N, C)
+    and of the closeness to the ways of the others for the same angle and the nearest ones.
     """
+    chosen = penalties.argmin(axis=2)
+    angles, cars = chosen.shape
 
-    def __init__(self, places: np.ndarray, penalties: np.ndarray, effort: Effort, wanted: float):
-        self.places, self.penalties, self.effort, self.wanted = places, penalties, effort, wanted
-        self.chosen = penalties.argmin(axis=2)
-
-    def run(self) -> np.ndarray:
-        """Return the choices (P, N)."""
-        angles, cars = self.chosen.shape
-        at = np.arange(angles)
-        for i in range(cars):
-            self.choose(at, i, range(i))
-        for _ in range(self.effort.rounds):
-            close = np.max([self.choose(at, i, set(range(cars)) - {i}) for i in range(cars)], axis=0)
-            at = at[close > _CLOSE]
-        return self.chosen
-
-    def choose(self, at: np.ndarray, i: int, others: Iterable[int]) -> np.ndarray:
+    def choose(at: np.ndarray, i: int, others: Iterable[int]) -> np.ndarray:
         """Let car i choose for some angles, given the choices of others for adjacent angles, and return the costs.
 
         If the angles are those near 0, the first and the last count as adjacent, too, which is needless but cheap.
         """
-        cost = np.zeros(self.penalties[at, i].shape, dtype=np.float32)
+        cost = np.zeros(penalties[at, i].shape, dtype=np.float32)
         for j in others:
-            for shift in range(-self.effort.nearest, self.effort.nearest + 1):
-                nearby = (at + shift) % len(self.chosen)
-                other = self.places[:, nearby, j, self.chosen[nearby, j], None]
-                cost += closeness(self.places[:, at, i], other, self.wanted)
-        cost = self.penalties[at, i] + cost
-        self.chosen[at, i] = cost.argmin(axis=1)
+            for shift in range(-effort.nearest, effort.nearest + 1):
+                nearby = (at + shift) % angles
+                cost += closeness(places[:, at, i], places[:, nearby, j, chosen[nearby, j], None], wanted)
+        cost = penalties[at, i] + cost
+        chosen[at, i] = cost.argmin(axis=1)
         return cost.min(axis=1)
+
+    at = np.arange(angles)
+    for i in range(cars):
+        choose(at, i, range(i))
+    for _ in range(effort.rounds):
+        close = np.max([choose(at, i, set(range(cars)) - {i}) for i in range(cars)], axis=0)
+        at = at[close > _CLOSE]
+    return chosen

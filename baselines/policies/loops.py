@@ -37,26 +37,21 @@ def divisions(count: int, half: tuple[float, float]) -> list[np.ndarray]:
     """
     arrays = []
     for rows in range(1, count + 1):
-        arrays.append(_rows(_cells_per_row(count, rows), half))
-        turned = _rows(_cells_per_row(count, rows), (half[1], half[0]))
+        arrays.append(_in_rows(count, rows, half))
+        turned = _in_rows(count, rows, (half[1], half[0]))
         arrays.append(turned[:, [1, 0, 3, 2, 5, 4]])
     # A grid is among the rows and among the columns.
     distinct = {np.round(np.sort(cells[:, :4] / half[1], axis=0), 9).tobytes(): cells for cells in arrays}
     return list(distinct.values())
 
 
-def _cells_per_row(count: int, rows: int) -> list[int]:
-    """Return the number of cells of each row: as even as possible, the longer rows in the middle."""
-    base, more = divmod(count, rows)
-    first = (rows - more) // 2
-    return [base + (first <= k < first + more) for k in range(rows)]
-
-
-def _rows(counts: list[int], half: tuple[float, float]) -> np.ndarray:
-    width, height = half
-    cells, bottom = [], -height
-    for row, cells_in_row in enumerate(counts):
-        half_height = height * cells_in_row / sum(counts)
+def _in_rows(count: int, rows: int, half: tuple[float, float]) -> np.ndarray:
+    """Return a division into rows of as even numbers of cells as possible, the longer rows in the middle."""
+    (width, height), (fewest, longer) = half, divmod(count, rows)
+    first, cells, bottom = (rows - longer) // 2, [], -height
+    for row in range(rows):
+        cells_in_row = fewest + (first <= row < first + longer)
+        half_height = height * cells_in_row / count
         for k in range(cells_in_row):
             x = width * ((2 * k + 1) / cells_in_row - 1)
             cells.append((x, bottom + half_height, width / cells_in_row, half_height, k, row))

@@ -9,7 +9,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import require
 from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, cell_start, layout
 
 Observation = wp.array3d(dtype=float)
@@ -164,9 +164,8 @@ class Rows:
 
     def entry(self, name: str) -> np.ndarray:
         """Return the raw values (W, N) of an entry, by its name in the layout of the observation."""
-        if name not in self._places:
-            rule = f"entry must be one of the {len(self._places)} of the layout of the observation"
-            raise ValueError(f"{rule} of {self.scenario.name}, got {shown(name)}{nearest(name, self._places)}")
+        rule = f"must be one of the {len(self._places)} of the layout of the observation of {self.scenario.name}"
+        require(name in self._places, "entry", rule, name, self._places)
         return self.values[..., self._places[name]]
 
     @cached_property

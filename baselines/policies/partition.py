@@ -43,7 +43,7 @@ from baselines.policies.transit import (
 )
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.settings.checks import number, whole
 from lissajous_env.wording import outside
 
 _SPARSE = 0.1
@@ -193,8 +193,8 @@ def in_ring_order(scenario: Scenario, order: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class RepairParameters(Checked):
-    """Parameters of the repair of a partition, besides those of the partition."""
+class RepairParameters(PartitionParameters):
+    """Parameters of a partition with repair, besides those of the partition."""
 
     patience: int = whole(2, 1, 100)
     """Control steps without motion after which a ring neighbour counts as failed."""
@@ -220,13 +220,6 @@ class PartitionRepair(TimedPaths):
     A robot learns only of failures of its ring neighbours (`baselines.policies.taking_over`), so a cell may remain
     uncovered. An `AssumptionWarning` says so where robots can fail and the loops lie apart.
 
-    Args:
-        scenario: The scenario, of cars.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Parameters of the partition.
-        repair: Parameters of the reaction to failures.
-
     Raises:
         ValueError: no loops that the cars can drive have room in the rectangle, side by side.
     """
@@ -234,17 +227,9 @@ class PartitionRepair(TimedPaths):
     communicates = "positions of ring neighbours"
     remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target", "_resting")
     waits = True
-    Parameters = PartitionParameters
+    Parameters = RepairParameters
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: PartitionParameters | None = None,
-        repair: RepairParameters | None = None,
-    ):
-        self.repair = repair or RepairParameters()
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
         self._watched = wp.zeros((*self.shape, 2, WATCH_SIZE), dtype=wp.float32, device=self.device)
@@ -253,7 +238,7 @@ class PartitionRepair(TimedPaths):
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._repair = _repair_of(scenario, self.takeover, self.tables, drift, self.device)
-        self._repair.patience = self.repair.patience
+        self._repair.patience = self.parameters.patience
         self._wait, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
@@ -266,7 +251,7 @@ class PartitionRepair(TimedPaths):
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths, a variant for each loop of `Takeover`."""
         self.parameters = replace(self.parameters, in_phase=True)
-        self.partition, self.takeover, tables = timed_repair(scenario, self.parameters, self.repair.reserve)
+        self.partition, self.takeover, tables = timed_repair(scenario, self.parameters)
         return tables
 
     def decide(self, observation: wp.array) -> None:
@@ -329,11 +314,9 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
 
 
 @lru_cache(maxsize=64)
-def timed_repair(
-    scenario: Scenario, parameters: PartitionParameters, reserve: float
-) -> tuple[PartitionLoops, Takeover, PathTables]:
+def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[PartitionLoops, Takeover, PathTables]:
     """Return the plan, the loops for takeovers and the timed paths."""
-    plans = (slowed(plan, reserve) for plan in partition_plans(scenario, parameters))
+    plans = (slowed(plan, parameters.reserve) for plan in partition_plans(scenario, parameters))
     plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
     cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height

@@ -71,8 +71,8 @@ class Problem:
     """Constants that a plan depends on; all lengths are relative to the half height of the rectangle."""
 
     robots: int
-    half_width: float
-    """Half width of the rectangle that is monitored."""
+    half: tuple[float, float]
+    """Half width and half height, 1, of the rectangle that is monitored."""
     driven: tuple[float, float]
     """Half width and half height of the rectangle in which cars drive."""
     sensing: float
@@ -91,7 +91,7 @@ class Problem:
     @property
     def inside(self) -> bool:
         """Return whether an inset separates the rectangle in which cars drive from the one that is monitored."""
-        return self.driven != (self.half_width, 1.0)
+        return self.driven != self.half
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,16 +154,16 @@ def _with_middles(placed: np.ndarray) -> np.ndarray:
     return np.concatenate([placed, (placed + np.roll(placed, -1, axis=1)) / 2], axis=1)
 
 
-def shapes_of(problem: Problem, parameters: PartitionParameters, half: tuple[float, float]):
+def shapes_of(problem: Problem, parameters: PartitionParameters):
     """Yield the shapes of loops that cars can drive: in own cells, and within an inset also in shared ones."""
     for members in range(1, problem.robots + 1 if problem.inside and not parameters.in_phase else 2):
         if problem.robots % members == 0:
-            yield from _loops_in_cells(problem, parameters, half, members)
+            yield from _loops_in_cells(problem, parameters, members)
 
 
-def _loops_in_cells(problem: Problem, parameters: PartitionParameters, half: tuple[float, float], members: int):
+def _loops_in_cells(problem: Problem, parameters: PartitionParameters, members: int):
     """Yield the shapes of loops on each of which `members` cars follow one another at even distances."""
-    layouts = divisions(problem.robots // members, half)
+    layouts = divisions(problem.robots // members, problem.half)
     if parameters.rows is not None:
         layouts = [cells for cells in layouts if len(np.unique(np.round(cells[:, 1], 9))) == parameters.rows]
     else:
@@ -258,7 +258,7 @@ def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
     robot, unit, step = scenario.robot, scenario.curve.half_height, scenario.task.step
     return Problem(
         robots=scenario.num_robots,
-        half_width=scenario.curve.half_width / unit,
+        half=(scenario.curve.half_width / unit, 1.0),
         driven=(scenario.driven.half_width / unit, scenario.driven.half_height / unit),
         sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
         apart=required_distance(scenario, parameters.clearance) / unit,
@@ -273,13 +273,12 @@ def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
 @lru_cache(maxsize=256)
 def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tuple, Shape, np.ndarray]]:
     """Return scores, shapes and their loops (N, K, 2) at the cells, the best plan first; none if none have problem."""
-    half = (problem.half_width, 1.0)
     shapes = []
-    for shape in shapes_of(problem, parameters, half):
+    for shape in shapes_of(problem, parameters):
         placed = shape.placed(problem.driven)
         if smallest_distance(placed) >= problem.apart:
             thin, step = _thinned(placed, problem)
-            never, longest = unvisited_and_gap(thin, half, problem.sensing, coarse=True)
+            never, longest = unvisited_and_gap(thin, problem.half, problem.sensing, coarse=True)
             shapes.append((never, longest * step, len(shapes), shape))
     if not shapes:
         return []
@@ -310,12 +309,12 @@ def _score(entry: tuple) -> tuple[float, float, float]:
 
 def _compare(compared: list[tuple], problem: Problem, shape: Shape, pattern: tuple) -> None:
     """Add a shape in a pattern with its score to those that were compared, unless robots come too near."""
-    placed, half = shape.placed(problem.driven, *pattern), (problem.half_width, 1.0)
+    placed = shape.placed(problem.driven, *pattern)
     if smallest_distance(placed) < problem.apart:
         return
     limit = 1.5 * min(compared, key=_score)[0][0] if compared else math.inf
     thin, step = _thinned(placed, problem)
-    compared.append((rating_of(thin, half, problem, step, limit), shape, pattern))
+    compared.append((rating_of(thin, problem.half, problem, step, limit), shape, pattern))
 
 
 def rating_of(

@@ -22,11 +22,9 @@ from baselines.policies.own_row import (
     Observation,
     hears,
     lead,
-    own_heading,
     own_key,
     own_phase,
     own_position,
-    own_speed,
 )
 from baselines.similarity import motion_scale
 from lissajous_env.device import randomness
@@ -152,7 +150,6 @@ def follow_loop(
     memory[w, i] = wp.vec2(known[0], known[1] + 1.0)
     goal = loop[((int(wp.floor(place)) % size) + size) % size]
     position = own_position(w, i, curve, observation)
-    speed = own_speed(w, i, steady_speed(robot), observation)
     # At cruising speed the distance of the goal stays `lookahead`; a car that is farther from it drives faster.
     wanted = cruise * wp.length(goal - position) / lookahead
     if slowest >= 0.0:
@@ -161,9 +158,7 @@ def follow_loop(
         ahead = (turns - wp.floor(turns + 0.5)) * float(size) * spacing
         wanted = wp.max(cruise * ahead / lookahead, slowest)
         goal = loop[(here + int(lookahead / spacing)) % size]
-    action = drive_towards(robot, speed_gain, position, own_heading(w, i, observation), speed, goal, wanted)
-    action_out[w, i, 0] = action[0]
-    action_out[w, i, 1] = action[1]
+    drive_towards(w, i, curve, robot, speed_gain, goal, wanted, observation, action_out)
 
 
 @wp.kernel
@@ -192,10 +187,7 @@ def go_around(
         here = nearest_among(loop, here - ahead, 2 * ahead + 1, position)
     memory[w, i] = here + 1
     goal = loop[(here + ahead) % size]
-    speed = own_speed(w, i, steady_speed(robot), observation)
-    action = drive_towards(robot, speed_gain, position, own_heading(w, i, observation), speed, goal, cruise)
-    action_out[w, i, 0] = action[0]
-    action_out[w, i, 1] = action[1]
+    drive_towards(w, i, curve, robot, speed_gain, goal, cruise, observation, action_out)
 
 
 @wp.kernel
@@ -219,14 +211,10 @@ def wander(
             (2.0 * wp.randf(draw) - 1.0) * curve.half_width, (2.0 * wp.randf(draw) - 1.0) * curve.half_height, 1.0
         )
         goals[w, i] = goal
-    speed_max = steady_speed(robot)
-    speed = own_speed(w, i, speed_max, observation)
     to = wp.vec2(goal[0], goal[1])
     # Slow down where the car would otherwise circle around a near goal.
-    wanted = speed_max * wp.min(1.0, wp.length(to - position) / near)
-    action = drive_towards(robot, speed_gain, position, own_heading(w, i, observation), speed, to, wanted)
-    action_out[w, i, 0] = action[0]
-    action_out[w, i, 1] = action[1]
+    wanted = steady_speed(robot) * wp.min(1.0, wp.length(to - position) / near)
+    drive_towards(w, i, curve, robot, speed_gain, to, wanted, observation, action_out)
 
 
 @wp.kernel

@@ -61,16 +61,15 @@ class _Option(NamedTuple):
 
 
 def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
-    """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time."""
-    count = math.ceil(plan.loop.shape[1] * reserve - 1e-9)
-    return replace(plan, loop=_at_even_times(plan.loop, count), speed=plan.speed * plan.loop.shape[1] / count)
+    """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time.
 
-
-def _at_even_times(loops: np.ndarray, count: int) -> np.ndarray:
-    """Return places (N, count, 2) at equal times on loops (N, K, 2) of fewer places, by their Fourier series."""
-    rates = np.fft.fftfreq(loops.shape[1], 1 / loops.shape[1])
-    time = np.arange(count)[:, None] / count
-    return np.real(np.exp(2j * np.pi * time * rates) @ np.fft.fft(loops, axis=1)) / loops.shape[1]
+    The places on them are those of the Fourier series of the loops.
+    """
+    period = plan.loop.shape[1]
+    count = math.ceil(period * reserve - 1e-9)
+    waves = np.exp(2j * np.pi * np.arange(count)[:, None] / count * np.fft.fftfreq(period, 1 / period))
+    loop = np.real(waves @ np.fft.fft(plan.loop, axis=1)) / period
+    return replace(plan, loop=loop, speed=plan.speed * period / count)
 
 
 def takeover_of(
@@ -98,7 +97,7 @@ def takeover_of(
         failed = [other for other in failed if other >= 0 and adjacent[robot, other]]
         low = (cells[[robot, *failed], :2] - cells[[robot, *failed], 2:4]).min(axis=0)
         high = (cells[[robot, *failed], :2] + cells[[robot, *failed], 2:4]).max(axis=0)
-        corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, problem.half_width)
+        corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, problem.half[0])
         half, unmoved = (high - low) / 2, _Option(own[robot], np.zeros(2), search.around(0.0))
         options = search.alone(half, (low + high) / 2)
         if not failed:  # the loop of the plan comes first

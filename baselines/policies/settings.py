@@ -31,7 +31,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import check_keys, read_toml, toml_value
 from lissajous_env.settings.checks import Checked
-from lissajous_env.wording import few_of, nearest, shown
+from lissajous_env.wording import few_of, require
 
 ARGUMENT = "parameters"
 """Name of the argument for the parameters of a policy or of a coordinator."""
@@ -117,9 +117,7 @@ def _parameters_of(policy: str, table: str, factory: Any, given: Mapping[str, An
         raise ValueError(f"{table} must be empty for {policy}, which has none, got {few_of(given)}")
     known = [field.name for field in dataclasses.fields(kind)]
     for name in given:
-        if name not in known:
-            rule = f"{table} of {policy} must be of {few_of(known, name)}"
-            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, known)}")
+        require(name in known, f"{table} of {policy}", f"must be of {few_of(known, name)}", name, known)
     before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
     if before is not None:
         return dataclasses.replace(before, **given)

@@ -70,7 +70,7 @@ from lissajous_env.parameters.assumptions import warn_of_violations
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number
 from lissajous_env.theory.geometry import curve_length
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import require
 
 wp.set_module_options(OPTIONS)
 Factory = Callable[[Scenario, int, Any], Coordinator]
@@ -334,11 +334,8 @@ def with_tracker(
     Raises:
         ValueError: the tracker is unknown, or the coordinator is not callable.
     """
-    if tracker not in TRACKERS:
-        rule = f"tracker must be one of {', '.join(TRACKERS)}"
-        raise ValueError(f"{rule}, got {shown(tracker)}{nearest(tracker, TRACKERS)}")
-    if not callable(coordinator):
-        raise ValueError(f"coordinator must be coordinator(scenario, num_worlds, device), got {shown(coordinator)}")
+    require(tracker in TRACKERS, "tracker", f"must be one of {', '.join(TRACKERS)}", tracker, TRACKERS)
+    require(callable(coordinator), "coordinator", "must be coordinator(scenario, num_worlds, device)", coordinator)
     return partial(TRACKERS[tracker][0], coordinator, **settings)
 
 

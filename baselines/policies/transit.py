@@ -23,10 +23,11 @@ from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import largest_speed, turning_radius
 from lissajous_env.world.robots.placing import start_headings
 
-WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
-"""Kinds of paths: left turn, straight line, right turn."""
-TURNS = np.array([[{"L": 1.0, "S": 0.0, "R": -1.0}[letter] for letter in word] for word in WORDS])
-"""(6, 3) direction of each piece of each kind: 1 to the left, 0 straight on, -1 to the right."""
+TURNS = np.array([[1.0, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1], [-1, 1, -1], [1, -1, 1]])
+"""(6, 3) direction of each piece of each kind of path: 1 to the left, 0 straight on, -1 to the right.
+
+The kinds are LSL, RSR, LSR, RSL, RLR and LRL in the notation of Dubins.
+"""
 RESERVE = 0.75
 """Share of the top speed and of the grip that ways and loops use."""
 TURN = 0.4
@@ -223,9 +224,9 @@ class _Search:
     def ways(self, robot: int, loop: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:
         """Return the arrival [control step], the pieces [m] and the turns of a robot's ways, the earliest first."""
         (pieces,), (possible,) = self.drivable(robot, [loop])
-        rows, words = np.nonzero(possible)
-        order = np.lexsort((pieces.sum(axis=-1)[rows, words], rows))[:_PER_ROBOT]
-        return [(int(self.times[rows[k]]), pieces[rows[k], words[k]], TURNS[words[k]]) for k in order]
+        rows, kinds = np.nonzero(possible)
+        order = np.lexsort((pieces.sum(axis=-1)[rows, kinds], rows))[:_PER_ROBOT]
+        return [(int(self.times[rows[k]]), pieces[rows[k], kinds[k]], TURNS[kinds[k]]) for k in order]
 
     def places(self, robot: int, loop: Any, arrives: int, pieces: np.ndarray, turns: np.ndarray) -> np.ndarray:
         """Return the places (H, 2) of a robot at every half control step of a way, and then of its loop [m]."""
@@ -281,14 +282,13 @@ def dubins_lengths(start: np.ndarray, end: np.ndarray, radius: float) -> np.ndar
         radius: Smallest radius of a turn [m].
     """
     start, end = np.broadcast_arrays(start, end)
-    pieces = np.full((*start.shape[:-1], len(WORDS), 3), np.nan)
-    for k, word in enumerate(WORDS):
-        first, _, last = TURNS[k]
+    pieces = np.full((*start.shape[:-1], len(TURNS), 3), np.nan)
+    for k, (first, middle, last) in enumerate(TURNS):
         # Centres of the first and the last turn.
         away = _centre(end, last, radius) - _centre(start, first, radius)
         distance, bearing = np.hypot(away[..., 0], away[..., 1]), np.arctan2(away[..., 1], away[..., 0])
         with np.errstate(invalid="ignore", divide="ignore"):
-            if word[1] != "S":
+            if middle != 0:
                 # The middle turn touches both others, so its centre is 2 radii from theirs.
                 lean = np.arccos(distance / (4 * radius))
                 # Headings at both ends of the middle turn, tangents of the circles where they touch.

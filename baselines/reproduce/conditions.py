@@ -10,7 +10,7 @@ import numpy as np
 from baselines.reproduce.claims import Part, all_of, at_most, near
 from baselines.reproduce.episodes import Player
 from lissajous_env import scenario
-from lissajous_env.episodes.guarantee import guaranteed_time
+from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms, geometry
 
@@ -82,7 +82,8 @@ def rogues(player: Player) -> Part:
     for name in ("experiment", "ideal"):
         formation = scenario(name)
         words = f"N = {formation.num_robots}, a = {formation.curve.a}, b = {formation.curve.b}"
-        times = [guaranteed_time(formation, formation.detection_radius, speed) for speed in _SPEEDS]
+        points = IdealFormation(formation, formation.detection_radius)
+        times = [points.guaranteed_time(speed) for speed in _SPEEDS]
         claims.append(
             at_most(
                 f"{words}, r_s of (8): longest time unseen, rogues of 0.2, 1 and 5 m/s",

@@ -6,10 +6,11 @@ Raises:
     MissingExtraError: the libraries are not installed.
 """
 
+from functools import partial
 from importlib import import_module
 from typing import Any
 
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import of_extra
 
 _NAMES = {
     "diagnostic_msgs.msg": "DiagnosticArray DiagnosticStatus KeyValue",
@@ -31,13 +32,9 @@ _NAMES = {
 }
 """Names that this module offers, by their modules. Their types are those of whichever distribution is installed."""
 
-try:
-    rclpy: Any = import_module("rclpy")
-    _OFFERED = {
-        name: getattr(import_module(module), name) for module, names in _NAMES.items() for name in names.split()
-    }
-except ImportError as error:
-    raise missing("a node of ROS 2", "ros", error) from error
+_of_ros = partial(of_extra, what="a node of ROS 2", extra="ros")
+rclpy: Any = _of_ros("rclpy")
+_OFFERED = {name: getattr(_of_ros(module), name) for module, names in _NAMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:

@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import of_extra
 from lissajous_env.wording import few_of
 
 Place = tuple[float, float, float, float]
 """x, y, z [m] and heading [rad]."""
+rosbags = functools.partial(of_extra, "rosbags.rosbag2", "a log (.mcap)", "logs")
+"""Function that returns the module that reads and writes logs."""
 
 
 class Bags(contextlib.ExitStack):
@@ -110,19 +112,6 @@ def _undamaged(path: Path) -> Iterator[None]:
     except Exception as error:
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{path} must be an undamaged rosbag2 file (.mcap) or folder, but {reason}") from error
-
-
-def rosbags() -> Any:
-    """Return the module of rosbags that reads and writes logs.
-
-    Raises:
-        MissingExtraError: it is not installed.
-    """
-    try:
-        from rosbags import rosbag2
-    except ImportError as error:
-        raise missing("a log (.mcap)", "logs", error) from error
-    return rosbag2
 
 
 @functools.cache

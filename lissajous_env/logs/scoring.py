@@ -23,7 +23,7 @@ from lissajous_env.wording import few_of, shown
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
-"""Longest time between two poses of a robot during which it counts as working, by default [s]."""
+"""Longest time between two poses of a robot during which it counts as working, by default [s], if steps are shorter."""
 MOST_STEPS = 200_000
 """Largest number of control steps of a log."""
 _FAR = 5.0
@@ -72,7 +72,7 @@ def score(
     log: Log,
     scenario: str | Scenario | None = None,
     seeds: Sequence[int] | None = None,
-    gap: float = GAP,
+    gap: float | None = None,
     on_step: Callable[[], None] | None = None,
 ) -> Scored:
     """Score a log: its robots' paths are replayed in a simulation of a scenario, whose targets are virtual.
@@ -86,7 +86,8 @@ def score(
         log: The log.
         scenario: The scenario; by default that of the log, where a simulation wrote it.
         seeds: Seeds of the virtual targets, one episode each; by default that of the log or 0.
-        gap: Longest time without a pose during which a robot counts as working [s].
+        gap: Longest time without a pose during which a robot counts as working [s]; by default 0.5 s, or the control
+            step if that is longer.
         on_step: Called after each step.
 
     Raises:
@@ -101,6 +102,7 @@ def score(
         got = f"{len(log.tracks)}: {log.called(range(len(log.tracks)))}"
         got = "; ".join((got, *log.notes))
         raise ValueError(f"log {log.name} must have the {scenario.num_robots} robots of {scenario.name}, got {got}")
+    gap = max(GAP, scenario.task.step) if gap is None else gap
     if not gap >= scenario.task.step:
         raise ValueError(f"gap must be at least the control step of {scenario.task.step:g} s, got {shown(gap)}")
     times = _moments(log, scenario.task.step, gap, own)

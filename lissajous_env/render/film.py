@@ -4,14 +4,14 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import of_extra
 from lissajous_env.render import palette
 from lissajous_env.render.renderer import Renderer, Window
 from lissajous_env.storage.files import replacing
@@ -29,6 +29,8 @@ _SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.15)
 """Shares of a colour in its mixtures with the ground, of which a GIF consists."""
 _QUALITY = {"crf": "18", "x264-params": "colorprim=bt709:transfer=bt709:colormatrix=bt709"}
 """Constant quality at which thin lines stay sharp; browsers show the colours by the matrix that is named."""
+pyav = partial(of_extra, "av", "an .mp4", "video")
+"""Function that returns the module of PyAV."""
 
 
 def frames(recording: Recording, renderer: Renderer | None = None, every: int = 1) -> Iterator[np.ndarray]:
@@ -102,19 +104,6 @@ def _write_gif(path: Path, pictures: Iterable[np.ndarray], size: tuple[int, int]
     # The unit of a GIF is 0.01 s, and most viewers cannot show pictures shorter than two units.
     duration = 10 * max(round(100 * seconds), 2)
     next(indexed).save(path, "GIF", save_all=True, append_images=indexed, duration=duration, loop=0)
-
-
-def pyav() -> Any:
-    """Return the module of PyAV.
-
-    Raises:
-        MissingExtraError: it is not installed.
-    """
-    try:
-        import av
-    except ImportError as error:
-        raise missing("an .mp4", "video", error) from error
-    return av
 
 
 def _write_mp4(path: Path, pictures: Iterable[np.ndarray], size: tuple[int, int], seconds: float) -> None:

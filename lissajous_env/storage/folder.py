@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from lissajous_env.storage.files import open_plainly, parse_json, sync, write_all, write_atomically
+from lissajous_env.storage.files import Closing, open_plainly, parse_json, sync, write_all, write_atomically
 from lissajous_env.wording import shown
 
 LIST = ".lissajous.jsonl"
@@ -27,7 +27,7 @@ _TEMPORARY = ".lissajous-writing"
 """Name of a file that is being written, before its suffix."""
 
 
-class Journal:
+class Journal(Closing):
     """A JSON Lines file that only grows; its lines are on the disk when `append` returns.
 
     When the file is opened, a last line that a kill left unfinished is dropped, and `torn` is its length [bytes].
@@ -97,14 +97,8 @@ class Journal:
         """Close the file."""
         os.close(self._descriptor)
 
-    def __enter__(self) -> "Journal":
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-class Folder:
+class Folder(Closing):
     """An output folder in which only this process writes; the system unlocks it however the process ends.
 
     Args:
@@ -180,12 +174,6 @@ class Folder:
     def close(self) -> None:
         """Unlock the folder."""
         self._list.close()
-
-    def __enter__(self) -> "Folder":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _claim(self, name: str) -> Path:
         """List a name before its file is written, and return its path; names of other origin raise an error."""

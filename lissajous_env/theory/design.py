@@ -1,7 +1,6 @@
 """The paper's formation for a rectangle and a team: the curve with a + b = N that meets (6), (7) and (8) best."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -137,15 +136,12 @@ def best_design(
         is_infeasible = bool(design.violations(robot_radius, sensor_radius))
         return is_infeasible, 0.0 if is_infeasible else -design.phase_rate, -min(bodies, sensors)
 
-    curves = _curves(half_width, half_height, num_robots, inset)
+    curves = (
+        Curve(half_width, half_height, a, num_robots - a, inset=inset or None)
+        for a in range(1, num_robots, 2)
+        if math.gcd(a, num_robots) == 1
+    )
     return min((_designed(curve, num_robots, speed, turning_radius, grip) for curve in curves), key=rank)
-
-
-def _curves(half_width: float, half_height: float, num_robots: int, inset: float) -> Iterator[Curve]:
-    """Yield the curves of a rectangle with a + b = N, a odd and no common factor."""
-    for a in range(1, num_robots, 2):
-        if math.gcd(a, num_robots) == 1:
-            yield Curve(half_width, half_height, a, num_robots - a, inset=inset or None)
 
 
 def _designed(whole: Curve, num_robots: int, speed: float, turning_radius: float, grip: float) -> Design:

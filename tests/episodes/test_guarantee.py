@@ -10,7 +10,7 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.console import cli
-from lissajous_env.episodes.guarantee import critical_speed, guaranteed_time, in_formation
+from lissajous_env.episodes.guarantee import IdealFormation
 
 # Longest time unseen [s] by exact discs on cells of a tenth of a step's motion; inf where a rogue is never found.
 FIVE = [
@@ -23,13 +23,13 @@ FIFTEEN = [(1.1, 0.2, 5.7), (1.4, 1.0, 5.8), (None, 5.0, 5.0)]
 @pytest.mark.parametrize(("radius", "speed", "expected"), FIVE)
 def test_five_points_on_curve_16(radius, speed, expected):
     # 180 cells: on 90 the entries nearest to a radius that does not clear are off by 0.4 s.
-    found = guaranteed_time(lissajous_env.scenario("experiment"), radius, speed, cells=180)
+    found = IdealFormation("experiment", radius, cells=180).guaranteed_time(speed)
     assert found == expected or abs(found - expected) <= 0.3
 
 
 @pytest.mark.parametrize(("radius", "speed", "expected"), FIFTEEN)
 def test_fifteen_points_on_the_curve_of_fig_2(radius, speed, expected):
-    assert abs(guaranteed_time(lissajous_env.scenario("ideal"), radius, speed, cells=80) - expected) <= 0.3
+    assert abs(IdealFormation("ideal", radius, cells=80).guaranteed_time(speed) - expected) <= 0.3
 
 
 def test_cars_in_closed_loop():
@@ -71,12 +71,11 @@ def test_the_guarantee_comes_back_after_a_fault():
 
 def test_a_rogue_must_be_faster_where_sensors_are_larger():
     # Oracle: the table above. 0.6 m clears at 0.5 m/s and not at 1, 0.5 m clears at 0.1 and not at 0.3.
-    scenario = lissajous_env.scenario("experiment")
-    assert 0.1 < critical_speed(scenario, 0.5) < 0.32
-    assert 0.5 < critical_speed(scenario, 0.6) < 1.0
-    assert critical_speed(scenario, 0.2) == 0.0
-    assert critical_speed(scenario) == math.inf
-    made = in_formation(lissajous_env.scenario("intruders"), 0.7, 0.3)
+    critical = [IdealFormation("experiment", radius).critical_speed() for radius in (0.5, 0.6, 0.2, None)]
+    assert 0.1 < critical[0] < 0.32
+    assert 0.5 < critical[1] < 1.0
+    assert critical[2:] == [0.0, math.inf]
+    made = IdealFormation("intruders", 0.7).against(0.3)
     assert (made.sensing.radius, made.rogue_speed, made.robot.kind) == (0.7, 0.3, "curve")
 
 

@@ -175,9 +175,10 @@ def test_the_speed_is_a_parameter():
      r"partition requires room for 12 loops of radius 0.52 m, .* 0.375 m from one another, got 3.6 m x 1.6 m"),
     (lambda: partition_plans(lissajous_env.scenario("evaders"), PartitionParameters(rows=6))[0],
      "rows must be at most the 5 robots, got 6"),
+    (lambda: partition_plans(lissajous_env.scenario("evaders", **{"task.boundary": "wall", "curve.inset": 0.35})),
+     r"got one of 0\.45 m to a side within an inset of 0\.35 m"),
     (lambda: PartitionParameters(lanes=3), "lanes must be even, got 3"),
     (lambda: RepairParameters(patience=0), "patience must be a whole number from 1"),
-    (lambda: baselines.make("partition", "failure"), "must drive robots of kind curve"),
 ])  # fmt: skip
 def test_what_cannot_work_is_refused_by_name(make, words):
     with pytest.raises(ValueError, match=words):

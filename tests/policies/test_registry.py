@@ -48,14 +48,17 @@ def test_what_is_no_policy_is_refused(given, words):
         baselines.register(*given)
 
 
-@pytest.mark.parametrize(("name", "words"), [
-    (3, "policy must be a name or a folder, got"),
-    ("kuramoto-safe", "must drive robots of kind car to be wrapped by -safe, got kuramoto-safe, which drives kind cur"),
-    ("kuramoto-mpcc-safe", "must drive robots of kind curve, got kuramoto-mpcc-safe, which drives kind car"),
+@pytest.mark.parametrize(("name", "scenario", "words"), [
+    (3, "failure", "policy must be a name or a folder, got"),
+    ("kuramoto-safe", "failure", "of kind car to be wrapped by -safe, got kuramoto-safe, which drives kind curve"),
+    ("kuramoto-mpcc-safe", "failure", "of kind curve, got kuramoto-mpcc-safe, which drives kind car"),
+    ("kuramoto", "rough", "policy for rough must drive robots of kind car, got kuramoto, which drives kind curve"),
+    ("kuramoto-mpcc", "watch", "must drive robots of kind velocity, got kuramoto-mpcc, which drives kind car"),
+    ("random-safe", "watch", "must drive robots of kind velocity, got random-safe"),
 ])  # fmt: skip
-def test_what_cannot_be_made_is_refused(name, words):
+def test_what_cannot_be_made_is_refused(name, scenario, words):
     with pytest.raises(ValueError, match=words):
-        baselines.make(name, "failure")
+        baselines.make(name, scenario)
 
 
 def adds_one():

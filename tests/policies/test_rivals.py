@@ -1,6 +1,7 @@
-"""Competing methods, and variants of the paper's method: arc length, clustered places."""
+"""Coordinators and trackers: their combinations, competing methods, and variants of the paper's method."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,9 +11,17 @@ from scipy.optimize import brentq
 
 import baselines
 import lissajous_env
-from baselines.policies.coordinators import PREVIEW, Consensus, KuramotoByArc, ground_speed
+from baselines.policies import registry
+from baselines.policies.coordinators import (
+    PREVIEW,
+    Consensus,
+    KuramotoByArc,
+    ReferenceParameters,
+    TrackedReference,
+    ground_speed,
+)
 from baselines.policies.loops import cruising_speed
-from baselines.policies.trackers import Field, FieldParameters, field_of, field_rate, field_velocity
+from baselines.policies.trackers import Field, FieldParameters, OnCurve, field_of, field_rate, field_velocity
 from baselines.similarity import motion_scale
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.evaluation import episodes
@@ -20,7 +29,10 @@ from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import curve_length
 from lissajous_env.world.observation import layout
 
+POINTS = ("kuramoto", "open-loop", "tracked-reference", "running-reference", "consensus", "arc")
+CARS = tuple(name + suffix for suffix in ("-mpcc", "-gvf") for name in POINTS)
 NO_FAULTS = {"faults.schedule": ()}
+BARE = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None}
 
 
 def played(name, scenario, worlds=8, **overrides):
@@ -33,12 +45,76 @@ def played(name, scenario, worlds=8, **overrides):
     return [row for rows in batches for row in rows], np.array(errors)
 
 
+def scores(policy, scenario, worlds=6, **overrides):
+    """Score rows of seeds 0, 1 ... without targets; the policy is a name, or a factory."""
+    made = lissajous_env.scenario(scenario, **BARE | overrides)
+    acting = baselines.make(policy, made, worlds) if isinstance(policy, str) else policy(made, worlds, "cpu")
+    return lissajous_env.evaluate(acting, made, range(worlds))
+
+
 def mean(rows, column):
     return np.mean([row[column] for row in rows])
 
 
 def device(array, dtype=wp.float32):
     return wp.array(np.asarray(array, dtype=np.float32), dtype=dtype, device="cpu")
+
+
+# Every coordinator over every tracker: each name plays, and is what it says.
+
+
+def test_the_names_are_the_cross_product():
+    """Oracle: the documented names; cars with the collision filter under them too."""
+    assert baselines.names("failure")[:6] == POINTS
+    names = baselines.names("experiment")
+    assert set(names[:12]) == set(CARS)
+    assert {name + suffix for name in CARS for suffix in ("-safe", "-proved")} <= set(names)
+    assert not set(CARS) & set(baselines.names("failure"))
+    assert len({registry.describe(name)["description"] for name in (*POINTS, *CARS)}) == 18
+
+
+def test_a_benchmark_plays_one_tracker_by_itself():
+    """Oracle: the rule. Coordinators are compared over MPCC; the whole of Yao et al. is there, the rest on request."""
+    usual = [name for name in baselines.names("experiment") if registry.is_default_on(name, "experiment")]
+    on_request = {name for name in CARS if name.endswith("-gvf")} - {"consensus-gvf"}
+    assert set(CARS) - set(usual) == on_request
+    assert not any(name.removesuffix("-safe") in on_request for name in usual)
+    assert all(registry.is_default_on(name, "failure") for name in POINTS)
+
+
+@pytest.mark.parametrize(("name", "recovery"), [
+    ("kuramoto", 2.0), ("consensus", 1.4), ("open-loop", math.nan), ("tracked-reference", math.nan),
+])  # fmt: skip
+def test_recovery_of_points(name, recovery):
+    """Oracle: figures computed independently; who does not react, or stops with its robot, does not recover."""
+    times = [row["recovery_time"] for row in scores(name, "failure")]
+    assert times == pytest.approx([recovery] * 6, nan_ok=True)
+
+
+def test_a_reference_that_runs_on_is_caught_up_with():
+    """Oracle: 3.6 s where a robot may run at 7 omega, through the others; the law by hand for a slower one."""
+    eager = partial(OnCurve, partial(TrackedReference, parameters=ReferenceParameters(runs_on=True, catch_up=6.0)))
+    fast = scores(eager, "failure", **{"robot.phase_rate_max": 7 * 0.3})
+    assert [row["recovery_time"] for row in fast] == pytest.approx([3.6] * 6)
+    assert mean(fast, "collisions") > 5 * mean(scores("kuramoto", "failure"), "collisions")
+    # The gap of 9.9 s closes at 1.5 omega down to 1.5 omega / k, then as exp(-k t); three of five robots are ahead of
+    # the mean, so that the deviation is 0.05 rad where the gap of the other two is 0.05 / 0.6.
+    gap, fastest = 0.3 * 9.9, 1.5 * 0.3
+    expected = (gap - fastest) / fastest + math.log(fastest / (0.05 / 0.6))
+    assert [row["recovery_time"] for row in scores("running-reference", "failure")] == pytest.approx(
+        [expected] * 6, abs=0.15
+    )
+
+
+def test_the_coordinator_and_the_tracker_of_cars_are_distinguished():
+    """Oracle: figures computed independently. Without a fault the tracker makes the collisions, after one both."""
+    names = ("consensus-mpcc", "kuramoto-gvf")
+    collisions = [mean(scores(name, "experiment", **NO_FAULTS), "collisions") for name in names]
+    assert collisions == [pytest.approx(1.06, abs=1.5), pytest.approx(22.06, abs=6.0)]
+    kuramoto, consensus = (
+        mean(scores(f"{name}-mpcc", "experiment", 24), "collisions") for name in ("kuramoto", "consensus")
+    )
+    assert consensus > 1.3 * kuramoto
 
 
 # What every policy promises.

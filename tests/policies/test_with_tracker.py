@@ -47,12 +47,6 @@ class InWarp:
         pass
 
 
-@pytest.fixture(autouse=True)
-def forgotten(monkeypatch):
-    baselines.names()
-    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
-
-
 @pytest.mark.parametrize(("tracker", "scenario", "name"), [
     ("points", "failure", "kuramoto"), ("mpcc", "experiment", "kuramoto-mpcc"), ("gvf", "rough", "kuramoto-gvf"),
 ])  # fmt: skip
@@ -126,7 +120,6 @@ def test_rates_that_are_none(rates, words):
 @pytest.mark.parametrize(("call", "words"), [
     (partial(baselines.with_tracker, Again, "mpc"), "must be one of points, mpcc, gvf, got 'mpc'; did you mean"),
     (partial(baselines.with_tracker, 3, "mpcc"), r"must be coordinator\(scenario, num_worlds, device\), got 3"),
-    (partial(baselines.register_coordinator, "", Again), "name of a policy must be a word"),
 ])  # fmt: skip
 def test_what_is_no_coordinator_or_tracker(call, words):
     with pytest.raises(ValueError, match=words):

@@ -10,6 +10,7 @@ import lissajous_env
 from lissajous_env.console.terminal import parse_overrides
 from lissajous_env.envs.sides import action_table, state_names
 from lissajous_env.episodes import guarantee, recording
+from lissajous_env.episodes.missed.played import check_contamination
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.observation import layout
 
@@ -51,8 +52,8 @@ TAKES_A_SCENARIO = {
     "state_names": state_names,
     "layout": lambda given: layout(given).names,
     "action_table": lambda given: action_table(given).tolist(),
-    "in_formation": lambda given: guarantee.in_formation(given).to_dict(),
-    "check_follows": guarantee.check_follows,
+    "IdealFormation": lambda given: guarantee.IdealFormation(given).against(0.1).to_dict(),
+    "check_contamination": check_contamination,
     "Simulation": lambda given: lissajous_env.Simulation(given).observation.numpy().tolist(),
     "names": baselines.names,
     "Rows": lambda given: baselines.Rows(np.zeros((1, 5, 42)), given).scenario.to_dict(),

@@ -131,23 +131,33 @@ TOGETHER = [
     ({"robot.wheelbase": 1e-3, "robot.steering_max": 1.57}, "robot.wheelbase must keep a car's turn in"),
     ({"noise.message_delay": 0.04}, "noise.message_delay must be 0 or from 1 to 1000 steps"),
     ({"robot.kind": "boat"}, "robot.kind must be one of car, differential, curve, got 'boat'"),
+    ({"curve.inset": 0.8}, "curve.inset must be below 0.8, half of the rectangle's side"),
+    ({"curve.inset": 0.7, "sensing.radius": 0.6}, "sensing.radius must be at least the inset of 0.7"),
+    ({"task.boundary": "wall", "robot.radius": 0.9}, "robot.radius must be below 0.8"),
+    ({"curv.a": 3}, "override must name one of curve, formation, .*, got 'curv.a'; did you mean curve"),
+    ({"wheels": 3}, "override must name one of .*, got 'wheels'; did you mean "),
+    ({"curve.halfwidth": 3}, "override must name one of .*, got 'curve.halfwidth'; did you mean curve.half_width"),
+    ({"robot": {"radios": 3}}, "override must name one of .*, got 'robot.radios'; did you mean robot.radius?"),
+    ({"robot": {1: 2}}, "override must name one of .*, got 'robot.1'"),
+    ({"curve.": 3}, "override must name one of .*, got 'curve.'"),
+    ({"curve": 3}, "override curve must be a mapping or a Curve, got 3"),
+    ({"curve": Task()}, "override curve must be a mapping or a Curve, got Task"),
+    ({"curve.a": Curve()}, "curve.a must be an odd whole number from 1 to 1023, got Curve"),
 ]
 
 
 @pytest.mark.parametrize(("fields", "message"), TOGETHER, ids=[message.split()[0] for _, message in TOGETHER])
-def test_rules_that_join_fields(fields, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+def test_rules_that_join_fields_and_fields_that_are_none(fields, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message).replace(re.escape('.*'), '.*')}"):
         lissajous_env.scenario(Scenario(), **fields)
 
 
-def test_parts_have_their_types():
-    for fields, message in [
-        ({"name": None}, "name must be text, got None"),
-        ({"robot": None}, "robot must be a Robot, got None"),
-        ({"noise": Task()}, "noise must be a Noise, got Task("),
-    ]:
-        with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
-            Scenario(**fields)
+@pytest.mark.parametrize(
+    ("part", "got", "kind"), [("name", 3, "text"), ("robot", None, "a Robot"), ("noise", Task(), "a Noise")]
+)
+def test_parts_have_their_types(part, got, kind):
+    with pytest.raises(ValueError, match=rf"^{part} must be {kind}, got {re.escape(repr(got)[:9])}"):
+        Scenario(**{part: got})
 
 
 def test_numbers_of_any_make_become_plain_ones():
@@ -179,26 +189,6 @@ def test_overrides_dotted_and_nested_are_the_same():
     assert lissajous_env.scenario(
         lissajous_env.scenario("ideal"), **{"curve.a": 11, "curve.b": 4, "task.duration": 20}
     ) == (dotted)
-
-
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        ({"curv.a": 3}, "override must name one of curve, formation, .*, got 'curv.a'; did you mean curve?"),
-        ({"wheels": 3}, "override must name one of .*, got 'wheels'; did you mean "),
-        ({"curve.halfwidth": 3}, r"override must name one of .*, got 'curve.halfwidth'; did you mean curve.half_width"),
-        ({"robot": {"radios": 3}}, r"override must name one of .*, got 'robot.radios'; did you mean robot.radius\?"),
-        ({"robot": {1: 2}}, "override must name one of .*, got 'robot.1'"),
-        ({"curve.": 3}, "override must name one of .*, got 'curve.'"),
-        ({"curve": 3}, "override curve must be a mapping or a Curve, got 3"),
-        ({"curve": Task()}, "override curve must be a mapping or a Curve, got Task"),
-        ({"curve.a": Curve()}, "curve.a must be an odd whole number from 1 to 1023, got Curve"),
-        ({"curve.a": 4}, "curve.a must be an odd whole number from 1 to 1023, got 4"),
-    ],
-)
-def test_bad_overrides(overrides, message):
-    with pytest.raises(ValueError, match=f"^{message}"):
-        lissajous_env.scenario("experiment", **overrides)
 
 
 # What ships.
@@ -284,16 +274,3 @@ def test_walls_bring_an_inset_that_scales_with_lengths_and_times():
     assert walled.resolve().curve.inset == walled.inset
     assert walled.resolve().resolve() == walled.resolve()
     assert walled.resolve().driven == walled.driven
-
-
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        ({"curve.inset": 0.8}, "curve.inset must be below 0.8, half of the rectangle's side"),
-        ({"curve.inset": 0.7}, "sensing.radius must be at least the inset of 0.7"),
-        ({"task.boundary": "wall", "robot.radius": 0.9}, "robot.radius must be below 0.8"),
-    ],
-)
-def test_an_inset_leaves_room_that_sensors_cover(fields, words):
-    with pytest.raises(ValueError, match=words):
-        lissajous_env.scenario("evaders", **fields)

@@ -96,18 +96,8 @@ def test_a_folder_of_a_benchmark(attacked, tmp_path, capsys):
     made = tmp_path / "made"
 
     def play(folder):
-        return [
-            "benchmark",
-            "--scenarios",
-            "failure",
-            "--policies",
-            "still",
-            "--episodes",
-            "1",
-            "--out",
-            folder,
-            *SHORT,
-        ]
+        played = "--scenarios", "failure", "--policies", "still", "--episodes", "1"
+        return ["benchmark", *played, "--out", folder, *SHORT]
 
     assert ended(play(made), capsys) == 0
     endings = attacked(made, play)

@@ -7,6 +7,7 @@ from typing import Any
 from baselines.policies import registry
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
+from lissajous_env.wording import require
 
 _NAMES = "scenario", "kind", "inputs", "action_size", "base"
 """Fields that are stored under `policy` in `checkpoint.json`."""
@@ -38,16 +39,16 @@ class Card:
     def __post_init__(self) -> None:
         for name in ("scenario", "kind"):
             value = getattr(self, name)
-            require(name, isinstance(value, str) and value.isprintable() and len(value) < 100, "must be a word", value)
+            require(isinstance(value, str) and value.isprintable() and len(value) < 100, name, "must be a word", value)
         words = isinstance(self.inputs, tuple) and all(isinstance(name, str) for name in self.inputs)
-        require("inputs", words and len(set(self.inputs)) == len(self.inputs), "must be words, each once", self.inputs)
+        require(words and len(set(self.inputs)) == len(self.inputs), "inputs", "must be words, each once", self.inputs)
         size = self.action_size
-        require("action_size", type(size) is int and size >= 1, "must be a whole number of at least 1", size)
+        require(type(size) is int and size >= 1, "action_size", "must be a whole number of at least 1", size)
         # A learned policy as a base could have this policy as its own base.
         base = self.base
         known = base is None or (isinstance(base, str) and registry.is_classical(base))
-        require("base", known, "must be a registered classical policy, or none", base)
-        require("settings", isinstance(self.settings, Mapping), "must be an object", self.settings)
+        require(known, "base", "must be a registered classical policy, or none", base)
+        require(isinstance(self.settings, Mapping), "settings", "must be an object", self.settings)
 
     @classmethod
     def of(cls, scenario: Scenario, **more: Any) -> "Card":
@@ -63,7 +64,7 @@ class Card:
             ValueError: an entry is missing or invalid.
         """
         for name in _NAMES:
-            require("policy", name in policy, f"must contain {name}", list(policy))
+            require(name in policy, "policy", f"must contain {name}", list(policy))
         values: dict[str, Any] = {name: policy[name] for name in _NAMES}
         if isinstance(values["inputs"], list):
             values["inputs"] = tuple(values["inputs"])
@@ -91,10 +92,4 @@ class Card:
             raise ValueError(f"robot.speed_min {rule} [m/s], got {scenario.robot.lowest_speed:g}")
         size = scenario.action_size
         fits = self.action_size in (size, size - scenario.messages.size)
-        require("action_size", fits, f"must be {size} for {scenario.name}", self.action_size)
-
-
-def require(name: str, is_right: Any, rule: str, got: Any) -> None:
-    """Raise ValueError with name, rule and value unless the value is right."""
-    if not is_right:
-        raise ValueError(f"{name} {rule}, got {repr(got)[:60]}")
+        require(fits, "action_size", f"must be {size} for {scenario.name}", self.action_size)

@@ -25,8 +25,8 @@ from lissajous_env.parameters.extensions import Extension, load_extension
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
-from lissajous_env.wording import shown
-from training.learned.card import Card, require
+from lissajous_env.wording import require, shown
+from training.learned.card import Card
 from training.learned.networks import RogueNetwork, TeamNetwork
 
 FILE = "checkpoint.json"
@@ -106,7 +106,7 @@ def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str
     arrays = _read(Path(folder), contents["files"]["weights"])
     with _naming(weights):
         for name, array in arrays.items():
-            require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
+            require(array.dtype == np.float32, f"dtype of {name}", "must be float32", str(array.dtype))
         kind = TeamNetwork if any(name.startswith("team.") for name in arrays) else RogueNetwork
         network = kind.from_arrays(arrays)
     sizes = len(card.inputs), card.action_size
@@ -127,13 +127,13 @@ def read_contents(folder: str | Path) -> dict[str, Any]:
         raise ValueError(f"checkpoint must be a folder with {FILE}, got {folder}")
     contents = read_json(path)
     with _naming(path):
-        require("it", isinstance(contents, dict), "must be an object", contents)
+        require(isinstance(contents, dict), "it", "must be an object", contents)
         there = contents.get("format")
-        require("format", type(there) is int and there == FORMAT, f"must be {FORMAT}", there)
+        require(type(there) is int and there == FORMAT, "format", f"must be {FORMAT}", there)
         for name in ("policy", "settings", "scenario", "files"):
-            require(name, isinstance(contents.get(name), dict), "must be an object", contents.get(name))
+            require(isinstance(contents.get(name), dict), name, "must be an object", contents.get(name))
         activation = contents["policy"].get("activation")
-        require("activation", activation == ACTIVATION, f"must be {ACTIVATION}", activation)
+        require(activation == ACTIVATION, "activation", f"must be {ACTIVATION}", activation)
         _check_files(contents["files"])
     return contents
 
@@ -220,7 +220,7 @@ def own_scenario(card: Card) -> Scenario:
 def _brought(entry: Any, card: Card) -> Extension:
     """Return an extension of a card, whose module the program must have imported."""
     place = entry.get("place") if isinstance(entry, Mapping) else None
-    require("place of an extension", isinstance(place, str), "must be module:name", place)
+    require(isinstance(place, str), "place of an extension", "must be module:name", place)
     module = str(place).partition(":")[0]
     if module not in sys.modules:
         raise ValueError(
@@ -241,13 +241,13 @@ def _naming(path: Path) -> Iterator[None]:
 
 def _check_files(files: Mapping[str, Any]) -> None:
     names = {"weights"} <= set(files) <= {"weights", "state"}
-    require("files", names, "must name weights, and no others but state", files)
+    require(names, "files", "must name weights, and no others but state", files)
     for stem, entry in files.items():
         holds = isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("name", "sha256"))
-        require(stem, holds, "must have a name and a SHA-256", entry)
+        require(holds, stem, "must have a name and a SHA-256", entry)
         name, digest = entry["name"], entry["sha256"]
-        require(f"name of {stem}", re.fullmatch(stem + _NAME, name), f"must be {stem}-HASH.safetensors", name)
-        require(f"SHA-256 of {stem}", re.fullmatch("[0-9a-f]{64}", digest), "must be 64 hexadecimal digits", digest)
+        require(re.fullmatch(stem + _NAME, name), f"name of {stem}", f"must be {stem}-HASH.safetensors", name)
+        require(re.fullmatch("[0-9a-f]{64}", digest), f"SHA-256 of {stem}", "must be 64 hexadecimal digits", digest)
 
 
 def _write(folder: Folder, subfolder: str, stem: str, arrays: Mapping[str, np.ndarray]) -> dict[str, str]:

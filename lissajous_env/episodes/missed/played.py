@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
-from lissajous_env.episodes.guarantee import check_follows
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
@@ -52,6 +51,13 @@ class PlayedEpisode:
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
+def check_contamination(scenario: str | Scenario) -> None:
+    """Raise ValueError if `task.contamination` of a scenario is None."""
+    scenario = named.build(scenario)
+    if scenario.task.contamination is None:
+        raise ValueError(f"task.contamination of {scenario.name} must be (columns, rows), got None")
+
+
 def play(
     policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu"
 ) -> list[PlayedEpisode]:
@@ -61,7 +67,7 @@ def play(
         ValueError: `task.contamination` of the scenario is None.
     """
     scenario = named.build(scenario)
-    check_follows(scenario)
+    check_contamination(scenario)
     scenario = replace(scenario, task=replace(scenario.task, conservative=False))
     simulation, folded = Simulation(scenario, policy.num_worlds, device=device), [fold_seed(seed) for seed in seeds]
     moments: list[tuple[np.ndarray, ...]] = []

@@ -267,15 +267,13 @@ def introduced_at(simulation: Any, world: int = 0) -> np.ndarray:
     if simulation.scenario.task.contamination is None:
         return np.full((1, 1), int(NEVER), dtype=np.int32)
     slot = int(simulation.clock.step.numpy()[world]) * hops.ticks // hops.period % hops.history_length
-    if simulation.scenario.task.conservative:
-        labels = _of_world(simulation.contamination.labels, world)[slot]
-        labels = labels[margin : margin + hops.rows, margin : margin + hops.columns]
-        return np.where(labels < int(NONE), labels >> 8, int(NEVER)).astype(np.int32)
     inside, columns = slice(margin, hops.rows + margin), np.arange(hops.columns)
-    words = _of_world(simulation.contamination.labelled, world)[inside, 1:-1, slot]
-    there = words[:, columns // 32] >> (columns % 32).astype(np.uint32) & 1
     labels = _of_world(simulation.contamination.labels, world)[slot, inside, margin : margin + hops.columns]
-    return np.where(there == 1, labels >> 8, int(NEVER)).astype(np.int32)
+    there = labels < int(NONE)
+    if not simulation.scenario.task.conservative:
+        words = _of_world(simulation.contamination.labelled, world)[inside, 1:-1, slot]
+        there = words[:, columns // 32] >> (columns % 32).astype(np.uint32) & 1 == 1
+    return np.where(there, labels >> 8, int(NEVER)).astype(np.int32)
 
 
 def _of_world(array: Any, world: int) -> np.ndarray:
