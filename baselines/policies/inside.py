@@ -39,11 +39,11 @@ car that reverses is treated as one that is turned round: its way out is behind 
 
 Noise, and cars that differ, add errors that the argument does not cover. The rule uses the strongest motor, predicts
 with the shortest and the longest wheelbase that the spreads allow, and requires the circle of the longest. It predicts
-an action with errors of `DEVIATIONS` standard deviations of the steering, the heading and the speed; those of the way
-out after it are not covered, for a circle that covered them would not fit where the walls are little farther apart than
-it. What remains appears as a car without a way out, as does a car that begins an episode without one, or stands at a
-wall. It backs up if it can reverse and has a way out behind it then; otherwise it turns at `CREEP` to the side whose
-circle is nearer to C, and slides along the wall until it can leave it. This can take minutes for a car that has a wall
+an action with errors of `STEP_DEVIATIONS` standard deviations of the steering, the heading and the speed. It does not
+cover those of the way out: a circle that covers them does not fit where the walls are little farther apart than it.
+What remains appears as a car without a way out, as does a car that begins an episode without one, or stands at a wall.
+It backs up if it can reverse and has a way out behind it then; otherwise it turns at `CREEP` to the side whose circle
+is nearer to C, and slides along the wall until it can leave it. This can take minutes for a car that has a wall
 straight ahead and cannot reverse. A car that has failed and coasts is not driven by anybody. Where the walls are closer
 than a circle, no car has a way out, and the rule changes nothing.
 
@@ -78,6 +78,9 @@ wp.set_module_options(OPTIONS)
 
 DEVIATIONS = 3.0
 """Standard deviations of a measured coordinate by which a body stays away from a wall."""
+STEP_DEVIATIONS = 2.0
+"""Standard deviations of the steering, the heading and the speed with which an action is predicted; with three, loops
+that pass near a wall are left too often."""
 CLEARANCE = 0.01
 """Least distance of a body from a wall, as a share of its radius; a body that slides along a wall is in contact."""
 CREEP = 0.2
@@ -388,7 +391,7 @@ def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     walls.creep = CREEP * min(robot.top_speed, walls.fastest_turn)
     walls.speed_gain = scaled_gain(scenario, SPEED_GAIN)
     walls.speed_unit = robot.top_speed
-    walls.errors = wp.vec3(*(DEVIATIONS * deviation for deviation in (noise.actuator, noise.heading, noise.speed)))
+    walls.errors = wp.vec3(*(STEP_DEVIATIONS * deviation for deviation in (noise.actuator, noise.heading, noise.speed)))
     walls.step, walls.substeps = scenario.task.step, scenario.task.substeps
     # A differential drive gains the yaw rate of its tightest turn steadily, so it is late by half of the time.
     fastest = min(robot.top_speed, walls.fastest_turn)
