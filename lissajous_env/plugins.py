@@ -97,14 +97,11 @@ class EntryPoints:
 
 def beside(name: Any, suffix: str) -> list[str]:
     """Return the files with a suffix in the folder of a path, which for a mere name is the current folder."""
-    return [str(path) for path in _entries(name) if path.suffix == suffix and path.is_file()]
-
-
-def _entries(name: Any = "") -> list[Path]:
     try:
-        return sorted(Path(name).parent.iterdir())
+        paths = sorted(Path(name).parent.iterdir())
     except (OSError, ValueError, TypeError):  # missing or unreadable folder
         return []
+    return [str(path) for path in paths if path.suffix == suffix and path.is_file()]
 
 
 def register(

@@ -94,7 +94,7 @@ def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console:
             with lock:
                 if isinstance(result, Failure):
                     failures[id(cell)] = result
-                    progress.failed(cell, result.word)
+                    progress.failed(cell, "refused" if result.is_refusal else "failed")
                 else:
                     results.add(result)
                     progress.finished(cell, len(result))

@@ -1,11 +1,12 @@
 """Sentences below tables on whether the theorem of the proved filter applies to the episodes of a policy."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from baselines.benchmark.table import Rows, grouped
 from baselines.benchmark.types import Cell
 from baselines.policies import registry
 from baselines.policies.base import Filtered
@@ -21,9 +22,7 @@ _TOGETHER = 64
 """Starts that are checked at the same time."""
 
 
-def about_theorem(
-    cells: Iterable[Cell], rows: Iterable[Mapping[str, Any]], device: Any = "cpu"
-) -> dict[str, list[str]]:
+def about_theorem(cells: Iterable[Cell], rows: Rows, device: Any = "cpu") -> dict[str, list[str]]:
     """Return by scenario sentences on the theorem of the proved filter, one for all policies to which the same applies.
 
     Args:
@@ -31,12 +30,10 @@ def about_theorem(
         rows: Score rows of their episodes; a policy without any is left out.
         device: Warp device.
     """
-    seeds: dict[tuple[str, str], dict[int, None]] = {}
-    for row in rows:
-        seeds.setdefault((row["scenario"], row["policy"]), {})[row["seed"]] = None
+    played = grouped(rows)
     policies: dict[tuple[str, str], list[str]] = {}
     for cell in cells:
-        begun = [*seeds.get((cell.scenario.name, cell.policy), ())]
+        begun = [row["seed"] for row in played.get(cell.scenario.name, {}).get(cell.policy, ())]
         if begun and (words := _theorem_of(cell, begun[:_MOST_SEEDS], device)):
             policies.setdefault((cell.scenario.name, words), []).append(cell.policy)
     sentences: dict[str, list[str]] = {}

@@ -123,11 +123,6 @@ class Failure:
     is_refusal: bool = False
     """True if the policy refused the scenario (`UnsuitableScenarioError`)."""
 
-    @property
-    def word(self) -> str:
-        """Return "refused" or "failed"."""
-        return "refused" if self.is_refusal else "failed"
-
 
 Work = list[tuple[Cell, list[int]]]
 """Cells, each with the numbers of the episodes to play."""

@@ -6,17 +6,9 @@ import tyro
 
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.types import Benchmark, cells_of
-from baselines.commands.playing import check_file, naming, scenarios_and_policy, with_policy
-from lissajous_env.console.terminal import (
-    DEFAULT_OUTPUT,
-    Device,
-    OutFile,
-    OutputOptions,
-    Overrides,
-    RogueName,
-    parse_overrides,
-)
+from baselines.benchmark.types import cells_of
+from baselines.commands.playing import DEFAULT_PLAY, Play, check_file, naming, scenarios_and_policy, with_policy
+from lissajous_env.console.terminal import OutFile, RogueName
 
 _Names = Annotated[
     tuple[str, ...],
@@ -28,13 +20,10 @@ _Names = Annotated[
 def evaluate(
     names: _Names,
     episodes: int = 64,
-    seed: int = 0,
     batch: int = 16,
-    device: Device = "cpu",
     out: OutFile = None,
     rogues: RogueName = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
-    overrides: Overrides = (),
+    common: Play = DEFAULT_PLAY,
 ) -> None:
     """Play one policy on scenarios and print statistics of every score.
 
@@ -46,7 +35,6 @@ def evaluate(
             of a plan, or module:factory. If only a folder is given, its policy is played on the scenario for which it
             was made.
         episodes: number of episodes on each scenario; more of them narrow the intervals.
-        seed: seed of episode 0; episode k has seed + k.
         batch: number of episodes that are played together; it changes the speed, not the results.
         out: CSV file to which the score rows are written; without it they are only summarized.
     """
@@ -56,12 +44,11 @@ def evaluate(
 
     scenarios, policy, own = scenarios_and_policy(names)
     check_file(out, ".csv")
-    changed = parse_overrides(overrides, rogues)
-    settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
+    settings = common.settings(scenarios, policy, episodes, batch, rogues)
     cells = cells_of(settings, scenarios=None if own is None else [own])
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
-    with Progress([(cell, numbers) for cell in cells], output.progress()) as progress:
+    with Progress([(cell, numbers) for cell in cells], common.progress()) as progress:
         for k, cell in enumerate(cells):
             progress.begin(cell)
             cells[k] = with_policy(cell, settings)
@@ -70,12 +57,12 @@ def evaluate(
                     rows += finished
                     progress.finished(cell, len(finished))
     table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
-    console = output.console()
+    console = common.console()
     for name, policies in table.estimates.items():
         shown.print_scores(console, policy, table.scenarios[name], policies[policy])
-    shown.print_theorem(console, about_theorem(cells, rows, device))
+    shown.print_theorem(console, about_theorem(cells, rows, common.device))
     if out is not None:
         written.write_csv(out, rows)
-        output.print(f"wrote {out}")
+        common.print(f"wrote {out}")
     of = {name: policies[policy] for name, policies in table.estimates.items()}
-    output.print_json({"policy": policy, "statistics": of, "episodes": rows})
+    common.print_json({"policy": policy, "statistics": of, "episodes": rows})

@@ -4,15 +4,17 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import tyro
 
 from baselines.benchmark.progress import Progress, bar
 from baselines.benchmark.types import Benchmark, Cell, cells_of
 from baselines.policies import registry
 from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
-from lissajous_env.console.terminal import CommandError, Output
+from lissajous_env.console.terminal import CommandError, Device, Output, Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.wording import few_of, nearest, where_raised
@@ -24,6 +26,28 @@ _MOST_PICTURES = 20_000
 """Limit on the pictures of a GIF or a film."""
 FORMATS = (".html", ".mp4", ".gif", ".npz", ".mcap")
 """Endings of the files that show or store one episode."""
+
+
+@dataclass(frozen=True)
+class PlayOptions(Output):
+    """Options that commands that play a policy have in common."""
+
+    seed: int = 0
+    """Seed of episode 0; episode k has seed + k."""
+    device: Device = "cpu"
+    overrides: Overrides = ()
+
+    def settings(
+        self, scenarios: tuple[str, ...], policy: str, episodes: int = 1, batch: int = 1, rogues: str | None = None
+    ) -> Benchmark:
+        """Return the settings of some episodes of a policy on scenarios."""
+        changed = parse_overrides(self.overrides, rogues)
+        return Benchmark(scenarios, (policy,), episodes, self.seed, batch, self.device, overrides=changed)
+
+
+DEFAULT_PLAY = PlayOptions()
+Play = tyro.conf.OmitArgPrefixes[PlayOptions]
+"""Type of a command's parameter `common`, which adds --seed, --device and --set to --json and --quiet."""
 
 
 def scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str, Scenario | None]:

@@ -1,13 +1,16 @@
 """The command `lissajous replay`: an episode, played now or recorded before, as a page, in a window, or as a film."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from baselines.benchmark.types import Benchmark
 from baselines.commands.playing import (
+    DEFAULT_PLAY,
     FORMATS,
+    Play,
+    PlayOptions,
     check_file,
     has_display,
     record_one,
@@ -15,16 +18,7 @@ from baselines.commands.playing import (
     show,
 )
 from baselines.policies import registry
-from lissajous_env.console.terminal import (
-    DEFAULT_OUTPUT,
-    Device,
-    OutFile,
-    Output,
-    OutputOptions,
-    Overrides,
-    RogueName,
-    parse_overrides,
-)
+from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.plugins import beside
 from lissajous_env.wording import nearest, require
 
@@ -43,13 +37,10 @@ def replay(
     names: _Names,
     out: OutFile = None,
     against: _Against = None,
-    seed: int = 0,
-    device: Device = "cpu",
     speed: float = 1.0,
     fps: float = 10.0,
     rogues: RogueName = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
-    overrides: Overrides = (),
+    common: Play = DEFAULT_PLAY,
 ) -> None:
     """Show an episode, played now or recorded before: as a page, in a window, or as MP4 or GIF.
 
@@ -60,7 +51,6 @@ def replay(
         names: scenario and policy, or a policy's folder, as for `lissajous run`; or a recording (.npz) of it.
         out: file to write, ending in .html, .mp4, .gif, .npz or .mcap; without it, a window opens.
         against: second policy, shown beside the first on the same seed; requires --out FILE.html.
-        seed: seed of the episode; ignored for a recording.
         speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.
         fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
     """
@@ -78,24 +68,24 @@ def replay(
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
-    recording = _recorded(names, seed, device, output, parse_overrides(overrides, rogues))
+    recording = _recorded(names, common, rogues)
     other = None
     if against is not None:
-        rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, device)
-        other = record_one(rival, output, recording.scenario)
-    show(recording, out, output, speed, fps, other)
+        rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, common.device)
+        other = record_one(rival, common, recording.scenario)
+    show(recording, out, common, speed, fps, other)
     scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
-    output.print_json({"wrote": out, **scores})
+    common.print_json({"wrote": out, **scores})
 
 
-def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, overrides: dict[str, Any]) -> "Recording":
+def _recorded(names: tuple[str, ...], common: PlayOptions, rogues: str | None) -> "Recording":
     """Read the recording of a file, or play a policy on a scenario."""
     from lissajous_env.episodes.recording import load
 
     first, *others = names
     if others or registry.is_folder(first):
         scenarios, policy, own = scenarios_and_policy(names)
-        return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=overrides), output, own)
-    if overrides:
+        return record_one(common.settings(scenarios, policy, rogues=rogues), common, own)
+    if common.overrides or rogues:
         raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
     return load(first)

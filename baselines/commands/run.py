@@ -4,9 +4,11 @@ from typing import Annotated
 
 import tyro
 
-from baselines.benchmark.types import Benchmark, Cell
+from baselines.benchmark.types import Cell
 from baselines.commands.playing import (
+    DEFAULT_PLAY,
     FORMATS,
+    Play,
     check_file,
     has_display,
     record_one,
@@ -14,17 +16,7 @@ from baselines.commands.playing import (
     show,
 )
 from baselines.policies.factories import as_factory
-from lissajous_env.console.terminal import (
-    DEFAULT_OUTPUT,
-    Device,
-    OutFile,
-    OutputOptions,
-    Overrides,
-    RogueName,
-    ScenarioName,
-    parse_overrides,
-    print_line,
-)
+from lissajous_env.console.terminal import OutFile, RogueName, ScenarioName, print_line
 
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
 
@@ -32,12 +24,9 @@ _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar=
 def run(
     scenario: ScenarioName,
     policy: _PolicyName = None,
-    seed: int = 0,
-    device: Device = "cpu",
     out: OutFile = None,
     rogues: RogueName = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
-    overrides: Overrides = (),
+    common: Play = DEFAULT_PLAY,
 ) -> None:
     """Play one episode and print its scores; show it in a window, or write a page, a film, a picture or a recording.
 
@@ -48,7 +37,6 @@ def run(
         scenario: name of a scenario, .toml file, or module:attribute.
         policy: name of a policy, folder of a checkpoint or of a plan, or module:factory. If only a folder is given, its
             policy is played on the scenario for which it was made.
-        seed: seed of the episode; the same seed repeats it.
         out: file to write, ending in .html, .mp4, .gif, .npz (a recording) or .mcap (a log of
             ROS); without it, a window opens if there is a display.
     """
@@ -57,16 +45,14 @@ def run(
 
     scenarios, name, own = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
     check_file(out, *FORMATS)
-    settings = Benchmark(scenarios, (name,), 1, seed, 1, device, overrides=parse_overrides(overrides, rogues))
-    recording = record_one(settings, output, own)
+    recording = record_one(common.settings(scenarios, name, rogues=rogues), common, own)
     row = recording.score
-    shown.print_row(output.console(), row, recording.scenario)
-    shown.print_theorem(
-        output.console(), about_theorem([Cell(recording.scenario, name, as_factory(name))], [row], device)
-    )
-    output.print_json(row)
+    shown.print_row(common.console(), row, recording.scenario)
+    cell = Cell(recording.scenario, name, as_factory(name))
+    shown.print_theorem(common.console(), about_theorem([cell], [row], common.device))
+    common.print_json(row)
     if out is not None or has_display():
-        show(recording, out, output)
+        show(recording, out, common)
     else:
         words = f"there is no display for a window; --out FILE writes {', '.join(FORMATS)} instead"
-        print_line(output.progress(), words)
+        print_line(common.progress(), words)

@@ -16,10 +16,6 @@ from lissajous_env.settings.task import Task
 from lissajous_env.wording import few_of, require
 
 
-def _nothing_to_check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
-    pass
-
-
 @dataclass(frozen=True)
 class AsCar:
     """Description of how robots of a model move like cars; classical policies for cars can drive a model that has one.
@@ -68,7 +64,7 @@ class RobotModel:
     """Function that returns the action that brings a robot to rest; None means zeros."""
     driving: tuple[int, ...] | None = None
     """Indices of the action's components that drive a robot away from its place; None means all."""
-    check: Callable[[Curve, Formation, Robot, Noise, Task], None] = _nothing_to_check
+    check: Callable[[Curve, Formation, Robot, Noise, Task], None] | None = None
     """Function that raises ValueError for fields that this model does not support."""
     shape: Callable[[Robot], list[tuple[np.ndarray, str | None]]] | None = None
     """Function that returns outlines (K, 2) for a radius of 1, heading right, lowest first, each with the name of a

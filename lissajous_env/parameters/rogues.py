@@ -128,12 +128,7 @@ def folder_of(name: str) -> Path | None:
     """Return the folder of a learned rogue, included or not; None for another name."""
     if name in shipped_rogues():
         return _SHIPPED / name
-    return Path(name) if is_folder(name) else None
-
-
-def is_folder(name: str) -> bool:
-    """Return True if a name is that of a folder with a checkpoint."""
     try:
-        return name not in rogues() and Path(name, CHECKPOINT).is_file()
+        return Path(name) if name not in _ROGUES and Path(name, CHECKPOINT).is_file() else None
     except (OSError, ValueError):  # not a possible name of a file
-        return False
+        return None

@@ -33,7 +33,8 @@ def check_together(scenario: Any) -> None:
     _require(is_driven, scenario, "task.action", f"must be control for robots of kind {kind}")
     rule = f"must be at least the sensing radius, {sensed:g} [m]"
     _require(scenario.sight >= sensed, scenario, "sensing.sight", rule)
-    model_of(kind).check(curve, scenario.formation, scenario.robot, scenario.noise, task)
+    if (check := model_of(kind).check) is not None:
+        check(curve, scenario.formation, scenario.robot, scenario.noise, task)
     _check_targets(scenario)
 
 

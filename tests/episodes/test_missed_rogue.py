@@ -11,7 +11,7 @@ from reference_missed_rogue import fault_of, first_detection
 import baselines
 import lissajous_env
 from baselines.commands.exploit import exploit
-from lissajous_env.console.terminal import Output
+from baselines.commands.playing import PlayOptions
 from lissajous_env.episodes.missed import missed_rogue, missed_rogues
 from lissajous_env.episodes.missed.played import PlayedEpisode, record_again
 from lissajous_env.episodes.missed.search import longest_path
@@ -155,8 +155,7 @@ def test_the_page_shows_the_rogue():
 
 def test_the_command(tmp_path, capfd):
     out = tmp_path / "rogue.html"
-    overrides = (("task.duration=8",),)
-    exploit("evaders", "still", episodes=2, out=out, output=Output(json=True), overrides=overrides)
+    exploit("evaders", "still", episodes=2, out=out, common=PlayOptions(True, overrides=(("task.duration=8",),)))
     printed = json.loads(capfd.readouterr().out)
     assert [row["seed"] for row in printed["episodes"]] == [0, 1]
     assert printed["episodes"][0]["undetected"] == pytest.approx(7.9)
