@@ -21,6 +21,7 @@ from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
 from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import require
 from lissajous_env.world.columns import DETECTION_TIME
 from training.learned import checkpoint
 from training.learned.networks import RogueNetwork
@@ -97,10 +98,8 @@ class RogueTrainer:
         for k in range(history["rounds"], settings.rounds):
             began, is_last = time.monotonic(), k == settings.rounds - 1
             labels = foresight.label(self._visit(k))
-            if not len(labels.rows):
-                raise ValueError(
-                    f"starts must be large enough that a rogue is undetected for a step, got {settings.starts}"
-                )
+            rule = "must be large enough that a rogue is undetected for a step"
+            require(len(labels.rows) > 0, "starts", rule, settings.starts)
             if self.normalization is None:
                 spread = np.maximum(labels.rows.std(axis=0), 1e-3)
                 self.normalization = labels.rows.mean(axis=0), spread.astype(np.float32)

@@ -22,6 +22,7 @@ from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.named import scenario_space, space_and_split
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.checks import Checked, is_whole, number, rows, whole
+from lissajous_env.wording import require
 from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
 NO_BASE = "none"
@@ -247,9 +248,9 @@ class RogueTraining(SharedSettings, with_defaults=False):
         """
         shared = {option.name: getattr(common, option.name) for option in dataclasses.fields(SharedSettings)}
         for option in dataclasses.fields(common):
-            if option.name not in shared and getattr(common, option.name) != option.default:
-                rule = f"must be omitted if rogues are trained, which share only {', '.join(shared)}"
-                raise ValueError(f"{option.name} {rule}; got {getattr(common, option.name)!r}")
+            value = getattr(common, option.name)
+            rule = f"must be omitted if rogues are trained, which share only {', '.join(shared)}"
+            require(option.name in shared or value == option.default, option.name, rule, value)
         return cls(**shared, **more)
 
     def make_scenario(self, rogues: str = AGENTS) -> Scenario:

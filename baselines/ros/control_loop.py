@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from baselines.onboard import Message, Odometry, Onboard, Output
-from lissajous_env.logs.samples import moved
+from lissajous_env.logs.samples import moved, relative
 
 Origin = tuple[float, float, float]
 """x, y [m] and heading [rad] of the middle of the rectangle in the frame of the laboratory."""
@@ -21,10 +21,7 @@ Origin = tuple[float, float, float]
 
 def in_scenario_frame(origin: Origin, x: float, y: float, heading: float) -> tuple[float, float, float]:
     """Return a pose of the laboratory in the frame of the scenario."""
-    if origin == (0.0, 0.0, 0.0):
-        return x, y, heading
-    place = moved(np.array([x - origin[0], y - origin[1]]), (0.0, 0.0, -origin[2]))
-    return (*place.tolist(), math.remainder(heading - origin[2], 2 * math.pi))
+    return (*relative(np.array([x, y]), origin).tolist(), math.remainder(heading - origin[2], 2 * math.pi))
 
 
 def relative_to_robot(rows: np.ndarray, frame: str, own: str, pose: Odometry | None, origin: Origin) -> np.ndarray:

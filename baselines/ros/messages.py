@@ -14,14 +14,6 @@ from lissajous_env.logs.samples import heading_of
 RING = ("cos_phase", "sin_phase", "x", "y")
 """Names in a message to the ring neighbours, before `number_0`, `number_1` ... of the policy."""
 
-COMMAND_TOPICS = {
-    "car": {"command": "JointState"},
-    "twist": {"cmd_vel": "Twist"},
-    "twist_stamped": {"cmd_vel": "TwistStamped"},
-    "dart": {"steering": "Float32", "throttle": "Float32"},
-}
-"""For each kind of commands the topics that a robot's base listens to, with the types of their messages."""
-
 
 def yaw(orientation: Any) -> float:
     """Return the heading of a quaternion [rad]; NaN if its length is not 1."""
@@ -71,7 +63,7 @@ def command_messages(command: Command | Twist, kind: str, steering_max: float, t
 
     Args:
         command: The command.
-        kind: One of `COMMAND_TOPICS`.
+        kind: One of those in `baselines.ros.settings.COMMANDS`.
         steering_max: Largest steering angle [rad].
         time: Time [s].
         frame: Frame of the robot.

@@ -18,7 +18,7 @@ from baselines.ros import library as ros
 from baselines.ros import messages
 from baselines.ros.control_loop import ControlLoop, SpeedOfPoses, in_scenario_frame, relative_to_robot
 from baselines.ros.messages import named_numbers, ring_message, yaw
-from baselines.ros.settings import RobotSettings, check_command
+from baselines.ros.settings import RobotSettings, command_topics
 from lissajous_env.logs.messages import seconds
 from lissajous_env.parameters.scenario import Scenario
 
@@ -56,7 +56,7 @@ class RobotNode(ros.Node):
         super().__init__(NAME, namespace=f"robot_{settings.robot}" if namespace is None else namespace, **options)
         self.settings = settings = self._declared(settings)
         self.onboard = Onboard(settings.policy, scenario or settings.scenario, settings.robot, settings)
-        check_command(self.onboard.scenario, settings.command)
+        self._command_topics = command_topics(self.onboard.scenario, settings.command)
         self.scenario = self.onboard.scenario
         self._loop = ControlLoop(self.onboard, settings.message_wait)
         self._speed = SpeedOfPoses(self.scenario.task.step)
@@ -114,7 +114,7 @@ class RobotNode(ros.Node):
         self._send_action = self.create_publisher(ros.JointState, "action", ros.reliable(), **changes).publish
         self._send_phase = self.create_publisher(ros.Float64, "phase", ros.reliable(), **changes).publish
         self._send_diagnostics = self.create_publisher(ros.DiagnosticArray, "/diagnostics", ros.reliable()).publish
-        topics = messages.COMMAND_TOPICS[settings.command].items()
+        topics = self._command_topics.items()
         senders = [self.create_publisher(getattr(ros, cls), name, ros.reliable(1), **changes) for name, cls in topics]
         self._command_publishers = senders
         measurements: dict[str, tuple[Any, Callable[[Any], None]]] = {

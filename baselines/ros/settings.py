@@ -10,8 +10,11 @@ from baselines.onboard import Limits
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, number, rows, whole, word
 
-COMMANDS = {"car": ("car", "dart"), "differential": ("twist", "twist_stamped")}
-"""Kinds of commands by `robot.kind`."""
+COMMANDS = {
+    "car": {"car": {"command": "JointState"}, "dart": {"steering": "Float32", "throttle": "Float32"}},
+    "differential": {"twist": {"cmd_vel": "Twist"}, "twist_stamped": {"cmd_vel": "TwistStamped"}},
+}
+"""For each `robot.kind` and kind of commands the topics that a robot's base listens to, with their messages' types."""
 _FOREVER = 1e6
 
 CommandKind = Literal["car", "twist", "twist_stamped", "dart"]
@@ -73,8 +76,8 @@ class WorldSettings(Checked, part="node"):
     """Largest number of simulated seconds per second."""
 
 
-def check_command(scenario: Scenario, command: str) -> None:
-    """Check that robots understand a kind of commands.
+def command_topics(scenario: Scenario, command: str) -> dict[str, str]:
+    """Return the topics of a kind of commands that robots understand, with the types of their messages.
 
     Raises:
         ValueError: they are neither cars nor differential drives, or understand another kind.
@@ -84,3 +87,4 @@ def check_command(scenario: Scenario, command: str) -> None:
         raise ValueError(f"scenario must be of robots of kind {' or '.join(COMMANDS)}, got {kind}")
     if command not in COMMANDS[kind]:
         raise ValueError(f"command must be {' or '.join(COMMANDS[kind])} for robots of kind {kind}, got {command}")
+    return COMMANDS[kind][command]

@@ -12,7 +12,7 @@ from baselines.onboard import Limits, inputs_of
 from baselines.onboard.simulated import Vehicle
 from baselines.ros import library as ros
 from baselines.ros import messages
-from baselines.ros.settings import WorldSettings, check_command
+from baselines.ros.settings import WorldSettings, command_topics
 from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.messages import seconds
@@ -48,14 +48,14 @@ class WorldNode(ros.Node):
         discovery: Time for which the node waits at least, so that a recorder that was there before misses nothing [s].
 
     Raises:
-        ValueError: as `baselines.ros.settings.check_command`.
+        ValueError: as `baselines.ros.settings.command_topics`.
     """
 
     loop: Any = None
     discovery = DISCOVERY
 
     def __init__(self, scenario: Scenario, settings: WorldSettings, **options: Any):
-        check_command(scenario, settings.command)
+        self._command_topics = command_topics(scenario, settings.command)
         super().__init__(NAME, **options)
         self.settings, self.simulation = settings, Simulation(scenario, seed=settings.seed)
         self.scenario, self._begun, self._start = self.simulation.scenario, monotonic(), START
@@ -121,7 +121,7 @@ class WorldNode(ros.Node):
     def _connect(self, robot: int) -> dict[str, Any]:
         """Listen to a robot, and return its services and the functions that publish its topics, by their names."""
         names, reliable = f"/robot_{robot}/", ros.reliable()
-        for topic, cls in messages.COMMAND_TOPICS[self.settings.command].items():
+        for topic, cls in self._command_topics.items():
             command = partial(self._command, robot, topic)
             self.create_subscription(getattr(ros, cls), names + topic, command, reliable)
         self.create_subscription(ros.JointState, names + "action", partial(self._decide, robot), reliable)

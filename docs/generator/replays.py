@@ -8,7 +8,7 @@ import lissajous_env
 from docs.generator.files import write_changed
 from lissajous_env.episodes.recording import record
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.replay import page
+from lissajous_env.replay import Replay
 
 _MOST_ROBOTS, _MOST_TARGETS = 150, 300
 """Size limits, as larger pages have many megabytes: no replay for more robots, and at most so many targets."""
@@ -26,7 +26,7 @@ def made(given: Scenario, folder: Path) -> str:
         return ""
     shown = lissajous_env.scenario(given, **{"targets.count": min(given.targets.count, _MOST_TARGETS)})
     recording = record(baselines.make(policy_for(given), shown), shown, seed=1)
-    write_changed(folder / f"{given.name}.html", page(recording))
+    write_changed(folder / f"{given.name}.html", Replay(recording).html())
     fewer = "" if shown == given else f"Of {given.targets.count:,} targets {_MOST_TARGETS} are shown. "
     told = {"name": given.name, "policy": policy_for(given), "fewer": fewer}
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(told)

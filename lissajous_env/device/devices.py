@@ -12,7 +12,7 @@ import warp as wp
 
 from lissajous_env.device import compilation
 from lissajous_env.device.locks import COMPILING
-from lissajous_env.wording import shown
+from lissajous_env.wording import require, shown
 
 
 def as_device(device: Any) -> Any:
@@ -64,9 +64,8 @@ def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:
     need = f"{sum(sizes) / 2**20:.3g} MiB a world"
     if max(sizes) >= 2**31:  # Warp counts the bytes of a world in an array by 32 bits
         raise ValueError(f"scenario must need less than 2048 MiB in an array of a world (grid, robots), got {need}")
-    if sum(sizes) * num_worlds > room:
-        rule = f"must fit into the memory of {device}, {room / 2**20:.0f} MiB, at {need}"
-        raise ValueError(f"num_worlds {rule}, got {num_worlds}")
+    rule = f"must fit into the memory of {device}, {room / 2**20:.0f} MiB, at {need}"
+    require(sum(sizes) * num_worlds <= room, "num_worlds", rule, num_worlds)
 
 
 def copy_in(name: str, value: Any, target: Any) -> None:

@@ -25,7 +25,7 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import Draws, ScenarioSpace
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import drawn_seeds, fold_seed
 from lissajous_env.world.simulation import Simulation
@@ -91,8 +91,8 @@ class Batch(Stateful):
     ):
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.group_size, rest = divmod(self.num_worlds, whole_number("num_groups", num_groups))
-        if rest or self.group_size == 0:
-            raise ValueError(f"num_worlds must be a multiple of num_groups ({num_groups}), got {num_worlds}")
+        fits = self.group_size > 0 and rest == 0
+        require(fits, "num_worlds", f"must be a multiple of num_groups ({num_groups})", num_worlds)
         self._device, self._cores = device, cores() if threads is None else whole_number("threads", threads)
         # With many groups, each is stepped by one thread; with few, all threads share the worlds of each.
         self._threads = 1 if 1 < num_groups >= self._cores else threads
@@ -101,8 +101,7 @@ class Batch(Stateful):
         space = space_and_split(scenario)
         if space is None:
             self.space, self.split = None, None
-            if num_groups != 1:
-                raise ValueError(f"num_groups must be 1 without a space of scenarios, got {num_groups}")
+            require(num_groups == 1, "num_groups", "must be 1 without a space of scenarios", num_groups)
             given = {"rogues": AGENTS} | dict(overrides) if roles == "rogues" else overrides
             first = largest = self._resolved(named.scenario(scenario, **given))  # type: ignore[arg-type]
             self._most_targets = first.target_capacity
@@ -325,9 +324,9 @@ def robot_policy_of(robots: Any, scenario: Scenario, num_worlds: int, device: An
         factories = import_module("baselines.policies.factories")  # not at the top, because it imports this package
         return factories.as_factory(robots)(scenario, num_worlds, device)
     if hasattr(robots, "act"):
-        if robots.num_worlds != num_worlds:
-            raise ValueError(f"robots must be driven by a policy for {num_worlds} worlds, got {robots.num_worlds}")
+        rule = f"must be driven by a policy for {num_worlds} worlds"
+        require(robots.num_worlds == num_worlds, "robots", rule, robots.num_worlds)
         return robots
-    if isinstance(robots, type) or not callable(robots):
-        raise ValueError(f"robots must be the name of a policy, a policy or a function, got {shown(robots)}")
+    fits = callable(robots) and not isinstance(robots, type)
+    require(fits, "robots", "must be the name of a policy, a policy or a function", robots)
     return FunctionPolicy(robots, num_worlds)

@@ -14,7 +14,7 @@ from lissajous_env.envs.sides import Rows
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 from lissajous_env.world.selection import world_mask
 
 
@@ -68,8 +68,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
     ):
         modes = {mode.name: mode for mode in AutoresetMode}
         name = autoreset_mode.name if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
-        if not isinstance(name, str) or name not in modes:
-            raise ValueError(f"autoreset_mode must be one of {', '.join(modes)}, got {shown(autoreset_mode)}")
+        fits = isinstance(name, str) and name in modes
+        require(fits, "autoreset_mode", f"must be one of {', '.join(modes)}", autoreset_mode)
         self.autoreset_mode = modes[name]
         variant = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
         if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < variant.task.steps:
@@ -102,10 +102,10 @@ class LissajousVectorEnv(Timed, VectorEnv):
         worlds = self._masked(options)
         if seed is None or isinstance(seed, (int, np.integer)):
             self.batch.seed(seed, worlds)
-        elif np.shape(seed) == self._begun.shape:
-            self.batch.seed([seed[k] for k in worlds], worlds)
         else:
-            raise ValueError(f"seed must be a number or one for each of {len(self._begun)} worlds, got {shown(seed)}")
+            rule = f"must be a number or one for each of {len(self._begun)} worlds"
+            require(np.shape(seed) == self._begun.shape, "seed", rule, seed)
+            self.batch.seed([seed[k] for k in worlds], worlds)
         self.batch.reset(world_mask(worlds, len(self._begun)))
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
@@ -149,13 +149,12 @@ class LissajousVectorEnv(Timed, VectorEnv):
         Raises:
             ValueError: invalid options or an invalid mask.
         """
-        if options is not None and not isinstance(options, Mapping):
-            raise ValueError(f"options must be a dict, got {shown(options)}")
+        require(options is None or isinstance(options, Mapping), "options", "must be a dict", options)
         mask = (options or {}).get("reset_mask")
         if mask is None:
             return np.arange(len(self._begun))
-        if np.shape(mask) != (self.num_envs,) or np.asarray(mask).dtype != bool:
-            raise ValueError(f"reset_mask must be bool of shape ({self.num_envs},), got {shown(mask)}")
+        fits = np.shape(mask) == (self.num_envs,) and np.asarray(mask).dtype == bool
+        require(fits, "reset_mask", f"must be bool of shape ({self.num_envs},)", mask)
         of_worlds = np.asarray(mask).reshape(len(self._begun), self._rows_per_world)
         if (of_worlds.any(axis=1) != of_worlds.all(axis=1)).any():
             raise ValueError("reset_mask must contain all rows of a world or none, because worlds are reset as a whole")

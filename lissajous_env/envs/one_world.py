@@ -9,7 +9,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from lissajous_env.envs.batch import Batch
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 from lissajous_env.world.selection import fold_seed
 from lissajous_env.world.simulation import Simulation
 
@@ -36,9 +36,8 @@ class OneWorld:
 
     def _start(self, batch: Batch, render_mode: str | None) -> None:
         """Set the batch, and check `render_mode`; subclasses call it at the end of `__init__`."""
-        known = isinstance(render_mode, str) and render_mode in METADATA["render_modes"]
-        if render_mode is not None and not known:
-            raise ValueError(f"render_mode must be None, rgb_array or human, got {shown(render_mode)}")
+        fits = render_mode is None or (isinstance(render_mode, str) and render_mode in METADATA["render_modes"])
+        require(fits, "render_mode", "must be None, rgb_array or human", render_mode)
         self.batch, self.render_mode = batch, render_mode
         self._renderer: Any = None
         self._use_simulation()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
 import numpy as np
 
@@ -50,44 +50,44 @@ class Recording:
     """Names of the D entries, from `lissajous_env.world.observation.layout`."""
     reward_names: tuple[str, ...]
     """Names of the K terms: `lissajous_env.world.tally.TERMS`, then those of extensions."""
-    position: np.ndarray
+    position: Annotated[np.ndarray, "F N 3", np.float32]
     """(F, N, 3) float32 x, y, z of the robots [m]."""
-    heading: np.ndarray
+    heading: Annotated[np.ndarray, "F N", np.float32]
     """(F, N) float32 headings [rad]."""
-    speed: np.ndarray
+    speed: Annotated[np.ndarray, "F N", np.float32]
     """(F, N) float32 speeds over the ground [m/s]."""
-    phase: np.ndarray
+    phase: Annotated[np.ndarray, "F N", np.float64]
     """(F, N) float64 theta of (1) in [0, 2 pi) [rad]."""
-    status: np.ndarray
+    status: Annotated[np.ndarray, "F N", np.int8]
     """(F, N) int8 WORKING, FAILED or REMOVED of `lissajous_env.world.state`."""
-    target_position: np.ndarray
+    target_position: Annotated[np.ndarray, "F T 2", np.float32]
     """(F, T, 2) float32 x, y of the targets [m]; before a target appears, where it will, unless it appears unseen.
     A target that appears anew after its detection counts as another target."""
-    motion: np.ndarray
+    motion: Annotated[np.ndarray, "T", np.int32]
     """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets.motion`."""
-    appears_at: np.ndarray
+    appears_at: Annotated[np.ndarray, "T", np.int32]
     """(T,) int32 step in which a target appears."""
-    found_at: np.ndarray
+    found_at: Annotated[np.ndarray, "T", np.int32]
     """(T,) int32 step in which it was detected, or NEVER of `lissajous_env.world.state`."""
-    found_early: np.ndarray
+    found_early: Annotated[np.ndarray, "T", np.float32]
     """(T,) float32 share of that step that was left then, in [0, 1]."""
-    sensed_at: np.ndarray
+    sensed_at: Annotated[np.ndarray, "F R C", np.int32]
     """(F, R, C) int32 step in which a cell was last sensed; the lowest row comes first."""
-    contact: np.ndarray
+    contact: Annotated[np.ndarray, "M 3", np.int32]
     """(M, 3) int32 moment and two robots that have collided and not yet parted."""
-    collisions: np.ndarray
+    collisions: Annotated[np.ndarray, "F", np.int32]
     """(F,) int32 collisions so far."""
-    heard_at: np.ndarray
+    heard_at: Annotated[np.ndarray, "F N 2", np.int32]
     """(F, N, 2) int32 step in which the latest message from each ring neighbour was sent; -1 for none yet."""
-    introduced_at: np.ndarray
+    introduced_at: Annotated[np.ndarray, "F P Q", np.int32]
     """(F, P, Q) int32 step since which a target in a cell can have stayed undetected, NEVER in cleared cells; (F, 1, 1)
     NEVER if `task.contamination` is None."""
-    observation: np.ndarray
+    observation: Annotated[np.ndarray, "F N D", np.float32]
     """(F, N, D) float32 observations of the robots."""
-    action: np.ndarray
+    action: Annotated[np.ndarray, "F N A", np.float32]
     """(F, N, A) float32 action of the step that led to a moment, in [-1, 1]; zero at the reset. `action[f + 1]`
     follows `observation[f]`."""
-    reward_terms: np.ndarray
+    reward_terms: Annotated[np.ndarray, "F N K", np.float32]
     """(F, N, K) float32 terms of the reward of that step; zero at the reset."""
     unknown: tuple[Unknown, ...] = ()
     """Unknown poses, speeds and commands of a log that was scored, in whose place the arrays have other numbers."""
@@ -137,20 +137,12 @@ class Recording:
             np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
 
 
-_SINGLE, _COUNT = np.dtype(np.float32), np.dtype(np.int32)
-_OTHERS = {"phase": np.dtype(np.float64), "status": np.dtype(np.int8)}
-_COUNTS = (
-    "motion", "appears_at", "found_at", "sensed_at", "contact", "collisions", "heard_at", "introduced_at",
-)  # fmt: skip
-
-ARRAYS = {
-    field.name: _OTHERS.get(field.name, _COUNT if field.name in _COUNTS else _SINGLE)
-    for field in dataclasses.fields(Recording)
-    if field.type is np.ndarray
-}
+_DECLARED = {field.name: getattr(field.type, "__metadata__", ()) for field in dataclasses.fields(Recording)}
+"""Sizes and types of the arrays."""
+_SHAPES = {name: about[0].split() for name, about in _DECLARED.items() if about}
+ARRAYS = {name: np.dtype(_DECLARED[name][1]) for name in _SHAPES}
 """Arrays of a recording with their types."""
-
-_FIXED = ("motion", "appears_at", "found_at", "found_early")
+_FIXED = tuple(name for name, shape in _SHAPES.items() if shape == ["T"])
 """Arrays that are constant, or whose last state contains all."""
 
 
@@ -323,16 +315,14 @@ def _loaded(file: BinaryIO) -> Recording:
 
 def _check_arrays(recording: Recording) -> None:
     """Check the shapes and the numbers of a recording."""
-    f, scenario, latest = len(recording), recording.scenario, int(NEVER)
-    n, t, (columns, rows) = scenario.num_robots, len(recording.motion), scenario.task.grid or (1, 1)
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("heading", "speed", "phase", "status"), (f, n))
-    shapes |= dict.fromkeys(_FIXED, (t,))
-    shapes |= {"position": (f, n, 3), "target_position": (f, t, 2), "sensed_at": (f, rows, columns)}
-    shapes |= {"contact": (len(recording.contact), 3), "collisions": (f,), "heard_at": (f, n, 2)}
-    shapes |= {"introduced_at": (f, scenario.spreading.rows, scenario.spreading.columns)}
-    shapes |= {"observation": (f, n, len(recording.observation_names)), "action": (f, n, scenario.action_size)}
-    shapes |= {"reward_terms": (f, n, len(recording.reward_names))}
-    for name, shape in shapes.items():
+    scenario, latest, spreading = recording.scenario, int(NEVER), recording.scenario.spreading
+    sizes = {"F": len(recording), "N": scenario.num_robots, "T": len(recording.motion), "M": len(recording.contact)}
+    sizes["C"], sizes["R"] = scenario.task.grid or (1, 1)
+    sizes |= {"P": spreading.rows, "Q": spreading.columns, "A": scenario.action_size}
+    sizes |= {"D": len(recording.observation_names), "K": len(recording.reward_names)}
+    f, n = sizes["F"], sizes["N"]
+    for name, letters in _SHAPES.items():
+        shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
         array = getattr(recording, name)
         _require(array.shape == shape and f > 0, name, f"have shape {shape}, got {array.shape}")
         is_range = array.dtype.kind != "i" or (np.abs(array.astype(np.int64)) <= latest).all()

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
-from scipy import sparse
 from scipy.optimize import least_squares
 
 from lissajous_env.device.compilation import OPTIONS
@@ -83,8 +82,8 @@ _LIMITS = (1.0, 0.1)
 """Limits with which they begin, in the given ones."""
 _UNKNOWN = 0.1
 """Relative standard error above which a log does not determine a limit."""
-_CHANGE = 1e-3
-"""Change for derivatives, in units of a constant."""
+_START_UNITS = 100.0
+"""Units of the fitted starts, in those of the residuals: a derivative is that of a change by half a deviation."""
 _ROUNDING = 1e-5
 """Least relative standard error: predictions are computed in single precision."""
 _NOISES, _SPREAD = 4.0, 0.05
@@ -97,23 +96,23 @@ _FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02, 0.1])
 
 @wp.func
 def advanced(
-    robot: RobotStruct, is_car: int, constants: wp.array2d(dtype=float), p: int, now: State, given: wp.vec2, h: float
+    robot: RobotStruct, is_car: int, constants: wp.array(dtype=float), now: State, given: wp.vec2, h: float
 ) -> State:
-    """Return the state of a robot with a set of constants after a time h [s] under a command."""
+    """Return the state of a robot with some constants after a time h [s] under a command."""
     pose = wp.vec4(now[0], now[1], now[2], now[3])
     yaw_rate = now[4]
     own = robot
     if is_car == 1:
-        own.drag = constants[p, 1]
-        own.offset = constants[p, 3]
-        own.dead_zone = constants[p, 5]
-        push = motor_acceleration(own, constants[p, 2], given[1])
-        pose = car_step(own, pose, wp.tan(given[0]) / constants[p, 0], push, h)
+        own.drag = constants[1]
+        own.offset = constants[3]
+        own.dead_zone = constants[5]
+        push = motor_acceleration(own, constants[2], given[1])
+        pose = car_step(own, pose, wp.tan(given[0]) / constants[0], push, h)
     else:
-        turning = constants[p, 1] * given[1]
-        own.yaw_acceleration_max = constants[p, 3]
-        pose = drive_step(own, pose, yaw_rate, constants[p, 0] * given[0], turning, constants[p, 2], h)
-        yaw_rate = ramp(yaw_rate, turning, constants[p, 3] * h)
+        turning = constants[1] * given[1]
+        own.yaw_acceleration_max = constants[3]
+        pose = drive_step(own, pose, yaw_rate, constants[0] * given[0], turning, constants[2], h)
+        yaw_rate = ramp(yaw_rate, turning, constants[3] * h)
     return State(pose[0], pose[1], pose[2], pose[3], yaw_rate)
 
 
@@ -121,35 +120,35 @@ def advanced(
 def roll_out(
     robot: RobotStruct,
     is_car: int,
-    constants: wp.array2d(dtype=float),
-    starts: wp.array2d(dtype=State),
+    constants: wp.array(dtype=float),
+    starts: wp.array(dtype=State),
     begin: wp.array(dtype=int),
     time: wp.array(dtype=wp.float64),
     command_time: wp.array(dtype=wp.float64),
     command: wp.array(dtype=wp.vec2),
-    predicted_out: wp.array2d(dtype=State),
+    predicted_out: wp.array(dtype=State),
 ):
-    """Predict the states of a robot at the times of a segment of a log, with one set of constants."""
-    p, s = wp.tid()
-    delay = wp.float64(constants[p, 4])
+    """Predict the states of a robot at the times of a segment of a log."""
+    s = wp.tid()
+    delay = wp.float64(constants[4])
     last = command.shape[0] - 1
-    state = starts[p, s]
+    state = starts[s]
     now = time[begin[s]]
     k = int(wp.lower_bound(command_time, now - delay))
     if k > last or command_time[wp.min(k, last)] + delay > now + _ON_TIME:
         k = wp.max(k - 1, 0)
-    predicted_out[p, begin[s]] = state
+    predicted_out[begin[s]] = state
     for j in range(begin[s] + 1, begin[s + 1]):
         while now < time[j] - _ON_TIME:
             until = wp.min(time[j], now + _LONGEST)
             if k < last:
                 until = wp.min(until, wp.max(command_time[k + 1] + delay, now))
-            state = advanced(robot, is_car, constants, p, state, command[k], float(until - now))
+            state = advanced(robot, is_car, constants, state, command[k], float(until - now))
             now = until
             following = wp.min(k + 1, last)
             if following > k and command_time[following] + delay <= now + _ON_TIME:
                 k = following
-        predicted_out[p, j] = state
+        predicted_out[j] = state
 
 
 @dataclass(frozen=True)
@@ -283,18 +282,21 @@ class _Fit:
         return tuple(names)
 
     def _residuals(self, constants: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """Return the differences (P, K, 4) in units of their deviations, of P constants and starts (P, S, 5)."""
-        predicted: Any = wp.zeros((len(constants), len(self._time)), dtype=State, device="cpu")
+        """Return the differences (K, 4) in units of their deviations, of constants and of starts (S, 5).
+
+        They are of single precision, as the predictions are, by which `least_squares` chooses changes for derivatives.
+        """
+        predicted: Any = wp.zeros(len(self._time), dtype=State, device="cpu")
         given = [wp.array(constants, dtype=wp.float32, device="cpu"), wp.array(starts, dtype=State, device="cpu")]
         with compile_quietly():
-            wp.launch(roll_out, starts.shape[:2], [*self._robot, *given, *self._data], [predicted], device="cpu")
+            wp.launch(roll_out, len(starts), [*self._robot, *given, *self._data], [predicted], device="cpu")
         away = predicted.numpy()[..., :4] - self._measured
         away[..., 2] = (away[..., 2] + np.pi) % (2 * np.pi) - np.pi
-        return np.where(self._is_known, away / self._scale[:4], 0.0)
+        return np.where(self._is_known, away / self._scale[:4], 0.0).astype(np.float32)
 
     def _deviations(self, constants: np.ndarray) -> np.ndarray:
         """Return the standard deviations of the log from the prediction, and the last entry of the scale."""
-        away = self._residuals(constants[None], self._starts[None])[0] * self._scale[:4]
+        away = self._residuals(constants, self._starts) * self._scale[:4]
         # A segment's start is fitted too, which costs one degree of freedom for each.
         square = np.maximum((away**2).sum(axis=0) / max(len(away) - len(self._starts), 1), 1e-12)
         square[:2] = square[:2].mean()
@@ -306,48 +308,31 @@ class _Fit:
 
         def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             starts = begun.copy()
-            starts[:, :free] += x[5:].reshape(-1, free) * self._scale[:free]
+            starts[:, :free] += x[5:].reshape(-1, free) * _START_UNITS * self._scale[:free]
             return np.append(x[:5] * unit, constants[5:]), starts
 
         least = np.array(self._model.least) / unit
         low = np.append(least, np.full(len(begun) * free, -np.inf))
         begin = np.append(np.maximum(constants[:5] / unit, least), np.zeros(len(begun) * free))
+        # A start changes the residuals of its own segment only.
+        own = np.repeat(self._segment, 4)[:, None] == np.repeat(np.arange(len(begun)), free)
         solution = least_squares(
-            lambda x: self._residuals(*(values[None] for values in parts(x)))[0].ravel(),
+            lambda x: self._residuals(*parts(x)).ravel(),
             begin,
-            lambda x: self._slopes(*parts(x), unit),  # type: ignore[arg-type]
+            "3-point",
             (low, np.inf),
             tr_solver="lsmr",
+            jac_sparsity=np.column_stack([np.ones((len(own), 5), bool), own]),
             max_nfev=evaluations,
         )
         fitted, self._starts = parts(solution.x)
+        self._slopes = solution.jac.toarray()
         return fitted, float(solution.cost)
-
-    def _slopes(self, constants: np.ndarray, starts: np.ndarray, unit: np.ndarray) -> Any:
-        """Return slopes (4 K, 5 + E S) of the residuals along the smooth constants and E entries of each of S starts.
-
-        They are sparse: a start changes the residuals of its own segment only, so all segments are changed at once.
-        """
-        free = self._model.free
-        sets, begun = np.tile(constants, (2 * (5 + free), 1)), np.tile(starts, (2 * (5 + free), 1, 1))
-        for k in range(5):
-            sets[2 * k : 2 * k + 2, k] += np.array([_CHANGE, -_CHANGE]) * unit[k]
-        for k in range(free):
-            begun[2 * (5 + k) :][:2, :, k] += np.array([[0.5], [-0.5]]) * self._scale[k]
-        away = self._residuals(sets, begun)
-        slopes = (away[::2] - away[1::2]).reshape(5 + free, -1)
-        rows = np.tile(np.arange(slopes.shape[1]), free)
-        columns = np.repeat(self._segment, 4) * free + np.arange(free)[:, None]
-        shape = slopes.shape[1], free * len(starts)
-        of_starts = sparse.csr_matrix((slopes[5:].ravel(), (rows, columns.ravel())), shape)
-        return sparse.hstack([slopes[:5].T / (2 * _CHANGE), of_starts], "csr")
 
     def _errors(self, constants: np.ndarray) -> np.ndarray:
         """Return the standard errors (5,) of the smooth constants; NaN for those that change nothing."""
-        unit = np.maximum(np.abs(constants[:5]), _LEAST_UNITS)
-        slopes = self._slopes(constants, self._starts, unit)
-        square = (slopes.T @ slopes).toarray()
-        cost = float((self._residuals(constants[None], self._starts[None]) ** 2).sum())
+        unit, square = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._slopes.T @ self._slopes
+        cost = float((self._residuals(constants, self._starts) ** 2).sum())
         degrees = max(len(self._time) * int(self._is_known.sum()) - len(square), 1)
         variance = np.diag(np.linalg.pinv(square))[:5] * cost / degrees
         errors = np.where(np.diag(square)[:5] < 1e-16, np.nan, np.sqrt(variance) * unit)
@@ -366,8 +351,8 @@ class _Fit:
             tried = zones[np.unique(np.clip(places, 0, len(zones) - 1).astype(int))]
             constants = self._best_of(np.column_stack([np.tile(constants[:-1], (len(tried), 1)), tried]))
             width //= _ZONES_FITTED
-        sets = np.stack([constants, [*constants[:-1], zones[0]]])
-        cost, without = (self._residuals(sets, np.stack([self._starts] * 2)) ** 2).sum(axis=(1, 2))
+        sets = constants, np.append(constants[:-1], zones[0])
+        cost, without = ((self._residuals(given, self._starts) ** 2).sum() for given in sets)
         if without <= cost + 1:
             return np.append(constants[:-1], self._guess[-1]), np.nan
         # Any value between the throttles on both sides would do.

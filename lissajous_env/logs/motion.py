@@ -11,10 +11,12 @@ neighbouring poses: so many that their noise does not matter.
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from lissajous_env.logs.log import Track
+from lissajous_env.logs.samples import moved
 
 SAME = 1e-6
 """Difference up to which two times are the same [s]."""
@@ -68,7 +70,7 @@ class Motion:
         share = np.where(np.abs(times - track.time[k + 1]) < SAME, 1.0, share)
         begin, end = width[:, None] * self.velocity[[k, k + 1]]
         turn, way = np.diff(track.heading)[k] * (not self.derived), np.diff(track.position, axis=0)[k]
-        whole = _driven(begin, end, turn, np.ones_like(share))
+        whole = _driven(begin, end, turn)
         length = _length(begin, end)
         stops = np.linalg.norm(way - whole, axis=1) > _STOPS * length
         most = np.linalg.norm(way, axis=1) / np.maximum((1 - _STOPS) * length, 1e-12)
@@ -133,34 +135,37 @@ def motion_of(
     judged = np.repeat(np.diff(edges) >= _WINDOWS[0], np.diff(edges))
     speed = length * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
     impossible = judged & (np.abs(track.speed) > 4 * length.max(initial=0) + 4 * error + 1e-3)
+    width, logged = width[:, None], along * track.speed[:, None]
+    ends = width * logged[:-1], width * logged[1:]
     reason = "" if track.measured else "were not logged"
     if not np.isfinite(track.speed).all():
         reason = "were not logged"
-    elif not trusted and (impossible.any() or _contradict(track, heading, known, deviation, length)):
+    elif trusted:
+        speed, velocity, heading = track.speed, logged, _with_whole_turns(track, *ends, heading)
+    elif impossible.any() or _contradict(track, _driven(*ends, np.diff(heading)), known, deviation, length):
         reason = "do not match the poses"
     else:
-        speed, velocity = track.speed, along * track.speed[:, None]
-        heading = _with_whole_turns(track, heading, velocity) if trusted else heading
+        speed, velocity = track.speed, logged
     whole = Track(track.time, track.position, heading, speed)
     return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, headless)
 
 
-def _driven(begin: np.ndarray, end: np.ndarray, turn: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return the ways (M, 3) within shares (M,) of steps [m], by Gauss-Legendre quadrature of the velocity.
+def _driven(begin: np.ndarray, end: np.ndarray, turn: np.ndarray, share: Any = 1.0) -> np.ndarray:
+    """Return the ways (M, 3) within shares of steps [m], by Gauss-Legendre quadrature of the velocity.
 
     Args:
         begin: (M, 3) velocities at the beginning, in distances of a step [m].
         end: (M, 3) velocities at the end [m]; the velocity changes evenly from one to the other, while it turns.
         turn: (M,) angles by which the heading turns in a step [rad].
-        share: (M,) shares of the steps.
+        share: Shares (M,) of the steps, by default all of each.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(16)
-    at = share[:, None] * (1 + nodes) / 2
-    first, last = begin[:, None] * (1 - at)[..., None], end[:, None] * at[..., None]
-    level = first[..., :2] @ [1, 1j] * np.exp(1j * at * turn[:, None])
-    level += last[..., :2] @ [1, 1j] * np.exp(1j * (at - 1) * turn[:, None])
-    velocity = np.stack([level.real, level.imag, first[..., 2] + last[..., 2]], axis=-1)
-    return share[:, None] * np.einsum("mnx,n->mx", velocity, weights) / 2
+    ways, share = np.zeros_like(begin), np.broadcast_to(share, turn.shape)
+    for node, weight in zip(*np.polynomial.legendre.leggauss(10), strict=True):
+        at = share * (1 + node) / 2
+        for ending, part, angle in ((begin, 1 - at, at * turn), (end, at, (at - 1) * turn)):
+            turned = np.column_stack([moved(ending[:, :2], (0.0, 0.0, angle)), ending[:, 2]])
+            ways += (weight / 2 * share * part)[:, None] * turned
+    return ways
 
 
 def _length(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -168,35 +173,32 @@ def _length(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     return (np.linalg.norm(begin, axis=1) + np.linalg.norm(end, axis=1)) / 2
 
 
-def _with_whole_turns(track: Track, heading: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return headings (K,) with up to two whole turns between two poses whose way cannot be driven without them."""
-    width, turn, counts = np.diff(track.time)[:, None], np.diff(heading), np.array([0, 1, -1, 2, -2])
-    begin, end, way = width * velocity[:-1], width * velocity[1:], np.diff(track.position, axis=0)
-    driven = [_driven(begin, end, turn + 2 * np.pi * count, np.ones(len(turn))) for count in counts]
+def _with_whole_turns(track: Track, begin: np.ndarray, end: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Return headings (K,) with up to two whole turns between two poses whose way cannot be driven without them.
+
+    The velocities (K - 1, 3) at both ends are those of `_driven`.
+    """
+    turn, way, counts = np.diff(heading), np.diff(track.position, axis=0), np.array([0, 1, -1, 2, -2])
+    driven = [_driven(begin, end, turn + 2 * np.pi * count) for count in counts]
     missed = np.linalg.norm(way - driven, axis=2) / np.maximum(_length(begin, end), 1e-12)
     turned = (missed[0] > _STOPS) & (missed.min(axis=0) < _WITH_TURNS)
     return heading + 2 * np.pi * np.append(0, np.cumsum(turned * counts[missed.argmin(axis=0)]))
 
 
-def _contradict(track: Track, heading: np.ndarray, known: np.ndarray, deviation: float, derived: np.ndarray) -> bool:
+def _contradict(track: Track, driven: np.ndarray, known: np.ndarray, deviation: float, derived: np.ndarray) -> bool:
     """Return whether the logged speeds along the headings do not lead from pose to pose.
 
-    Between two poses, speed and heading are interpolated, so that a car may turn as fast as it can. The ways that are
-    compared are the shortest that are long beside the noise of the poses.
+    The ways that are compared are the shortest that are long beside the noise of the poses.
 
     Args:
         track: The track.
-        heading: (K,) headings [rad].
+        driven: (K - 1, 3) ways from pose to pose at the logged speeds and headings [m].
         known: (K - 1,) True where the motion from a pose to the next is known.
         deviation: Standard deviation of a pose [m].
         derived: (K,) speeds that are derived from the poses [m/s].
     """
     width, slack = np.diff(track.time), 4 * deviation + SAME
-    speeds = np.stack([track.speed[:-1], (track.speed[:-1] + track.speed[1:]) / 2, track.speed[1:]])
-    angles = np.stack([heading[:-1], (heading[:-1] + heading[1:]) / 2, heading[1:]])
-    velocities = speeds[..., None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    driven = np.einsum("s,skx->kx", [1 / 6, 4 / 6, 1 / 6], velocities) * width[:, None]
-    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(driven, axis=0)])
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(driven[:, :2], axis=0)])
     gaps = np.concatenate([[0], np.cumsum(~known)])
     step = float(np.quantile(derived, 0.75) * np.median(width))
     span = int(min(np.ceil(2 * slack / max(step, SAME)), len(track) - 1))

@@ -13,7 +13,7 @@ from lissajous_env.logs.clocks import SAME, Clock
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import Bags
 from lissajous_env.logs.poses import FEWEST, TOPICS, robots_of
-from lissajous_env.logs.samples import COMMANDS, PHASES, STATUSES, Decoder, Table, finite, moved, tables_of
+from lissajous_env.logs.samples import COMMANDS, PHASES, STATUSES, Decoder, Table, finite, relative, tables_of
 from lissajous_env.settings.checks import is_finite, is_whole
 from lissajous_env.wording import shown
 
@@ -95,8 +95,7 @@ class _Reading:
             raise ValueError(f"{self._called([robot])} {rule}, got {len(poses)}")
         position, (heading, speed, measured) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
         if any(origin):
-            place = moved(position[:, :2] - origin[:2], (0.0, 0.0, -origin[2]))
-            position = np.column_stack([place, position[:, 2]])
+            position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
         known = np.isfinite(heading)
         heading[known] = np.unwrap(heading[known]) - origin[2]
         speed[~np.isfinite(speed)] = np.nan

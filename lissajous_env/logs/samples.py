@@ -135,6 +135,11 @@ def moved(place: np.ndarray, origin: Iterable[Any]) -> np.ndarray:
     return np.stack([x + cos * place[..., 0] - sin * place[..., 1], y + sin * place[..., 0] + cos * place[..., 1]], -1)
 
 
+def relative(place: np.ndarray, origin: tuple[float, float, float]) -> np.ndarray:
+    """Return places (..., 2) in the frame whose x, y [m] and heading [rad] are given: the inverse of `moved`."""
+    return moved(place - np.array(origin[:2]), (0.0, 0.0, -origin[2]))
+
+
 def _in_root(child: str, tables: dict[str, Table]) -> Table:
     """Return the poses of a frame in the root of the tree of frames, in the plane and in height."""
     own, above = tables[child], {child}

@@ -9,42 +9,16 @@ from lissajous_env.replay import contents
 from lissajous_env.replay.bundle import bundled
 from lissajous_env.storage.files import replacing
 
-__all__ = ["Replay", "page"]
-
 FRAME_HEIGHT = 860
 """Height of the frame in a notebook [px]."""
 
 
-def page(recording: Recording, against: Recording | None = None, missed: MissedRogue | None = None) -> str:
-    """Return the page of an episode, or of two side by side with a common cursor.
-
-    Args:
-        recording: The episode.
-        against: Another episode, for example of another policy on the same seed.
-        missed: A rogue that the policy of the first episode misses.
-
-    Returns:
-        HTML that needs no other file and no network.
-    """
-    episodes = [recording] if against is None else [recording, against]
-    policies = " against ".join(str(episode.score.get("policy", "")) or "an episode" for episode in episodes)
-    return bundled(
-        "page.html",
-        "main.js",
-        {
-            "format": contents.FORMAT,
-            "episodes": [contents.contents(recording, missed=missed), *map(contents.contents, episodes[1:])],
-        },
-        {"title": f"{recording.scenario.name}: {policies}"},
-    )
-
-
 class Replay:
-    """Replay page that notebooks display as the last value of a cell, and that can be saved.
+    """Replay page of an episode, which notebooks display as the last value of a cell, and which can be saved.
 
     Args:
         recording: The episode.
-        against: Another episode, shown beside it.
+        against: Another episode, for example of another policy on the same seed, shown beside it with one cursor.
         missed: A rogue that the policy of the first episode misses.
     """
 
@@ -52,8 +26,12 @@ class Replay:
         self.recording, self.against, self.missed = recording, against, missed
 
     def html(self) -> str:
-        """Return the page as HTML."""
-        return page(self.recording, self.against, self.missed)
+        """Return the page as HTML that needs no other file and no network."""
+        episodes = [self.recording] if self.against is None else [self.recording, self.against]
+        policies = " against ".join(str(episode.score.get("policy", "")) or "an episode" for episode in episodes)
+        shown = [contents.contents(self.recording, missed=self.missed), *map(contents.contents, episodes[1:])]
+        title = f"{self.recording.scenario.name}: {policies}"
+        return bundled("page.html", "main.js", {"format": contents.FORMAT, "episodes": shown}, {"title": title})
 
     def save(self, path: str | Path) -> None:
         """Write the page, first under a temporary name."""

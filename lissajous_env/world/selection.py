@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.settings.checks import LAST_SEED
-from lissajous_env.wording import shown
+from lissajous_env.wording import require, shown
 
 
 def world_mask(worlds: Any, num_worlds: int) -> np.ndarray:
@@ -28,27 +28,25 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     """
     if worlds is None:
         return np.arange(num_worlds)
-    chosen = _as_array(worlds, rule := "worlds must be a mask or indices of worlds")
+    chosen = _as_array("worlds", worlds, rule := "must be a mask or indices of worlds")
     if chosen.dtype == bool:
         if chosen.shape != (num_worlds,):
             raise ValueError(f"worlds must be a mask of shape ({num_worlds},), got shape {chosen.shape}")
         return np.flatnonzero(chosen)
     if chosen.size == 0:
         return np.zeros(0, dtype=np.int64)
-    if chosen.dtype.kind not in "iu":
-        raise ValueError(f"{rule}, got {shown(worlds)}")
-    if chosen.min() < 0 or chosen.max() >= num_worlds:
-        raise ValueError(f"worlds must be from 0 to {num_worlds - 1}, got {shown(worlds)}")
-    if chosen.ndim != 1 or len(np.unique(chosen)) != len(chosen):
-        raise ValueError(f"worlds must be in one row, each once, got {shown(worlds)}")
+    require(chosen.dtype.kind in "iu", "worlds", rule, worlds)
+    require(chosen.min() >= 0 and chosen.max() < num_worlds, "worlds", f"must be from 0 to {num_worlds - 1}", worlds)
+    fits = chosen.ndim == 1 and len(np.unique(chosen)) == len(chosen)
+    require(fits, "worlds", "must be in one row, each once", worlds)
     return chosen.astype(np.int64)
 
 
-def _as_array(given: Any, rule: str) -> np.ndarray:
+def _as_array(name: str, given: Any, rule: str) -> np.ndarray:
     try:
         return np.atleast_1d(np.asarray(given))
     except ValueError as error:  # rows of different lengths
-        raise ValueError(f"{rule}, got {shown(given)}") from error
+        raise ValueError(f"{name} {rule}, got {shown(given)}") from error
 
 
 def drawn_seeds(count: int) -> np.ndarray:
@@ -58,8 +56,8 @@ def drawn_seeds(count: int) -> np.ndarray:
 
 def fold_seed(seed: int) -> int:
     """Map a whole number of at least 0 to a seed of a world; numbers below 2^31 are unchanged."""
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ValueError(f"seed must be a whole number of at least 0, got {shown(seed)}")
+    fits = isinstance(seed, (int, np.integer)) and seed >= 0
+    require(fits, "seed", "must be a whole number of at least 0", seed)
     if seed < 2**31:
         return int(seed)
     return int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
@@ -71,9 +69,9 @@ def checked_seeds(seeds: Any, count: int) -> np.ndarray:
     Raises:
         ValueError: they are not that many whole numbers from 0 to 2^31 - 1.
     """
-    array = _as_array(seeds, rule := f"seed must be a whole number from 0 to {LAST_SEED}")
-    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > LAST_SEED):
-        raise ValueError(f"{rule}, got {shown(seeds)}")
+    array = _as_array("seed", seeds, rule := f"must be a whole number from 0 to {LAST_SEED}")
+    fits = not array.size or (array.dtype.kind in "iu" and array.min() >= 0 and array.max() <= LAST_SEED)
+    require(fits, "seed", rule, seeds)
     if array.shape != (count,):
         raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
     return array.astype(np.int32)

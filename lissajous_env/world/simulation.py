@@ -15,7 +15,7 @@ from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
-from lissajous_env.wording import shown
+from lissajous_env.wording import require, shown
 from lissajous_env.world.clock import initial_of
 from lissajous_env.world.columns import number_names, plain, score_of
 from lissajous_env.world.episode import episodes_of
@@ -82,8 +82,8 @@ class Simulation(Copyable):
         threads: int | None = None,
         **overrides: Any,
     ):
-        if threads is not None and not (is_whole(threads) and threads >= 1):
-            raise ValueError(f"threads must be a whole number of at least 1 or None, got {shown(threads)}")
+        fits = threads is None or (is_whole(threads) and threads >= 1)
+        require(fits, "threads", "must be a whole number of at least 1 or None", threads)
         seed = whole_number("seed", seed, 0, LAST_SEED)
         is_made = isinstance(scenario, Scenario) and not overrides  # it has given its warnings already
         self.scenario = (cast(Scenario, scenario) if is_made else named.scenario(scenario, **overrides)).resolve()

@@ -85,7 +85,7 @@ WORLDS = r"^worlds must be (a mask of shape \(3,\)|from 0 to 2|a mask or indices
 SEED = "seed must be a whole number from 0 to 2147483647, got"
 RESETS = [
     *(((worlds, None), WORLDS) for worlds in (
-        [True, False], [0, 3], [-1], [0.9], ["0"], [[0], [1]], [1, 1], [[0], [1, 2]],
+        [True, False], [0, 3], [-1], [0.9], ["0"], "all", [[0], [1]], [1, 1], [[0], [1, 2]],
     )),
     *((([0, 1], seeds), SEED) for seeds in ([0, 2**31], [0.5, 1.0], ["a", "b"], [True, False], [[0], [1, 2]])),
     *((given, "seeds must be one for each of the") for given in [(None, [1]), ([0, 1], [1, 2, 3]), ([1], [[1]])]),

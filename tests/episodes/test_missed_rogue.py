@@ -15,7 +15,7 @@ from baselines.commands.playing import PlayOptions
 from lissajous_env.episodes.missed import missed_rogue, missed_rogues
 from lissajous_env.episodes.missed.played import PlayedEpisode, record_again
 from lissajous_env.episodes.missed.search import longest_path
-from lissajous_env.replay import page
+from lissajous_env.replay import Replay
 
 GRID = {"task.contamination": (90, 40)}
 SHORT = {"task.duration": 12.0}
@@ -96,10 +96,14 @@ def test_the_rogue_is_that_of_a_search_over_all_paths():
     assert abs(rogue.path.steps - brute.max()) <= 2
 
 
+LOST = {"task.duration": 5.0, "targets.speed_limit": 1.0, "formation.ring": None, "robot.drive_factors": ()}
 CASES = [
     ("evaders", "random", {"targets.entry": "boundary", "targets.speed_limit": 0.6}),
     ("evaders-failure", "open-loop-mpcc", {}),
     ("redundant", "open-loop", {"targets.speed_limit": 0.5, "targets.respawn": True}),
+    # Robots sense in the step at whose end the edge or a collision ends their work.
+    ("evaders", "random", LOST | {"task.boundary": "remove", "sensing.radius": 0.8, "robot.count": 9}),
+    ("evaders", "random", LOST | {"task.on_collision": "stop", "sensing.radius": 1.0, "robot.radius": 0.15}),
 ]
 
 
@@ -146,11 +150,11 @@ def test_the_page_shows_the_rogue():
         data = json.loads(html.partition('id="data"')[2].partition(">")[2].partition("</script>")[0])
         return data["episodes"][0]["rogue"]
 
-    drawn = shown(page(recording, missed=rogue))
+    drawn = shown(Replay(recording, missed=rogue).html())
     assert drawn["steps"][0] == rogue.path.appears_at
     assert len(drawn["places"]) == len(drawn["steps"]) == len(rogue.path.places)
     assert (drawn["until"] - drawn["steps"][0]) * 0.1 == pytest.approx(rogue.undetected, abs=1e-3)
-    assert shown(page(recording)) is None
+    assert shown(Replay(recording).html()) is None
 
 
 def test_the_command(tmp_path, capfd):

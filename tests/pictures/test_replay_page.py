@@ -16,7 +16,7 @@ import baselines
 import lissajous_env
 from lissajous_env.console.cli import main
 from lissajous_env.episodes.recording import ARRAYS, Recorder, record
-from lissajous_env.replay import Replay, page
+from lissajous_env.replay import Replay
 from lissajous_env.replay.contents import angles, contents, counts, quantised
 from lissajous_env.world.state import NEVER
 
@@ -99,7 +99,7 @@ def test_a_recording_holds_what_each_robot_saw_and_did():
 
 
 def test_a_page_holds_the_recording(recording):
-    (kept,) = data_of(page(recording))["episodes"]
+    (kept,) = data_of(Replay(recording).html())["episodes"]
     assert (kept["policy"], kept["seed"]) == ("kuramoto-mpcc", 1)
     x = unpacked(kept["robots"]["x"])
     np.testing.assert_allclose(x, recording.position[..., 0], atol=np.ptp(x) / 65_535)
@@ -118,7 +118,7 @@ def test_a_page_holds_the_recording(recording):
 def test_a_minute_of_five_robots_and_fifty_targets_is_small():
     recording = played(**{"targets.count": 25, "targets.arrival_rate": 0.45, "task.duration": 60.0})
     assert len(recording.motion) >= 50
-    assert len(page(recording).encode()) < 2e6
+    assert len(Replay(recording).html().encode()) < 2e6
 
 
 def test_long_episodes_and_fine_grids_are_thinned(recording):
@@ -190,7 +190,7 @@ def hostile(recording):
 
 
 def test_nothing_of_a_recording_becomes_markup(recording):
-    text = page(hostile(recording))
+    text = Replay(hostile(recording)).html()
     markup = re.sub(r'<script type="application/json" id="data">.*?</script>', "", text, flags=re.DOTALL)
     assert HOSTILE not in text
     assert markup.count(html.escape(HOSTILE.replace("\ud800", "?"))) == 2  # scenario and policy in the title
@@ -201,7 +201,7 @@ def test_nothing_of_a_recording_becomes_markup(recording):
 
 def test_a_page_runs_its_own_scripts_alone_and_asks_no_address(recording):
     # Oracle: the hashes of Content Security Policy Level 3, computed over what stands between the tags.
-    text = page(recording, recording)
+    text = Replay(recording, recording).html()
     policy = html.unescape(re.search(r'http-equiv="Content-Security-Policy" content="(.*?)"', text)[1])
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
     assert rules["default-src"] == rules["connect-src"] == rules["base-uri"] == "'none'"

@@ -25,13 +25,13 @@ import baselines
 import lissajous_env
 from lissajous_env.episodes.missed import missed_rogue
 from lissajous_env.episodes.missed.played import record_again
-from lissajous_env.replay import Replay, page
+from lissajous_env.replay import Replay
 
 
 @pytest.fixture(scope="module")
 def one(browser, folder, recording):
     """Return a function that runs a script in the page of one episode."""
-    return opened(browser, folder, page(recording))
+    return opened(browser, folder, Replay(recording).html())
 
 
 def test_the_page_unpacks_what_was_recorded(browser, one, recording):
@@ -140,7 +140,7 @@ def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
     # Oracle: the missed rogue, and the colour of the page's own legend at the rogue's place.
     made = lissajous_env.scenario("evaders", **{"task.duration": 8.0})
     found = missed_rogue(baselines.make("kuramoto-mpcc", made), made, 1)
-    run = opened(browser, folder, page(record_again(found.played, found.policy), missed=found))
+    run = opened(browser, folder, Replay(record_again(found.played, found.policy), missed=found).html())
     (event,) = run("return replay.views[0].episode.events.filter((each) => each.kind === 'rogue')")
     assert event["time"] == pytest.approx(found.appears)
     assert event["until"] - event["time"] == pytest.approx(found.undetected, abs=1e-3)
@@ -159,7 +159,7 @@ def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
 
 def test_two_episodes_share_time_scale_and_camera(browser, folder, recording):
     # Oracle: what is under the pointer stays there; a drag moves everything by as much as the pointer.
-    run = opened(browser, folder, page(recording, recording))
+    run = opened(browser, folder, Replay(recording, recording).html())
     run("replay.player.seek(2)")
     whole, other = ([place_of(run, k, view) for k in range(5)] for view in (0, 1))
     apart = other[0] - whole[0]
@@ -194,7 +194,8 @@ def test_the_rectangle_fills_the_picture_on_phones_and_screens(browser, folder, 
     made = lissajous_env.scenario("intruders", **{"curve.half_width": half_width, "curve.half_height": half_height})
     position = recording.position * np.float32(min(half_width, half_height))
     position[-1, 0, :2] = 1.4 * half_width, 1.4 * half_height  # a robot that was outside for a moment
-    run = opened(browser, folder, page(dataclasses.replace(recording, scenario=made.resolve(), position=position)))
+    moved = dataclasses.replace(recording, scenario=made.resolve(), position=position)
+    run = opened(browser, folder, Replay(moved).html())
     for width in (1280, 390):
         metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
@@ -226,7 +227,7 @@ def test_nothing_of_a_hostile_recording_is_run(browser, folder, recording):
     names = (HOSTILE, *recording.observation_names[1:])
     score = recording.score | {"policy": HOSTILE, "return_mean": float("nan")}
     odd = dataclasses.replace(recording, position=position, scenario=scenario, score=score, observation_names=names)
-    run = opened(browser, folder, page(odd))
+    run = opened(browser, folder, Replay(odd).html())
     run("replay.select(1); replay.player.seek(2.05); replay.player.toggle(true)")
     wait(lambda: run("return replay.player.time") > 3)
     assert run("return document.querySelectorAll('img').length") == 0
@@ -253,7 +254,7 @@ def test_a_scaled_episode_looks_the_same(browser, folder, recording):
     )
     pictures = []
     for episode, factor in ((recording, 1), (scaled, duration)):
-        run = opened(browser, folder, page(episode))
+        run = opened(browser, folder, Replay(episode).html())
         run(f"replay.select(2); replay.player.seek({4.2 * factor})")
         press(browser, "]")
         pictures.append(run("return replay.views[0].canvas.toDataURL()"))

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from test_stages import different
 
 import lissajous_env
 from lissajous_env.device import program
@@ -51,11 +52,6 @@ def made(monkeypatch):
         return lissajous_env.Simulation(scenario, 2, seed=3, threads=1)
 
     return make
-
-
-def different(one, other):
-    before, after = one.save_state(), other.save_state()
-    return [name for name in before if not np.array_equal(before[name], after[name], equal_nan=True)]
 
 
 def drive(simulations, steps=15, most=1.0):

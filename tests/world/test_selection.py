@@ -22,9 +22,3 @@ def test_a_mask_holds_the_worlds_that_are_meant(worlds, expected):
     assert mask.dtype == bool
     assert mask.tolist() == expected
     np.testing.assert_array_equal(np.flatnonzero(mask), np.sort(chosen_worlds(worlds, 4)))
-
-
-@pytest.mark.parametrize("worlds", [[4], [-1], [0, 0], [True, False], [0.5], "all"])
-def test_what_is_no_selection_is_refused(worlds):
-    with pytest.raises(ValueError, match="worlds must be"):
-        world_mask(worlds, 4)

@@ -15,7 +15,7 @@ def actions_of(simulation, steps, seed=0):
     return np.random.default_rng(seed).uniform(-1, 1, (steps, *simulation.action_shape)).astype(np.float32)
 
 
-def same_state(one, other):
+def different(one, other):
     before, after = one.save_state(), other.save_state()
     return [name for name in before if not np.array_equal(before[name], after[name], equal_nan=True)]
 
@@ -68,7 +68,7 @@ def test_a_user_may_capture_steps_in_a_graph_of_their_own():
     for _ in range(captured.clock.step.numpy()[0]):
         stepped.advance()
     assert captured.clock.step.numpy()[0] >= 4
-    assert same_state(captured, stepped) == []
+    assert different(captured, stepped) == []
 
 
 def test_simulations_are_made_and_stepped_in_many_threads():
@@ -87,7 +87,7 @@ def test_simulations_are_made_and_stepped_in_many_threads():
         thread.start()
     for thread in threads:
         thread.join()
-    assert [same_state(alone[seed], found[seed]) for seed in range(4)] == [[]] * 4
+    assert [different(alone[seed], found[seed]) for seed in range(4)] == [[]] * 4
 
 
 RANDOM = {"formation.start": "random"}

@@ -25,7 +25,7 @@ from lissajous_env.parameters.extensions import Extension, load_extension
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
-from lissajous_env.wording import require, shown
+from lissajous_env.wording import require
 from training.learned.card import Card
 from training.learned.networks import RogueNetwork, TeamNetwork
 
@@ -212,8 +212,7 @@ def own_scenario(card: Card) -> Scenario:
         ValueError: the values are invalid, or the module of an extension has not been imported.
     """
     extensions = card.scenario_fields.get("extensions") or ()
-    if not isinstance(extensions, (list, tuple)):
-        raise ValueError(f"extensions of a scenario must be a list, got {shown(extensions)}")
+    require(isinstance(extensions, (list, tuple)), "extensions of a scenario", "must be a list", extensions)
     return scenario_of(card.scenario_fields, [_brought(entry, card) for entry in extensions])
 
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from lissajous_env.wording import few_of
+from lissajous_env.wording import few_of, require
 from training.learned.perception import OWN, TOKEN, Perception
 
 _ABSENT = 1e4
@@ -38,8 +38,8 @@ class Network:
             names = f"{few_of(sorted(self.weights))} and {few_of(sorted(self.biases))}"
             raise ValueError(f"weights and biases must be those of the same layers, got {names}")
         sizes = {name: array.shape for name, array in self.weights.items()}
-        if any(len(size) != 2 or 0 in size for size in sizes.values()):
-            raise ValueError(f"weights must have shape (outputs, inputs), both at least 1, got {sizes}")
+        fits = all(len(size) == 2 and 0 not in size for size in sizes.values())
+        require(fits, "weights", "must have shape (outputs, inputs), both at least 1", sizes)
         fitting = self._fitting(sizes)
         for name, size in sizes.items():
             if size != fitting[name] or self.biases[name].shape != size[:1]:

@@ -23,7 +23,7 @@ from gymnasium.spaces import Box
 from baselines.policies.base import Policy
 from lissajous_env import Scenario
 from lissajous_env.envs.sides import Side
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 
 
 class ModelPolicy(Policy):
@@ -59,26 +59,20 @@ class ModelPolicy(Policy):
     ):
         super().__init__(scenario, num_worlds, device)
         for part in ("predict", "observation_space", "action_space"):
-            if not hasattr(model, part):
-                raise ValueError(f"model must be a model of Stable-Baselines3, with {part}, got {shown(model)}")
+            require(hasattr(model, part), "model", f"must be a model of Stable-Baselines3, with {part}", model)
         self.name, self.kind = type(model).__name__, self.scenario.robot.kind
         self.model, self.deterministic, self.normalizer = model, deterministic, normalizer
         side = Side("robot", self.scenario, self.num_robots)
         table = Side("robot", self.scenario, self.num_robots, discrete=True)
         rows = model.observation_space.shape
         of_team = rows == side.team_spaces()[0].shape
-        if not isinstance(model.observation_space, Box) or not (of_team or rows == side.spaces()[0].shape):
-            raise ValueError(
-                f"observation_space of {self.name} must be a Box of shape {side.spaces()[0].shape}, a robot's row, or "
-                f"{side.team_spaces()[0].shape}, the team's, to play {self.scenario.name}, got "
-                f"{shown(model.observation_space)}"
-            )
+        fits = isinstance(model.observation_space, Box) and (of_team or rows == side.spaces()[0].shape)
+        shapes = f"{side.spaces()[0].shape}, a robot's row, or {side.team_spaces()[0].shape}, the team's"
+        rule = f"must be a Box of shape {shapes}, to play {self.scenario.name}"
+        require(fits, f"observation_space of {self.name}", rule, model.observation_space)
         spaces = [(kind.team_spaces() if of_team else kind.spaces())[1] for kind in (side, table)]
-        if model.action_space not in spaces:
-            raise ValueError(
-                f"action_space of {self.name} must be {spaces[0]} or {spaces[1]} to play {self.scenario.name}, got "
-                f"{shown(model.action_space)}"
-            )
+        rule = f"must be {spaces[0]} or {spaces[1]} to play {self.scenario.name}"
+        require(model.action_space in spaces, f"action_space of {self.name}", rule, model.action_space)
         self._table = table.table if model.action_space == spaces[1] else None
         self._state: Any = None
         self._begins = np.ones((self.num_worlds, 1 if of_team else self.num_robots), dtype=bool)

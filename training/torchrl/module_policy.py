@@ -17,7 +17,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from baselines.policies.base import Policy
 from lissajous_env import Scenario
 from lissajous_env.envs.sides import action_table
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 from training.torchrl.env import GROUP
 
 
@@ -44,8 +44,7 @@ class ModulePolicy(Policy):
         deterministic: bool = True,
     ):  # fmt: skip
         super().__init__(scenario, num_worlds, device)
-        if not callable(module):
-            raise ValueError(f"module must be callable with a TensorDict, got {shown(module)}")
+        require(callable(module), "module", "must be callable with a TensorDict", module)
         self.module, self.kind, self.name = module, self.scenario.robot.kind, type(module).__name__
         self._exploration = ExplorationType.DETERMINISTIC if deterministic else ExplorationType.RANDOM
         self._torch_device = wp.device_to_torch(self.device)

@@ -16,6 +16,7 @@ from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
+from lissajous_env.wording import require
 from lissajous_env.world.robots.contacts import WALL, begin_path, end_motion, stop_at_walls
 from lissajous_env.world.robots.faults import COAST, is_coasting
 from lissajous_env.world.state import WORKING
@@ -162,15 +163,12 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
         ValueError: a field that a rule forbids, by name.
     """
     h = task.step / task.substeps
-    if curve.half_depth > 0:
-        raise ValueError(f"curve.half_depth must be 0 for cars [m], got {curve.half_depth}")
-    if robot.drag * h > 2.5:
-        rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, which are otherwise unstable [1/s]"
-        raise ValueError(f"robot.drag {rule}, got {robot.drag}")
+    require(curve.half_depth <= 0, "curve.half_depth", "must be 0 for cars [m]", curve.half_depth)
+    rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, which are otherwise unstable [1/s]"
+    require(robot.drag * h <= 2.5, "robot.drag", rule, robot.drag)
     at_start = formation.phase_rate * math.hypot(curve.half_width * curve.a, curve.half_height * curve.b)
-    if at_start > 1e5:
-        rule = "must keep cars on the curve below 100000 m/s [rad/s]"
-        raise ValueError(f"formation.phase_rate {rule}, got {formation.phase_rate}")
+    rule = "must keep cars on the curve below 100000 m/s [rad/s]"
+    require(at_start <= 1e5, "formation.phase_rate", rule, formation.phase_rate)
     # A car's own constants lie at most three deviations from those of the scenario.
     strongest = robot.drive * noise.most_drive * max([1.0, *robot.factors.values()])
     fastest = robot.steady_speed(strongest)
@@ -179,9 +177,8 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
         raise ValueError(f"robot.drive_factors {rule}, got {fastest:g} m/s with {robot.drive_factors}")
     shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
     turn = fastest * h * math.tan(robot.steering_max) / shortest
-    if turn > 1e4:
-        rule = f"must keep a car's turn in an integration step below 10000 rad, at {fastest:g} m/s and full steering"
-        raise ValueError(f"robot.wheelbase {rule} [m], got {robot.wheelbase}")
+    rule = f"must keep a car's turn in an integration step below 10000 rad, at {fastest:g} m/s and full steering [m]"
+    require(turn <= 1e4, "robot.wheelbase", rule, robot.wheelbase)
 
 
 def shape(robot: Robot) -> list[tuple[np.ndarray, str | None]]:

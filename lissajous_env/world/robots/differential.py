@@ -15,6 +15,7 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
+from lissajous_env.wording import require
 from lissajous_env.world.robots.contacts import WALL, begin_path, end_motion, stop_at_walls
 from lissajous_env.world.state import WORKING
 
@@ -156,8 +157,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     Raises:
         ValueError: a field that a rule forbids, by name.
     """
-    if curve.half_depth > 0:
-        raise ValueError(f"curve.half_depth must be 0 for differential drives [m], got {curve.half_depth}")
+    require(curve.half_depth <= 0, "curve.half_depth", "must be 0 for differential drives [m]", curve.half_depth)
     h = task.step / task.substeps
     turn = robot.top_yaw_rate * h / (1 - 3 * noise.wheelbase_spread)
     if turn > math.pi:
