@@ -51,6 +51,23 @@ class PlayedEpisode:
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
+class SensingRobots:
+    """Robots that sense in the steps of a simulation, also those that a collision or the edge stops at a step's end."""
+
+    def __init__(self) -> None:
+        self._worked: Any = True
+
+    def of_step(self, simulation: Simulation) -> np.ndarray:
+        """Return (W, N) True for the robots that sensed in the latest step; called after the reset and each step."""
+        robots, latest, task = simulation.robots, simulation.latest, simulation.scenario.task
+        senses = robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE
+        stopped = (latest.collisions.numpy() > 0) & (task.on_collision != "count")
+        stopped |= (latest.outside.numpy() == 1) & (task.boundary == "remove")
+        resumed = robots.resumed_at.numpy() == simulation.clock.step.numpy()[:, None] - 1
+        worked, self._worked = self._worked, senses
+        return senses | (stopped & (worked | resumed))
+
+
 def check_contamination(scenario: str | Scenario) -> None:
     """Raise ValueError if `task.contamination` of a scenario is None."""
     scenario = named.build(scenario)
@@ -70,6 +87,7 @@ def play(
     check_contamination(scenario)
     scenario = replace(scenario, task=replace(scenario.task, conservative=False))
     simulation, folded = Simulation(scenario, policy.num_worlds, device=device), [fold_seed(seed) for seed in seeds]
+    sensing = SensingRobots()
     moments: list[tuple[np.ndarray, ...]] = []
 
     def copy(taken: int) -> None:
@@ -77,7 +95,7 @@ def play(
         moments.append(
             (
                 robots.path.numpy()[..., :2].copy(),
-                robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE,
+                sensing.of_step(simulation),
                 action.copy() if taken else np.zeros_like(action),
                 simulation.contamination.oldest.numpy().copy(),
             )
