@@ -328,6 +328,7 @@ def test_random_numbers_of_an_extension_are_uniform_and_independent():
     @lissajous_env.score_column()
     def draws(world):
         drawn.append((world.random(50), world.random(50)))
+        assert world.random(0, 2).shape == (8, 0, 2)  # of no targets
         return world.random()
 
     played(made(draws), worlds=8, steps=20)
