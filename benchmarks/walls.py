@@ -22,7 +22,7 @@ from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.world.columns import COLLISIONS, OPEN, WORST_CASE
 from lissajous_env.world.state import WORKING
 
-SCENARIOS = "evaders", "intruders", "hall", "experiment"
+SCENARIOS = "evaders", "intruders", "hall", "experiment", "rough"
 FILTERED = "kuramoto-mpcc", "partition", "line-abreast", "sweep", "random"
 """Policies that are also played with each filter."""
 LEFT_OUT = "still", "periodic-paths", "portfolio", "portfolio-guarantee"

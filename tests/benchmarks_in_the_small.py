@@ -1,12 +1,20 @@
 """Small benchmarks and score rows, for tests."""
 
+import numpy as np
 from rich.console import Console
 
+import lissajous_env
 from baselines.benchmark.types import Benchmark
 from lissajous_env.world.columns import COLUMNS
 
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 2.0}
+
+
+@lissajous_env.score_column(reduce="max")
+def furthest(world):
+    """Largest distance of a robot from the middle [m]."""
+    return np.abs(world.robots.position[..., 0]).max(axis=1)
 
 
 def small(out, **changes):

@@ -14,8 +14,8 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import whole_number
-from lissajous_env.wording import few_of, require
+from lissajous_env.settings.checks import Checked, choice, whole, whole_number
+from lissajous_env.wording import few_of
 
 SCENARIOS = (
     "evaders", "evaders-walls", "evaders-lost", "team", "intruders", "intruders-walls", "intruders-inside", "rough",
@@ -41,11 +41,10 @@ are velocities.
 ALL = "all"
 """Word that names every policy."""
 _MOST_EPISODES = 1_000_000
-_MOST_WORLDS = 65_536
 
 
 @dataclass(frozen=True)
-class Benchmark:
+class Benchmark(Checked, with_defaults=False, part=""):
     """Episodes to play, and the folder of the results."""
 
     scenarios: tuple[str, ...] = SCENARIOS
@@ -55,18 +54,18 @@ class Benchmark:
     """Policies to play, each on the scenarios whose robots it drives; by default the standard ones (`POLICIES`), and
     those that you registered. `all` plays every registered policy. Your own policy can be given as a checkpoint's
     folder, as `module:factory`, or by a name that a module of the current folder registers."""
-    episodes: int = 16
+    episodes: int = whole(16, 1, _MOST_EPISODES)
     """Number of episodes of each policy on each scenario; more of them narrow the intervals."""
     seed: int = 0
     """Seed of episode 0; episode k has seed + k, for every policy."""
-    batch: int = 16
+    batch: int = whole(16, 1, 65_536)
     """Number of episodes that are played and stored together; it changes the speed, not the results."""
     device: str = "cpu"
     """Device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results/benchmark")
     """Folder of the results. A second call with the same folder adds scenarios, policies or episodes, plays no episode
     twice, and refuses other settings. The files cover all episodes of the folder."""
-    engine: Literal["local", "ray"] = "local"
+    engine: Literal["local", "ray"] = choice("local", "local", "ray")
     """`local` plays on this machine; `ray` plays on a Ray cluster and requires the extra `cluster`. The results are the
     same."""
     address: str | None = None
@@ -74,7 +73,7 @@ class Benchmark:
     against: str | None = None
     """Policy with which all others are compared, seed by seed; by default the paper's method or the patrol `lanes`
     if one of them is played, else the first policy."""
-    replays: int = 8
+    replays: int = whole(8, 0, _MOST_EPISODES)
     """Number of episodes that report.html can play: the worst of each policy on each scenario first. The reference
     policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
@@ -82,19 +81,15 @@ class Benchmark:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "scenarios", named.expanded(self.scenarios))
+        super().__post_init__()
 
-    def check(self) -> None:
-        """Raise ValueError for a value that a rule forbids."""
-        whole_number("episodes", self.episodes, 1, _MOST_EPISODES)
-        whole_number("batch", self.batch, 1, _MOST_WORLDS)
+    def _check_together(self) -> None:
         whole_number("seed", self.seed, 0, 2**31 - self.episodes)
-        whole_number("replays", self.replays, 0, _MOST_EPISODES)
         for name in ("scenarios", "policies"):
             if len(set(getattr(self, name))) < len(getattr(self, name)):
                 raise ValueError(f"{name} must contain each entry once, got {few_of(getattr(self, name))}")
-        require(self.engine in ("local", "ray"), "engine", "must be local or ray", self.engine)
-        is_ray = self.engine == "ray"
-        require(is_ray or self.address is None, "address", "must be given only with engine ray", self.address)
+        has_cluster = self.engine == "ray" or self.address is None
+        self._require(has_cluster, "address", "must be given only with engine ray")
 
     @property
     def worlds(self) -> int:
@@ -175,12 +170,11 @@ def cells_of(
     policies: Mapping[str, Factory | ActingPolicy] | None = None,
     scenarios: Iterable[Scenario] | None = None,
 ) -> list[Cell]:
-    """Check the settings, and return the policies on scenarios that they name.
+    """Return the policies on scenarios that some settings name.
 
     Raises:
         ValueError: an invalid value, an unknown name, a policy that drives no scenario, or a scenario without a policy.
     """
-    settings.check()
     unregistered = [name for name in settings.policies if registry.is_folder(name) or factories.is_imported(name)]
     own = {name: factories.as_factory(name) for name in unregistered}
     own |= {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}

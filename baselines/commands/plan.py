@@ -1,7 +1,8 @@
 """The command `lissajous plan`: the patrols that a team can run, and what each guarantees."""
 
 from contextlib import nullcontext
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import tyro
 
@@ -15,8 +16,19 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import counted
 
 
+@dataclass(frozen=True)
+class Options(Request, with_defaults=False, part=""):
+    """The options of the command."""
+
+    scenario: Annotated[
+        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")
+    ] = None
+    """Name of a scenario, .toml file, or module:attribute from which missing options are taken; without it, the
+    rectangle and the robots must be given."""
+
+
 def plan(
-    request: tyro.conf.OmitArgPrefixes[tyro.conf.FlagCreatePairsOff[Request]],
+    request: tyro.conf.OmitArgPrefixes[tyro.conf.FlagCreatePairsOff[Options]],
     rows: int = 8,
     out: OutFolder = None,
     output: OutputOptions = DEFAULT_OUTPUT,

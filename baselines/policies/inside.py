@@ -38,13 +38,14 @@ A car that is slower than `CREEP` is treated as if it drove at it, so it may acc
 car that reverses is treated as one that is turned round: its way out is behind it.
 
 Noise, and cars that differ, add errors that the argument does not cover. The rule uses the strongest motor, predicts
-with the shortest and the longest wheelbase that the spreads allow, and requires the circle of the longest. A measured
-heading that is off by e moves the centre of a circle by R e. What remains appears as a car without a way out, as does a
-car that begins an episode without one, or stands at a wall. It backs up if it can reverse and has a way out behind it
-then; otherwise it turns at `CREEP` to the side whose circle is nearer to C, and slides along the wall until it can
-leave it. This can take minutes for a car that has a wall straight ahead and cannot reverse. A car that has failed and
-coasts is not driven by anybody. Where the walls are closer than a circle, no car has a way out, and the rule changes
-nothing.
+with the shortest and the longest wheelbase that the spreads allow, and requires the circle of the longest. It predicts
+an action with errors of `STEP_DEVIATIONS` standard deviations of the steering, the heading and the speed. It does not
+cover those of the way out: a circle that covers them does not fit where the walls are little farther apart than it.
+What remains appears as a car without a way out, as does a car that begins an episode without one, or stands at a wall.
+It backs up if it can reverse and has a way out behind it then; otherwise it turns at `CREEP` to the side whose circle
+is nearer to C, and slides along the wall until it can leave it. This can take minutes for a car that has a wall
+straight ahead and cannot reverse. A car that has failed and coasts is not driven by anybody. Where the walls are closer
+than a circle, no car has a way out, and the rule changes nothing.
 
 The rule is part of every policy that drives cars (`baselines.Policy`), classical or learned, also of one that drives
 other robots as if they were cars; the argument is about cars, though, and not about robots that move like them only
@@ -77,6 +78,9 @@ wp.set_module_options(OPTIONS)
 
 DEVIATIONS = 3.0
 """Standard deviations of a measured coordinate by which a body stays away from a wall."""
+STEP_DEVIATIONS = 2.0
+"""Standard deviations of the steering, the heading and the speed with which an action is predicted; with three, loops
+that pass near a wall are left too often."""
 CLEARANCE = 0.01
 """Least distance of a body from a wall, as a share of its radius; a body that slides along a wall is in contact."""
 CREEP = 0.2
@@ -118,6 +122,8 @@ class Walls:
     """Unit of an observed speed [m/s]."""
     step: wp.float32
     """Control step [s]."""
+    errors: wp.vec3
+    """Bounds of the errors of an action, a measured heading [rad] and a measured speed [m/s]."""
     substeps: wp.int32
     """Integration steps in it."""
     predicted: wp.int32
@@ -235,14 +241,21 @@ def is_safe(walls: Walls, robot: RobotStruct, car: wp.vec4) -> bool:
 
 @wp.func
 def is_safe_after(walls: Walls, robot: RobotStruct, car: wp.vec4, action: wp.vec2) -> bool:
-    """Return whether a car is in K during an action and has a way out after it, with any wheelbase of the spread."""
+    """Return whether a car is in K during an action and has a way out after it, with any wheelbase of the spread.
+
+    With noise, the car is faster than measured, and heads and steers to the left or to the right of what is measured
+    and wanted, or as measured and wanted.
+    """
     push = motor_acceleration(robot, walls.strongest, throttle(robot, action[1]))
-    slope = wp.tan(steering_angle(robot, action[0]))
-    for k in range(2):
-        if k == 1 and walls.longest == walls.shortest:
-            break
-        curvature = slope / wp.where(k == 0, walls.shortest, walls.longest)
+    for k in range(6):
+        if (k >= 3 and walls.longest == walls.shortest) or (k % 3 > 0 and walls.errors[0] + walls.errors[1] == 0.0):
+            continue
+        side = 1.0 - float(k % 3)
+        slope = wp.tan(steering_angle(robot, wp.clamp(action[0] + side * walls.errors[0], -1.0, 1.0)))
+        curvature = slope / wp.where(k < 3, walls.shortest, walls.longest)
         after = car
+        after[2] += side * walls.errors[1]
+        after[3] += wp.sign(car[3]) * walls.errors[2]
         for _ in range(walls.predicted):
             after = car_step(robot, after, curvature, push, walls.step / float(walls.substeps))
             if not is_in(walls, after[0], after[1]):
@@ -378,6 +391,7 @@ def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     walls.creep = CREEP * min(robot.top_speed, walls.fastest_turn)
     walls.speed_gain = scaled_gain(scenario, SPEED_GAIN)
     walls.speed_unit = robot.top_speed
+    walls.errors = wp.vec3(*(STEP_DEVIATIONS * deviation for deviation in (noise.actuator, noise.heading, noise.speed)))
     walls.step, walls.substeps = scenario.task.step, scenario.task.substeps
     # A differential drive gains the yaw rate of its tightest turn steadily, so it is late by half of the time.
     fastest = min(robot.top_speed, walls.fastest_turn)

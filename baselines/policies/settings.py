@@ -80,7 +80,7 @@ class PolicySettings:
         path = Path(folder) / POLICY_FILE
         given = read_toml(str(path), _LARGEST)
         try:
-            check_keys(given, {"policy": (str, "a name")} | dict.fromkeys(_TABLES, (dict, "a table")))
+            check_keys(given, {"policy": str} | dict.fromkeys(_TABLES, dict))
             if "policy" not in given:
                 raise ValueError("file must contain policy, the name of a policy")
         except ValueError as error:

@@ -5,7 +5,11 @@ With `task.boundary = wall`, the centre of a body is inside the walls where it i
 the right as fast as it can, or keeps straight on. The rule lets an action pass if the drive is in K during the step and
 can stop after it, as its motion predicts for both ends of the spreads of motors and wheels. Otherwise it takes the
 first action for which this is so: the yaw rate is blended with that of a way to stop that the drive has now, with the
-speed that is wanted and then with half of it. If there is none, the drive stops in this way.
+speed that is wanted and then with half of it. If there is none, the drive stops or goes back, as it stays farthest
+inside.
+
+With noise, an action is predicted with errors of `DEVIATIONS` standard deviations, and a drive that brakes stays in K
+by `DEVIATIONS` standard deviations of the place that it then reaches.
 
 A drive that can stop never meets a wall, if its measurements are exact and its constants are those of the scenario: it
 can brake on for the rest of its way, and at rest it can turn on the spot until it may leave. No circle has to fit
@@ -61,6 +65,8 @@ class Limits:
     """Bound of the error of a measured heading [rad]."""
     turn: wp.float32
     """Action of the yaw rate of a way to stop that turns."""
+    heading_noise: wp.float32
+    """Bound of the change of a heading in an integration step by the noise of an action [rad]."""
     speed_error: wp.float32
     """Bound of the error of a measured speed [m/s]."""
     yaw_error: wp.float32
@@ -98,25 +104,37 @@ def moved(limits: Limits, robot: RobotStruct, drive: Drive, speed: float, turnin
 
 
 @wp.func
-def is_in(limits: Limits, half: wp.vec2, drive: Drive) -> bool:
-    """Return whether a drive is in a rectangle of half extents `half` [m], within the rounding errors."""
-    x, y = wp.abs(drive.pose[0]), wp.abs(drive.pose[1])
-    return x <= half[0] + limits.rounding and y <= half[1] + limits.rounding
+def distance_inside(half: wp.vec2, x: float, y: float) -> float:
+    """Return the distance of a place from the edge of a rectangle of half extents `half`, below 0 outside it [m]."""
+    return wp.min(half[0] - wp.abs(x), half[1] - wp.abs(y))
 
 
 @wp.func
 def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> float:
     """Return the least distance from the edge of a rectangle while a drive brakes with an action of the yaw rate [m].
 
-    It is below 0 if the drive leaves the rectangle.
+    It is below 0 if the drive leaves the rectangle. With noise, it is less by `DEVIATIONS` standard deviations of the
+    place: if the heading deviates by a small angle at one place, all later places turn about it by this angle. The
+    deviations of the steps are independent, so the variances of their displacements add up.
     """
     now = drive
     least = float(1.0e30)
+    variance = limits.heading_noise * limits.heading_noise
+    count = float(0.0)
+    sum_of = wp.vec2()
+    squares = wp.vec2()
     for _ in range(limits.braking):
         if now.pose[3] == 0.0:
             break
+        gone = wp.vec2(now.pose[0] - drive.pose[0], now.pose[1] - drive.pose[1])
+        count += 1.0
+        sum_of += gone
+        squares += wp.cw_mul(gone, gone)
         now = moved(limits, robot, now, 0.0, turn * limits.turns[0], limits.pushes[0])
-        least = wp.min(least, wp.min(half[0] - wp.abs(now.pose[0]), half[1] - wp.abs(now.pose[1])))
+        gone = wp.vec2(now.pose[0] - drive.pose[0], now.pose[1] - drive.pose[1])
+        spread = count * wp.cw_mul(gone, gone) - 2.0 * wp.cw_mul(gone, sum_of) + squares
+        aside = wp.vec2(wp.sqrt(wp.max(variance * spread[1], 0.0)), wp.sqrt(wp.max(variance * spread[0], 0.0)))
+        least = wp.min(least, distance_inside(half - aside, now.pose[0], now.pose[1]))
     return least
 
 
@@ -133,32 +151,46 @@ def yaw_rate_towards(limits: Limits, action: float, side: float) -> float:
 
 
 @wp.func
-def is_safe_after(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, action: wp.vec2) -> bool:
-    """Return whether a drive of any motor and wheels stays in a rectangle during an action, and can stop after it.
+def room_after(
+    limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, action: wp.vec2, lowest: float, enough: float
+) -> float:
+    """Return the least distance from the edge of a rectangle during an action and the best way to stop after it [m].
 
-    With noise, the drive is faster than measured and heads to the left or to the right of what is measured and wanted,
-    or as measured and wanted: it may have ways to stop after turns to the left and to the right, but not between them.
+    This is that of the worst motor and wheels. With noise, the drive is faster than measured, goes faster or slower
+    than wanted, and heads to the left or to the right of what is measured and wanted, or as measured and wanted: it may
+    have ways to stop after turns to the left and to the right, but not between them. A result below `lowest` or above
+    `enough` is not computed exactly.
     """
-    speed = commanded_speed(robot, wp.clamp(action[0] + wp.sign(action[0]) * limits.action_error, -1.0, 1.0))
-    for k in range(wp.where(limits.is_exact == 1, 1, 6)):
+    least = enough
+    for k in range(wp.where(limits.is_exact == 1, 1, 12)):
         side = 1.0 - float(k % 3)
+        faster = wp.where((action[0] < 0.0) == (k < 6), -1.0, 1.0)
+        if k >= 6 and wp.abs(action[0]) > limits.action_error:
+            break  # slower is safer unless it is in the other direction
         now = Drive()
         now.pose = drive.pose
         now.pose[2] += side * limits.heading_error
         now.pose[3] += wp.sign(drive.pose[3]) * limits.speed_error
         now.yaw_rate = yaw_rate_towards(limits, drive.yaw_rate / robot.yaw_rate_max, side)
+        speed = commanded_speed(robot, wp.clamp(action[0] + faster * limits.action_error, -1.0, 1.0))
         turning = yaw_rate_towards(limits, wp.clamp(action[1] + side * limits.action_error, -1.0, 1.0), side)
         for _ in range(limits.substeps):
-            now = moved(limits, robot, now, speed, turning, limits.pushes[k / 3])
-            if not is_in(limits, half, now):
-                return False
-        if not (
-            can_stop(limits, robot, half, now, 0.0)
-            or can_stop(limits, robot, half, now, limits.turn)
-            or can_stop(limits, robot, half, now, -limits.turn)
-        ):
-            return False
-    return True
+            now = moved(limits, robot, now, speed, turning, limits.pushes[(k / 3) % 2])
+            least = wp.min(least, distance_inside(half, now.pose[0], now.pose[1]))
+        most = float(-1.0e30)
+        for way in range(3):
+            if most < least and least >= lowest:
+                most = wp.max(most, room_to_stop(limits, robot, half, now, float(way - 1) * limits.turn))
+        least = wp.min(least, most)
+        if least < lowest:
+            break
+    return least
+
+
+@wp.func
+def is_safe_after(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, action: wp.vec2) -> bool:
+    """Return whether a drive of any motor and wheels stays in a rectangle during an action, and can stop after it."""
+    return room_after(limits, robot, half, drive, action, -limits.rounding, -limits.rounding) >= -limits.rounding
 
 
 @wp.func
@@ -181,7 +213,8 @@ def turn_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
 def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) -> wp.vec2:
     """Return the wanted action, or the first of the others after which a drive can stop.
 
-    With noise or spreads there may be none. The drive then stops in the way that stays farthest inside.
+    With noise or spreads there may be none. The drive then takes the action that keeps it farthest inside: it stops, or
+    goes back.
     """
     half = wp.vec2(wp.max(limits.half[0], wp.abs(drive.pose[0])), wp.max(limits.half[1], wp.abs(drive.pose[1])))
     if is_safe_after(limits, robot, half, drive, want):
@@ -193,14 +226,15 @@ def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) ->
             action = wp.vec2(want[0] * (1.0 - float(k) / float(SPEEDS)), want[1] + share * (turning - want[1]))
             if is_safe_after(limits, robot, half, drive, action):
                 return action
-    most = float(-1.0e30)
-    for k in range(wp.where(limits.is_exact == 1, 0, 3)):
-        turn = float(k - 1) * limits.turn
-        least = room_to_stop(limits, robot, limits.half, drive, turn)
-        if least > most:
-            most = least
-            turning = turn
-    return wp.vec2(0.0, turning)
+    best = wp.vec2(0.0, turning)
+    most = room_after(limits, robot, limits.half, drive, best, -1.0e30, 1.0e30)
+    for k in range(wp.where(limits.is_exact == 1, 0, 9)):
+        action = wp.vec2(float(k / 3 - 1) * 2.0 * limits.action_error, float(k % 3 - 1) * limits.turn)
+        room = room_after(limits, robot, limits.half, drive, action, most, 1.0e30)
+        if room > most:
+            most = room
+            best = action
+    return best
 
 
 @wp.kernel
@@ -287,6 +321,7 @@ def limits_of(scenario: Scenario) -> Any:
     limits.turns = wp.vec2(robot.top_yaw_rate / (1 + spread), robot.top_yaw_rate / (1 - spread))
     limits.action_error, limits.heading_error = DEVIATIONS * noise.actuator, DEVIATIONS * noise.heading
     limits.yaw_error = limits.action_error * robot.top_yaw_rate
+    limits.heading_noise = limits.action_error * robot.top_yaw_rate * task.step / math.sqrt(task.substeps)
     limits.speed_error = DEVIATIONS * noise.speed
     limits.turn = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
     spreads = noise.wheelbase_spread, noise.drive_spread, *(factor - 1 for factor in motors)

@@ -20,6 +20,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import (
     NAMES,
     SUFFIX,
+    TEXTS,
     check_keys,
     included_scenarios,
     is_file,
@@ -40,13 +41,8 @@ SPACES: dict[str, Any] = {}
 _INCLUDED = included_scenarios()
 _INCLUDED_SPACES = {path.stem: str(path) for path in sorted(Path(__file__).parent.glob(f"*-v*{SUFFIX}"))}
 """Files of the included spaces, by name."""
-_TEXT, _TABLE = (str, "text"), (dict, "a table")
-_OF_SPACE = {
-    **dict.fromkeys(("name", "description", "base"), _TEXT),
-    "require": (list, "a list"),
-    **dict.fromkeys(("draw", "shift"), _TABLE),
-}
-"""Type, also in words, of the values of a space's file."""
+_OF_SPACE = {**TEXTS, "require": list, "draw": dict, "shift": dict}
+"""Kinds of the values of a space's file."""
 _OF_FILE = re.compile(rf"(.+?\{SUFFIX}):(.+)")
 _SEED = re.compile(r"(?:(.+)-)?(\d+)")
 _FIRST, _MOST = 32, 10_000

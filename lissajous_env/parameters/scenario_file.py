@@ -33,9 +33,12 @@ from lissajous_env.wording import nearest, require, shown
 SUFFIX = ".toml"
 NAMES = r"(?!.*\.toml$)\w[\w.-]{0,98}", "a word of letters, digits, _, - and . that does not end in .toml"
 """Names of scenarios and spaces, as a pattern and in words."""
-_TEXTS = dict.fromkeys(("name", "description", "base"), (str, "text"))
-_OF_SCENARIO = {**_TEXTS, "extensions": (list, "a list"), **dict.fromkeys(PARTS, (dict, "a table"))}
-"""Type, also in words, of the values of a scenario's file."""
+_KINDS = {str: "text", list: "a list", dict: "a table"}
+"""Kinds of the values in a file, in words."""
+TEXTS = dict.fromkeys(("name", "description", "base"), str)
+"""Entries that the files of scenarios and of spaces have in common."""
+_OF_SCENARIO = {**TEXTS, "extensions": list, **dict.fromkeys(PARTS, dict)}
+"""Kinds of the values of a scenario's file."""
 _LARGEST = 1 << 16
 """Size of a file [bytes]."""
 _OF_THE_NUMBER = "ring", "p", "alpha"
@@ -155,7 +158,7 @@ def name_in_file(table: Mapping[str, Any], path: str) -> str:
     return name
 
 
-def check_keys(table: Mapping[str, Any], known: Mapping[str, tuple[type, str]]) -> None:
+def check_keys(table: Mapping[str, Any], known: Mapping[str, type]) -> None:
     """Check the keys of a file, and the types of their values.
 
     Raises:
@@ -163,9 +166,8 @@ def check_keys(table: Mapping[str, Any], known: Mapping[str, tuple[type, str]]) 
     """
     for key, value in table.items():
         require(key in known, "file", f"must contain {', '.join(known)}", key, known)
-        kind, words = known[key]
-        if not isinstance(value, kind):
-            raise ValueError(f"{key} must be {words}, got {type(value).__name__}")
+        if not isinstance(value, known[key]):
+            raise ValueError(f"{key} must be {_KINDS[known[key]]}, got {type(value).__name__}")
 
 
 def scenario_from(table: Mapping[str, Any], base_of: Callable[[str], Scenario]) -> Scenario:
@@ -180,7 +182,7 @@ def scenario_from(table: Mapping[str, Any], base_of: Callable[[str], Scenario]) 
     """
     check_keys(table, _OF_SCENARIO)
     base = base_of(table["base"]) if "base" in table else Scenario()
-    scenario = overridden(base, {key: value for key, value in table.items() if key not in _TEXTS})
+    scenario = overridden(base, {key: value for key, value in table.items() if key not in TEXTS})
     return dataclasses.replace(scenario, name=table["name"], description=table.get("description", ""))
 
 

@@ -94,7 +94,7 @@ class WorldView(_Fixed):
         key = _mixed(key ^ np.uint64(zlib.crc32(self._name.encode())) << np.uint64(31))
         numbers = np.arange(self._drawn + 1, self._drawn + count + 1, dtype=np.uint64) * _GOLDEN
         self.__dict__["_drawn"] += count
-        return (_mixed(key[:, None] + numbers) >> np.uint64(11)).reshape(-1, *shape) * 2.0**-53
+        return (_mixed(key[:, None] + numbers) >> np.uint64(11)).reshape(len(key), *shape) * 2.0**-53
 
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)

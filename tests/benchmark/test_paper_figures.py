@@ -7,7 +7,7 @@ import subprocess
 import matplotlib
 import numpy as np
 import pytest
-from benchmarks_in_the_small import QUIET, rows
+from benchmarks_in_the_small import QUIET, furthest, rows
 from PIL import Image
 
 import lissajous_env
@@ -19,12 +19,6 @@ from baselines.commands.figures import figures
 from baselines.reproduce.drawing import sheet
 
 SHORT = {"task.duration": 3.0}
-
-
-@lissajous_env.score_column(reduce="max")
-def furthest(world):
-    """Largest distance of a robot from the middle [m]."""
-    return np.abs(world.robots.position[..., 0]).max(axis=1)
 
 
 @pytest.fixture(scope="module")

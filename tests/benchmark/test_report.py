@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from benchmarks_in_the_small import QUIET, small
+from benchmarks_in_the_small import QUIET, furthest, rows, small
 from rich.console import Console
 
 import baselines
@@ -57,14 +57,16 @@ def test_the_page_has_every_score_of_every_episode(small_one):
 
 def test_the_page_has_all_scenarios_together_the_first_column_in_order():
     # Oracle: by hand; b detects sooner on both scenarios and collides.
-    def rows(policy, time, collisions):
-        for name in ("evaders", "team"):
-            numbers = dict.fromkeys(COLUMNS, 1.0) | {"detection_time_mean": time, "collisions": collisions}
-            yield {"scenario": name, "policy": policy, "episode": 0, "seed": 0} | numbers
-
+    numbers = {
+        "a": {"detection_time_mean": [4.0], "collisions": [0]},
+        "b": {"detection_time_mean": [2.0], "collisions": [3]},
+    }
+    played = [
+        row for policy in numbers for name in ("evaders", "team") for row in rows(policy, name, **numbers[policy])
+    ]
     drives = {"robot.kind": "differential", "robot.yaw_rate_max": 5.0}
     scenarios = {name: lissajous_env.scenario(name, **drives) for name in ("evaders", "team")}
-    table = Table.of([*rows("a", 4.0, 0), *rows("b", 2.0, 3)], scenarios)
+    table = Table.of(played, scenarios)
     page = report_page.page(table, table.rows, {}, {})
     data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
     (of,) = data["overall"]
@@ -75,12 +77,6 @@ def test_the_page_has_all_scenarios_together_the_first_column_in_order():
     assert first["cells"]["collisions"] == {"words": "3", "between": "", "value": 3.0}
     assert first["cells"]["score_improvement"]["words"] == "100 %"
     assert of["measures"][0]["column"] == "score_over_best"
-
-
-@lissajous_env.score_column(reduce="max")
-def furthest(world):
-    """Largest distance of a robot from the middle [m]."""
-    return np.abs(world.robots.position[..., 0]).max(axis=1)
 
 
 def test_columns_of_ones_own_are_in_every_table(tmp_path):

@@ -4,7 +4,7 @@ import json
 import warnings
 
 import numpy as np
-import pytest
+from command_line import called
 
 import baselines
 import lissajous_env
@@ -12,7 +12,6 @@ from baselines.benchmark.theorem import about_theorem, compatible_starts
 from baselines.benchmark.types import Cell
 from baselines.policies.factories import as_factory
 from baselines.policies.safety.proved import ProvedParameters, unmet_conditions
-from lissajous_env.console.cli import main
 from lissajous_env.parameters.assumptions import AssumptionWarning
 
 EMPTY = {
@@ -69,10 +68,9 @@ def test_policies_with_the_filter_are_found_by_name_and_by_kind():
 
 
 def printed(capsys, *words):
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, words)])
-    assert not ended.value.code
-    return " ".join(capsys.readouterr().out.split())
+    code, text, _ = called(capsys, *words)
+    assert code == 0
+    return " ".join(text.split())
 
 
 SHORT = ("--set", "task.duration=1")

@@ -52,6 +52,21 @@ def test_a_drive_meets_no_wall_moves_on_and_knows_its_yaw_rate(name, fields):
     assert [(policy._stay_inside.yaw_rate.numpy()[w] == 0).all() for w in (2, 3)] == [True, False]
 
 
+@pytest.mark.parametrize("fields", [{}, {"robot.speed_min": 0.0}], ids=["with reverse", "without reverse"])
+def test_noise_that_adds_up_while_drives_brake_leads_none_to_a_wall(fields):
+    scenario = lissajous_env.scenario("rough", **(DRIVES | fields)).resolve()
+    policy, simulation = Fast(scenario, 16), lissajous_env.Simulation(scenario, 16, seed=3)
+    half = np.array([scenario.curve.half_width, scenario.curve.half_height]) - scenario.robot.radius
+    robots, way = simulation.robots, np.zeros(policy.shape)
+    for _ in range(scenario.task.steps - 1):
+        before = robots.position.numpy()[..., :2].copy()
+        simulation.step(policy.act(simulation.observation))
+        place = robots.position.numpy()[..., :2]
+        way += np.linalg.norm(place - before, axis=2)
+        assert (np.abs(place) < half).all()
+    assert (way > 0.02 * scenario.robot.top_speed * scenario.task.duration).all()
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_mirrored_drives_act_alike(axis):
     """Law: a mirror image, with motors and wheels that differ."""

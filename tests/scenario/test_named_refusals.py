@@ -5,29 +5,12 @@ import math
 import os
 import sys
 
-import numpy as np
 import pytest
 
 import lissajous_env
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import robot_models
 from lissajous_env.world.robots.point import POINT
-
-
-def entry(name, size):
-    def values(world):
-        return np.zeros((*world.robots.speed.shape, size))
-
-    values.__name__ = name
-    return lissajous_env.observation_entry(size)(values)
-
-
-def test_entries_of_the_observation_have_names_of_their_own():
-    # Oracle: the message; names that differ make a layout in which each is there once.
-    with pytest.raises(ValueError, match=r"entries of the observation must have different names, got a_0 twice"):
-        lissajous_env.scenario("ideal", extensions=[entry("a", 2), entry("a_0", 1)])
-    env = lissajous_env.parallel_env(lissajous_env.scenario("ideal", extensions=[entry("a", 2), entry("a_2", 1)]))
-    assert env is not None
 
 
 @pytest.mark.parametrize(

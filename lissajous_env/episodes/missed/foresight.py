@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
+from lissajous_env.episodes.missed.played import SensingRobots
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import NOWHERE
 
 MARGIN = 1 / 30
 """Distance by which discs are enlarged [sensing radius]."""
@@ -43,6 +43,7 @@ class Visits:
     """For each moment (W, N, 2) positions of the robots [m]."""
     works: list[np.ndarray] = field(default_factory=list)
     """For each moment (W, N) bool: robots that sense."""
+    sensing: SensingRobots = field(default_factory=SensingRobots)
     rows: list[np.ndarray] = field(default_factory=list)
     """For each moment the rows of the live rogues (V, D); those of the last moment are not labelled."""
     worlds: list[np.ndarray] = field(default_factory=list)
@@ -52,9 +53,8 @@ class Visits:
 
     def record(self, simulation: Simulation) -> None:
         """Record a moment."""
-        robots = simulation.robots
-        self.sensors.append(robots.position.numpy()[..., :2].copy())
-        self.works.append(robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE)
+        self.sensors.append(simulation.robots.position.numpy()[..., :2].copy())
+        self.works.append(self.sensing.of_step(simulation))
         worlds, slots = np.nonzero(simulation.rogues.present.numpy())
         self.rows.append(simulation.rogues.observation.numpy()[worlds, slots])
         self.worlds.append(worlds)

@@ -50,6 +50,23 @@ class PlayedEpisode:
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
+class SensingRobots:
+    """Robots that sense in the steps of a simulation, also those that a collision or the edge stops at a step's end."""
+
+    def __init__(self) -> None:
+        self._worked: Any = True
+
+    def of_step(self, simulation: Simulation) -> np.ndarray:
+        """Return (W, N) True for the robots that sensed in the latest step; called after the reset and each step."""
+        robots, latest, task = simulation.robots, simulation.latest, simulation.scenario.task
+        senses = robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE
+        stopped = (latest.collisions.numpy() > 0) & (task.on_collision != "count")
+        stopped |= (latest.outside.numpy() == 1) & (task.boundary == "remove")
+        resumed = robots.resumed_at.numpy() == simulation.clock.step.numpy()[:, None] - 1
+        worked, self._worked = self._worked, senses
+        return senses | (stopped & (worked | resumed))
+
+
 def check_contamination(scenario: str | Scenario) -> None:
     """Raise ValueError if `task.contamination` of a scenario is None."""
     scenario = named.build(scenario)
@@ -66,14 +83,13 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
     scenario = named.build(scenario)
     check_contamination(scenario)
     scenario, seed = replace(scenario, task=replace(scenario.task, conservative=False)), fold_seed(seed)
-    simulation = Simulation(scenario, policy.num_worlds, device=device)
+    simulation, sensing = Simulation(scenario, policy.num_worlds, device=device), SensingRobots()
     moments: list[tuple[np.ndarray, ...]] = []
 
     def copy(taken: int) -> None:
-        robots, action = simulation.robots, of_world(simulation.action, 0)
-        works = of_world(robots.sensor, 0)[:, 0] < 0.5 * NOWHERE
-        now = of_world(simulation.contamination.oldest, 0)
-        moments.append((of_world(robots.path, 0)[..., :2], works, action if taken else np.zeros_like(action), now))
+        path, action = of_world(simulation.robots.path, 0)[..., :2], of_world(simulation.action, 0)
+        works, now = sensing.of_step(simulation)[0], of_world(simulation.contamination.oldest, 0)
+        moments.append((path, works, action if taken else np.zeros_like(action), now))
 
     EpisodeRunner(policy, simulation).play([seed] * policy.num_worlds, copy)
     steps = int(of_world(simulation.clock.step, 0))
