@@ -211,7 +211,7 @@ def test_what_is_no_extension_is_refused_by_name(make, message):
 
 @pytest.mark.parametrize("name", ["detection", "collisions", "x"])
 def test_names_of_ours_are_taken(name):
-    lissajous_env.Simulation(made(numbered("a", 2), numbered("a_2", 1)))  # which are no entries of the other
+    assert len(made(numbered("a", 2), numbered("a_2", 1)).extensions) == 2  # which are no entries of each other
 
     def function(world):
         return np.zeros(1)
