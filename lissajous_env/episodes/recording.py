@@ -274,7 +274,7 @@ def record_all(
                 if steps[recorder.world] == taken:  # the episode may end early
                     recorder.take()
 
-        runner.play(batch + batch[-1:] * (policy.num_worlds - len(batch)), take)
+        runner.play(batch, take)
         recordings += [recorder.recording(runner.name) for recorder in recorders]
     return recordings
 

@@ -91,7 +91,7 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
         works, now = sensing.of_step(simulation)[0], of_world(simulation.contamination.oldest, 0)
         moments.append((path, works, action if taken else np.zeros_like(action), now))
 
-    EpisodeRunner(policy, simulation).play([seed] * policy.num_worlds, copy)
+    EpisodeRunner(policy, simulation).play([seed], copy)
     steps = int(of_world(simulation.clock.step, 0))
     arrays = [np.stack(array)[: steps + 1] for array in zip(*moments, strict=True)]
     return PlayedEpisode(scenario, seed, simulation.score([0])[0], *arrays)
