@@ -46,13 +46,13 @@ def measured(name: str, policy: str, seeds: Sequence[int]) -> list[Result]:
     cell = (resolution(scenario) + 1) * scenario.task.step
     acting = baselines.make(policy, scenario, 1)
     for seed in seeds:
-        (played,) = play(acting, scenario, [seed])
+        played = play(acting, scenario, seed)
         began = time.process_time()
         path = longest_path(played)
         cost = time.process_time() - began
         if path is not None:
-            (rogue,) = replay([(played, path)])
-            results.append(Result(name, rogue.undetected - played.score[WORST_CASE.name], cell, cost))
+            undetected, *_ = replay(played, path)
+            results.append(Result(name, undetected - played.score[WORST_CASE.name], cell, cost))
     return results
 
 

@@ -6,8 +6,7 @@ import tyro
 
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.types import cells_of
-from baselines.commands.playing import DEFAULT_PLAY, Play, check_file, naming, scenarios_and_policy, with_policy
+from baselines.commands.playing import DEFAULT_PLAY, Play, check_file, naming, with_policy
 from lissajous_env.console.terminal import OutFile, RogueName
 
 _Names = Annotated[
@@ -42,10 +41,8 @@ def evaluate(
     from baselines.benchmark.table import Table
     from baselines.benchmark.theorem import about_theorem
 
-    scenarios, policy, own = scenarios_and_policy(names)
     check_file(out, ".csv")
-    settings = common.settings(scenarios, policy, episodes, batch, rogues)
-    cells = cells_of(settings, scenarios=None if own is None else [own])
+    settings, cells = common.cells(names, episodes, batch, rogues)
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
     with Progress([(cell, numbers) for cell in cells], common.progress()) as progress:
@@ -58,11 +55,12 @@ def evaluate(
                     progress.finished(cell, len(finished))
     table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
     console = common.console()
-    for name, policies in table.estimates.items():
-        shown.print_scores(console, policy, table.scenarios[name], policies[policy])
+    (policy,) = settings.policies
+    of = {name: policies[policy] for name, policies in table.estimates.items()}
+    for name, estimates in of.items():
+        shown.print_scores(console, policy, table.scenarios[name], estimates)
     shown.print_theorem(console, about_theorem(cells, rows, common.device))
     if out is not None:
         written.write_csv(out, rows)
         common.print(f"wrote {out}")
-    of = {name: policies[policy] for name, policies in table.estimates.items()}
     common.print_json({"policy": policy, "statistics": of, "episodes": rows})

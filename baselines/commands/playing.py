@@ -15,7 +15,6 @@ from baselines.benchmark.types import Benchmark, Cell, cells_of
 from baselines.policies import registry
 from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
 from lissajous_env.console.terminal import CommandError, Device, Output, Overrides, parse_overrides
-from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.wording import few_of, nearest, where_raised
 
@@ -37,12 +36,25 @@ class PlayOptions(Output):
     device: Device = "cpu"
     overrides: Overrides = ()
 
-    def settings(
-        self, scenarios: tuple[str, ...], policy: str, episodes: int = 1, batch: int = 1, rogues: str | None = None
-    ) -> Benchmark:
-        """Return the settings of some episodes of a policy on scenarios."""
+    def cells(
+        self, names: Sequence[str], episodes: int = 1, batch: int = 1, rogues: str | None = None
+    ) -> tuple[Benchmark, list[Cell]]:
+        """Return the settings and the cells of some episodes of a policy on scenarios.
+
+        Args:
+            names: Scenarios, then the policy; or a policy's folder alone, which is played on its own scenario.
+            episodes: Number of episodes on each scenario.
+            batch: Number of episodes that are played together.
+            rogues: Adversary that moves all targets.
+
+        Raises:
+            ValueError: as `split_scenarios_and_policy` and `cells_of`, or the folder has no scenario.
+        """
+        own = [registry.own_scenario(names[0])] if len(names) == 1 and registry.is_folder(names[0]) else None
+        scenarios, policy = split_scenarios_and_policy(names) if own is None else ((names[0],), names[0])
         changed = parse_overrides(self.overrides, rogues)
-        return Benchmark(scenarios, (policy,), episodes, self.seed, batch, self.device, overrides=changed)
+        settings = Benchmark(scenarios, (policy,), episodes, self.seed, batch, self.device, overrides=changed)
+        return settings, cells_of(settings, scenarios=own)
 
 
 DEFAULT_PLAY = PlayOptions()
@@ -50,24 +62,13 @@ Play = tyro.conf.OmitArgPrefixes[PlayOptions]
 """Type of a command's parameter `common`, which adds --seed, --device and --set to --json and --quiet."""
 
 
-def scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str, Scenario | None]:
-    """Return the scenarios and the policy among some names, and the scenario of a policy's folder that is alone.
-
-    Raises:
-        ValueError: as `split_scenarios_and_policy`, or the folder has no scenario.
-    """
-    if len(names) == 1 and registry.is_folder(names[0]):
-        return (names[0],), names[0], registry.own_scenario(names[0])
-    return (*split_scenarios_and_policy(names), None)
-
-
-def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = None) -> "Recording":
-    """Record an episode of the one policy of some settings on their one scenario, or on a given one."""
+def record_one(settings: Benchmark, cells: Sequence[Cell], output: Output) -> "Recording":
+    """Record an episode of a policy on a scenario, the only cell."""
     from lissajous_env.episodes.recording import record
 
-    if len(settings.scenarios) > 1:
+    if len(cells) > 1:
         raise ValueError(f"exactly one scenario must be given, got {few_of(settings.scenarios)}")
-    (cell,) = cells_of(settings, scenarios=None if scenario is None else [scenario])
+    (cell,) = cells
     with Progress([(cell, [0])], output.progress()) as progress:
         progress.begin(cell)
         acting = with_policy(cell, settings).factory(cell.scenario, 1, settings.device)

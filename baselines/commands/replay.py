@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from baselines.benchmark.types import Benchmark
+from baselines.benchmark.types import Benchmark, cells_of
 from baselines.commands.playing import (
     DEFAULT_PLAY,
     FORMATS,
@@ -14,7 +14,6 @@ from baselines.commands.playing import (
     check_file,
     has_display,
     record_one,
-    scenarios_and_policy,
     show,
 )
 from baselines.policies import registry
@@ -72,7 +71,7 @@ def replay(
     other = None
     if against is not None:
         rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, common.device)
-        other = record_one(rival, common, recording.scenario)
+        other = record_one(rival, cells_of(rival, scenarios=[recording.scenario]), common)
     show(recording, out, common, speed, fps, other)
     scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
     common.print_json({"wrote": out, **scores})
@@ -84,8 +83,7 @@ def _recorded(names: tuple[str, ...], common: PlayOptions, rogues: str | None) -
 
     first, *others = names
     if others or registry.is_folder(first):
-        scenarios, policy, own = scenarios_and_policy(names)
-        return record_one(common.settings(scenarios, policy, rogues=rogues), common, own)
+        return record_one(*common.cells(names, rogues=rogues), common)
     if common.overrides or rogues:
         raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
     return load(first)

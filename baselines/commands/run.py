@@ -4,7 +4,6 @@ from typing import Annotated
 
 import tyro
 
-from baselines.benchmark.types import Cell
 from baselines.commands.playing import (
     DEFAULT_PLAY,
     FORMATS,
@@ -12,10 +11,8 @@ from baselines.commands.playing import (
     check_file,
     has_display,
     record_one,
-    scenarios_and_policy,
     show,
 )
-from baselines.policies.factories import as_factory
 from lissajous_env.console.terminal import OutFile, RogueName, ScenarioName, print_line
 
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
@@ -43,13 +40,12 @@ def run(
     from baselines.benchmark import shown
     from baselines.benchmark.theorem import about_theorem
 
-    scenarios, name, own = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
     check_file(out, *FORMATS)
-    recording = record_one(common.settings(scenarios, name, rogues=rogues), common, own)
+    settings, cells = common.cells((scenario,) if policy is None else (scenario, policy), rogues=rogues)
+    recording = record_one(settings, cells, common)
     row = recording.score
     shown.print_row(common.console(), row, recording.scenario)
-    cell = Cell(recording.scenario, name, as_factory(name))
-    shown.print_theorem(common.console(), about_theorem([cell], [row], common.device))
+    shown.print_theorem(common.console(), about_theorem(cells, [row], common.device))
     common.print_json(row)
     if out is not None or has_display():
         show(recording, out, common)

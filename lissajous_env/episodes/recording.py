@@ -1,24 +1,23 @@
 """Recordings: episodes as arrays, which can be saved, loaded and drawn."""
 
-import dataclasses
 import json
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO
+from typing import Annotated, Any, BinaryIO, get_origin, get_type_hints
 
 import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
-from lissajous_env.episodes.snapshot import Snapshot, of_world
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
-from lissajous_env.storage.files import replacing
+from lissajous_env.storage.files import replacing, undamaged
 from lissajous_env.world.contamination.labels import introduced_at
-from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.selection import fold_seed, of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER
 
@@ -137,10 +136,14 @@ class Recording:
             np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
 
 
-_DECLARED = {field.name: getattr(field.type, "__metadata__", ()) for field in dataclasses.fields(Recording)}
+_DECLARED = {
+    name: hint.__metadata__
+    for name, hint in get_type_hints(Recording, include_extras=True).items()
+    if get_origin(hint) is Annotated
+}
 """Sizes and types of the arrays."""
-_SHAPES = {name: about[0].split() for name, about in _DECLARED.items() if about}
-ARRAYS = {name: np.dtype(_DECLARED[name][1]) for name in _SHAPES}
+_SHAPES = {name: sizes.split() for name, (sizes, _) in _DECLARED.items()}
+ARRAYS = {name: np.dtype(dtype) for name, (_, dtype) in _DECLARED.items()}
 """Arrays of a recording with their types."""
 _FIXED = tuple(name for name, shape in _SHAPES.items() if shape == ["T"])
 """Arrays that are constant, or whose last state contains all."""
@@ -271,7 +274,7 @@ def record_all(
                 if steps[recorder.world] == taken:  # the episode may end early
                     recorder.take()
 
-        runner.play(batch + batch[-1:] * (policy.num_worlds - len(batch)), take)
+        runner.play(batch, take)
         recordings += [recorder.recording(runner.name) for recorder in recorders]
     return recordings
 
@@ -283,11 +286,8 @@ def load(path: str | Path) -> Recording:
         ValueError: the file is damaged or no recording; the message names it.
         OSError: the file cannot be read.
     """
-    with open(path, "rb") as file:
-        try:
-            return _loaded(file)
-        except Exception as error:  # damaged bytes make the readers raise almost any error
-            raise ValueError(f"{path} must be an undamaged recording (.npz), but {_reason(error)}") from error
+    with undamaged(path, "recording (.npz)"), open(path, "rb") as file:
+        return _loaded(file)
 
 
 def _loaded(file: BinaryIO) -> Recording:
@@ -360,10 +360,3 @@ def _check_size(size: int) -> None:
             f"a recording must contain at most {MOST_BYTES:,} bytes: use a coarser task.grid, fewer targets or "
             "a shorter task.duration"
         )
-
-
-def _reason(error: Exception) -> str:
-    first_line = str(error).partition("\n")[0]
-    if isinstance(error, KeyError):
-        return f"it lacks {str(error.args[0]).removesuffix(' is not a file in the archive')}"
-    return first_line or type(error).__name__

@@ -7,6 +7,7 @@ import numpy as np
 
 from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.episode import detection_times
+from lissajous_env.world.selection import of_world
 from lissajous_env.world.state import REMOVED
 
 if TYPE_CHECKING:
@@ -40,30 +41,18 @@ class Snapshot:
     found_early: np.ndarray
     """(T,) share of that step that was left then."""
     sensed_at: np.ndarray
-    """(R, C) step in which a cell was last sensed, lowest row first; large grids are thinned."""
+    """(R, C) step in which a cell was last sensed, lowest row first."""
     contact: np.ndarray
     """(M, 2) pairs of robots that have collided and not yet parted."""
     collisions: int
     """Collisions in the episode so far."""
 
     @classmethod
-    def of(cls, simulation: "Simulation", world: int = 0, most_cells: tuple[int, int] | None = None) -> "Snapshot":
-        """Copy the state of one world of a simulation.
-
-        Args:
-            simulation: The simulation.
-            world: Index of the world.
-            most_cells: Limit on the rows and columns of the grid, which is thinned evenly; None copies all.
-        """
+    def of(cls, simulation: "Simulation", world: int = 0) -> "Snapshot":
+        """Copy the state of one world of a simulation."""
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
         step, cells = int(of_world(clock.step, world)), simulation.cells
-        rows, columns = (
-            slice(None) if most_cells is None else _every(length, most_cells[axis])
-            for axis, length in enumerate(cells.sensed_at.shape[1:])
-        )
-        indices = np.arange(cells.sensed_at.shape[2])[columns]
-        sensed_at = of_world(cells.sensed_at, world, (rows, columns))
-        sensed_at = last_sensed(sensed_at, of_world(cells.in_discs, world, (slice(None), rows)), step, indices)
+        sensed_at = last_sensed(of_world(cells.sensed_at, world), of_world(cells.in_discs, world), step)
         status = of_world(robots.status, world)
         # The contact of a pair with a removed robot is never reset, but it has ended.
         there = status != int(REMOVED)
@@ -104,19 +93,5 @@ class Snapshot:
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
     """Return a grid (R, C) thinned evenly to at most `most` rows and columns."""
-    rows, columns = (_every(length, limit) for length, limit in zip(cells.shape, most, strict=True))
-    return cells[rows, columns]
-
-
-def _every(length: int, limit: int) -> slice:
-    """Return an evenly spaced slice of `length` items with at most `limit` of them."""
-    stride = -(-length // max(limit, 1))
-    return slice(stride // 2, None, stride)
-
-
-def of_world(array: Any, world: int, part: Any = ...) -> np.ndarray:
-    """Copy a part of one world of a device array to the host."""
-    if array.device.is_cpu and array.size > 0:
-        return np.array(np.asarray(array)[world][part])  # five times as fast as `numpy`, which synchronizes streams
-    whole = array.ndim == 1 or array.size == 0
-    return np.array((array.numpy()[world] if whole else array[world].numpy())[part])
+    row, column = (-(-length // max(limit, 1)) for length, limit in zip(cells.shape, most, strict=True))
+    return cells[row // 2 :: row, column // 2 :: column]

@@ -35,8 +35,6 @@ class Ground:
         self._curve = _curve(scenario, view)
         self._radius = min(FINE * view.scale * scenario.sensing_radius, _FARTHEST)
         self._discs = transparent(self.rectangle.size)
-        self.most_cells = self.rectangle.height // FINE, self.rectangle.width // FINE
-        """Limit on the rows and columns of the grid that are drawn."""
 
     def draw(self, surface: pygame.Surface, sensed_at: np.ndarray, step: int, sensing: np.ndarray) -> None:
         """Draw the ground; `sensing` (n, 2) are the positions of working robots [m], `sensed_at` as in the snapshot."""
@@ -49,7 +47,7 @@ class Ground:
         pygame.draw.rect(surface, palette.EDGE, self.rectangle.inflate(2 * FINE, 2 * FINE), FINE)
 
     def _heat(self, sensed_at: np.ndarray, step: int) -> pygame.Surface:
-        sensed_at = thinned(sensed_at, self.most_cells)
+        sensed_at = thinned(sensed_at, (self.rectangle.height // FINE, self.rectangle.width // FINE))
         idle = np.clip((step - sensed_at) * self._task.step / self.idle_full, 0.0, 1.0)[..., None]
         colours = np.array(palette.GROUND) + idle * (np.array(palette.IDLE) - palette.GROUND)
         cells = opaque(sensed_at.shape[::-1])

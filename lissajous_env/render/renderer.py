@@ -57,7 +57,7 @@ class Renderer:
         """
         snapshot = simulation
         if not isinstance(snapshot, Snapshot):
-            snapshot = Snapshot.of(snapshot, world, self._ground.most_cells)
+            snapshot = Snapshot.of(snapshot, world)
         steps, trail = self._trail(snapshot)
         sensing = snapshot.position[snapshot.status == int(WORKING), :2]
         self._ground.draw(self._fine, snapshot.sensed_at, snapshot.step, sensing)

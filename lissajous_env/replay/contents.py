@@ -176,7 +176,7 @@ def _rogue(missed: MissedRogue) -> dict[str, Any]:
         "steps": list(range(path.appears_at, path.appears_at + path.steps + 1))[moments],
         "places": np.round(path.places, 3)[moments].tolist(),
         "until": round(path.appears_at + missed.undetected / step, 3),
-        "detected": missed.replayed.detected,
+        "detected": missed.detected,
     }
 
 

@@ -101,15 +101,14 @@ def cover(w, lane, lanes, curve, sensing, clock, robots, cells, latest, tally):
         wp.atomic_add(tally.covered, w, fresh)
 
 
-def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any, columns: Any = None) -> np.ndarray:
+def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any) -> np.ndarray:
     """Return the (..., R, C) int32 step in which each cell was last sensed; 0 for never.
 
     Args:
         sensed_at: (..., R, C) as `Cells` has it.
         in_discs: (..., B, R) as `Cells` has it.
         step: (...) now.
-        columns: (C,) indices of these columns in the grid; by default all columns.
     """
-    columns = np.arange(sensed_at.shape[-1]) if columns is None else columns
+    columns = np.arange(sensed_at.shape[-1])
     inside = (in_discs.swapaxes(-1, -2)[..., columns // 64] >> (columns % 64).astype(np.uint64)) & 1
     return np.where(inside.astype(bool), np.asarray(step, dtype=np.int32)[..., None, None], sensed_at)

@@ -75,3 +75,11 @@ def checked_seeds(seeds: Any, count: int) -> np.ndarray:
     if array.shape != (count,):
         raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
     return array.astype(np.int32)
+
+
+def of_world(array: Any, world: int) -> np.ndarray:
+    """Copy one world of a device array to the host."""
+    if array.device.is_cpu and array.size > 0:
+        return np.array(np.asarray(array)[world])  # five times as fast as `numpy`, which synchronizes streams
+    whole = array.ndim == 1 or array.size == 0
+    return np.array(array.numpy()[world] if whole else array[world].numpy())

@@ -12,9 +12,10 @@ import baselines
 import lissajous_env
 from baselines.commands.exploit import exploit
 from baselines.commands.playing import PlayOptions
-from lissajous_env.episodes.missed import missed_rogue, missed_rogues
-from lissajous_env.episodes.missed.played import PlayedEpisode, record_again
+from lissajous_env.episodes.missed import missed_rogue
+from lissajous_env.episodes.missed.played import PlayedEpisode
 from lissajous_env.episodes.missed.search import longest_path
+from lissajous_env.episodes.recording import record
 from lissajous_env.replay import Replay
 
 GRID = {"task.contamination": (90, 40)}
@@ -54,7 +55,7 @@ def test_a_rogue_waits_at_the_end_of_a_corridor():
 
 def test_without_a_guarantee_the_rogue_is_undetected_for_the_whole_episode():
     rogue = missed("evaders", "sweep", **SHORT)
-    assert not rogue.replayed.detected
+    assert not rogue.detected
     assert rogue.undetected == pytest.approx(11.9)  # targets appear from the first step on
     assert rogue.path.steps == 119
     # The rogue of the stage appears at once, and is detected after 3.3 s; one that appears later is not.
@@ -111,10 +112,11 @@ CASES = [
 def test_a_rogue_is_an_ordinary_target_that_is_detected_at_the_end_of_its_path(scenario, policy, overrides):
     # Oracle: speed, walls and distances in float64 from the recorded robots, and the simulation's own detection.
     made = lissajous_env.scenario(scenario, **{**SHORT, **overrides})
-    for rogue in missed_rogues(baselines.make(policy, made, 2), made, [4, 5]):
+    for seed in (4, 5):
+        rogue = missed_rogue(baselines.make(policy, made, 2), made, seed)
         assert fault_of(rogue) is None
         detection = first_detection(rogue.played, rogue.path)
-        assert rogue.replayed.detected == (detection is not None)
+        assert rogue.detected == (detection is not None)
         if detection is not None:
             assert rogue.undetected == pytest.approx(detection * made.task.step, abs=2e-3)
         assert rogue.undetected >= rogue.path.steps * made.task.step - 1e-6
@@ -142,7 +144,7 @@ def test_the_rogue_of_the_reported_worst_case_is_found(scenario, policy, seed, w
 
 def test_the_page_shows_the_rogue():
     rogue = missed("evaders", "kuramoto-mpcc", **SHORT)
-    recording = record_again(rogue.played, rogue.policy)
+    recording = record(baselines.make("kuramoto-mpcc", rogue.played.scenario), rogue.played.scenario)
     times = [score["detection_time_mean"] for score in (recording.score, rogue.played.score)]
     assert times[0] == pytest.approx(times[1], nan_ok=True)
 

@@ -1,12 +1,15 @@
-"""Invalid extensions: one clear line names the cause, and no unrequested module is imported."""
+"""Invalid extensions, models and names: one clear line names the cause, and no unrequested module is imported."""
 
+import dataclasses
 import json
+import math
 import os
 import sys
 
 import numpy as np
 import pytest
 import warp as wp
+from command_line import called
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from test_network import make_team
@@ -16,8 +19,8 @@ import lissajous_env
 import training
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from lissajous_env.console import cli
-from lissajous_env.parameters import named
+from lissajous_env.parameters import named, robot_models
+from lissajous_env.world.robots.point import POINT
 from training.learned import checkpoint
 from training.learned.card import Card
 
@@ -33,6 +36,10 @@ def needs_more(x): return scenario
 def nothing(): pass
 def fails(): raise RuntimeError("boom\\nand more")
 def leaves(): sys.exit(0)
+@lissajous_env.reward_term()
+def exits(world): sys.exit(7)
+class Exits:
+    def __init__(self, scenario, num_worlds, device): sys.exit(3)
 def still(scenario, num_worlds, device):
     import baselines
     return baselines.make("still", scenario, num_worlds, device)
@@ -66,10 +73,34 @@ def here(tmp_path, monkeypatch):
 def test_a_module_without_a_scenario(given, words, capsys):
     with pytest.raises(ValueError, match=words):
         lissajous_env.scenario(given)
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["evaluate", given, "kuramoto"])
-    said = capsys.readouterr().err
-    assert (ended.value.code, len(said.splitlines())) == (2, 1), said
+    code, _, error = called(capsys, "evaluate", given, "kuramoto")
+    assert (code, len(error.splitlines())) == (2, 1), error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (
+            ["run", "ideal", "kuramoto", "--out", "a.npz", "--set", "extensions=theirs:exits"],
+            "kuramoto failed on ideal: SystemExit: 7 (theirs.py, line 14)",
+        ),
+        (["evaluate", "ideal", "theirs:Exits", "--episodes", "1"], "theirs:Exits failed on ideal: SystemExit: 3"),
+    ],
+)
+def test_an_exit_within_ends_a_command_with_words(capsys, arguments, words):
+    # Oracle: the same, of a command that is called in this process.
+    code, _, error = called(capsys, *arguments, "--quiet")
+    assert code == 1
+    assert words in error.splitlines()[-1]
+
+
+def test_a_command_refuses_an_out_that_is_too_long(here, capsys):
+    # Oracle: exit code 2, one line, nothing there.
+    before = os.listdir(here)
+    code, out, error = called(capsys, "evaluate", "ideal", "kuramoto", "--episodes", 1, "--out", f"{'x' * 300}.csv")
+    assert (code, out, len(error.splitlines())) == (2, "", 1)
+    assert "File name too long" in error
+    assert os.listdir(here) == before
 
 
 FILES = {
@@ -117,10 +148,8 @@ def test_what_is_no_file(here, capsys):
             lissajous_env.scenario(f"{name}.toml")
         assert str(error.value).partition("; did you mean")[0].count(".toml") == 1  # the file is named once
     for line in (["scenarios", "folder.toml"], ["evaluate", "gone.toml", "still"], ["policies", "pipe.toml"]):
-        with pytest.raises(SystemExit) as ended:
-            cli.main(line)
-        said = capsys.readouterr().err
-        assert (ended.value.code, len(said.splitlines())) == (2, 1), said
+        code, _, error = called(capsys, *line)
+        assert (code, len(error.splitlines())) == (2, 1), error
 
 
 values = st.recursive(
@@ -246,3 +275,28 @@ def test_a_policy_gets_the_arrays_that_it_asks_for(arrays):
     if arrays != "warp":
         policy.seen[...] = 7.0
         np.testing.assert_array_equal(simulation.observation.numpy(), rows)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"name": ""}, "name of a robot model must be of letters, digits, _ and -, got ''"),
+        (
+            {"table": ((math.nan,),)},
+            "table of robot model mine must contain rows of 1 numbers from -1 to 1, got (nan,)",
+        ),
+        ({"rest": (0.0,)}, "rest of robot model mine must be a function of a Robot, got (0.0,)"),
+        ({"rest": lambda robot: (0.0, 0.0)}, "rest of robot model mine must contain rows of 1 numbers"),
+        ({"actions": ("a", "a"), "table": ((0.0, 0.0),)}, "robot model mine must have an action of at least one"),
+        ({"table": ()}, "robot model mine must have a table of at least one row"),
+        ({"move": print}, "robot model mine must move by a Warp kernel"),
+        ({"name": "car"}, "name of a robot model must be new, got 'car'"),
+    ],
+)
+def test_a_model_of_robots_that_cannot_be_one(changed, words):
+    # Oracle: the message, and that the table of models is as before.
+    before = robot_models.robot_kinds()
+    with pytest.raises(ValueError, match="robot model") as error:
+        lissajous_env.register_robot_model(dataclasses.replace(POINT, **{"name": "mine"} | changed))
+    assert words in str(error.value)
+    assert robot_models.robot_kinds() == before

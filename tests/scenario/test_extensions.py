@@ -156,6 +156,13 @@ def returning(value):
     return wrong
 
 
+def numbered(name, size):
+    """An entry of the observation of some size with a name."""
+    wrong = returning(0.0)
+    wrong.__name__ = name
+    return lissajous_env.observation_entry(size)(wrong)
+
+
 @pytest.mark.parametrize(
     ("door", "value", "message"),
     [
@@ -186,6 +193,15 @@ def test_what_a_function_returns_is_checked(door, value, message):
         (lambda: lissajous_env.reward_term()(5), "reward term must be a function or a Warp kernel, got 5"),
         (lambda: lissajous_env.reward_term(np.nan)(returning(1)), "wrong.weight must be from .*, got nan"),
         (lambda: lissajous_env.observation_entry(low=-np.inf)(returning(1)), "wrong.low must be from .*, got -inf"),
+        (lambda: made(gates), "targets.entry must be custom with the law of entry gates, got inside"),
+        (lambda: made(**AT_GATES), "targets.entry must not be custom without a target_entry, got custom"),
+        (lambda: lissajous_env.target_entry(draw_gates, state={"a b": (2,)}), "state of the target entry draw_gates"),
+        (lambda: lissajous_env.reward_term(state={"a": 2})(draw_gates), "must map names to tuples of whole numbers"),
+        (lambda: lissajous_env.reward_term(reset=3)(draw_gates), "reset of the reward term draw_gates must be a func"),
+        (
+            lambda: made(numbered("a", 2), numbered("a_0", 1)),
+            "entries of the observation must have different names, got a_0",
+        ),
     ],
 )
 def test_what_is_no_extension_is_refused_by_name(make, message):
@@ -195,6 +211,8 @@ def test_what_is_no_extension_is_refused_by_name(make, message):
 
 @pytest.mark.parametrize("name", ["detection", "collisions", "x"])
 def test_names_of_ours_are_taken(name):
+    assert len(made(numbered("a", 2), numbered("a_2", 1)).extensions) == 2  # which are no entries of each other
+
     def function(world):
         return np.zeros(1)
 
@@ -301,21 +319,6 @@ def test_the_state_of_an_extension_is_saved_copied_and_pickled():
     for each in copies:
         np.testing.assert_array_equal(each.targets.position.numpy(), simulation.targets.position.numpy())
         np.testing.assert_array_equal(entered(each)[1], entered(simulation)[1])
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda: made(gates), "targets.entry must be custom with the law of entry gates, got inside"),
-        (lambda: made(**AT_GATES), "targets.entry must not be custom without a target_entry, got custom"),
-        (lambda: lissajous_env.target_entry(draw_gates, state={"a b": (2,)}), "state of the target entry draw_gates"),
-        (lambda: lissajous_env.reward_term(state={"a": 2})(draw_gates), "must map names to tuples of whole numbers"),
-        (lambda: lissajous_env.reward_term(reset=3)(draw_gates), "reset of the reward term draw_gates must be a func"),
-    ],
-)
-def test_laws_of_entry_and_states_are_checked(change, words):
-    with pytest.raises(ValueError, match=words):
-        change()
 
 
 def test_random_numbers_of_an_extension_are_uniform_and_independent():

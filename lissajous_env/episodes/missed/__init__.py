@@ -14,17 +14,16 @@ The replay also computes the bound of `task.conservative`, which no rogue exceed
 Rogues that observe the present alone learn from the same knowledge of the future (`foresight`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
-from lissajous_env.episodes.missed.played import PlayedEpisode, Replayed, play, replay
+from lissajous_env.episodes.missed.played import PlayedEpisode, play, replay
 from lissajous_env.episodes.missed.search import Path, longest_path
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
 
-__all__ = ["MissedRogue", "Path", "PlayedEpisode", "Replayed", "missed_rogue", "missed_rogues", "play"]
+__all__ = ["MissedRogue", "Path", "PlayedEpisode", "missed_rogue", "play"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,23 +36,18 @@ class MissedRogue:
     """The episode."""
     path: Path
     """Steps and positions of the rogue."""
-    replayed: Replayed
-    """The rogue as an ordinary target of the simulation."""
-
-    @property
-    def undetected(self) -> float:
-        """Time from its appearance to its detection, or to the end of the episode, in the simulation [s]."""
-        return self.replayed.undetected
+    undetected: float
+    """Time from its appearance to its detection, or to the end of the episode, as an ordinary target of the simulation
+    [s]."""
+    detected: bool
+    """True if the simulation detected it."""
+    upper_bound: float
+    """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]."""
 
     @property
     def on_grid(self) -> float:
         """Worst-case undetected time of the contamination stage, which rounds to its cells [s]."""
         return float(self.played.score[WORST_CASE.name])
-
-    @property
-    def upper_bound(self) -> float:
-        """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]."""
-        return self.replayed.upper_bound
 
     @property
     def appears(self) -> float:
@@ -75,18 +69,6 @@ def missed_rogue(
     Raises:
         ValueError: `task.contamination` of the scenario is None.
     """
-    return missed_rogues(policy, scenario, [seed] * policy.num_worlds, device)[0]
-
-
-def missed_rogues(
-    policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu"
-) -> list[MissedRogue | None]:
-    """Return the rogue of `missed_rogue` for each seed; the policy has as many worlds as there are seeds."""
-    episodes = play(policy, scenario, seeds, device)
-    paths = [longest_path(played) for played in episodes]
-    pairs = [(played, path) for played, path in zip(episodes, paths, strict=True) if path is not None]
-    replays = iter(replay(pairs, device) if pairs else [])
-    return [
-        None if path is None else MissedRogue(name_of(policy), played, path, next(replays))
-        for played, path in zip(episodes, paths, strict=True)
-    ]
+    played = play(policy, scenario, seed, device)
+    path = longest_path(played)
+    return None if path is None else MissedRogue(name_of(policy), played, path, *replay(played, path, device))

@@ -1,19 +1,17 @@
 """Episodes as data for a rogue that knows the future, and paths of rogues, replayed in them as ordinary targets."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
-from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
-from lissajous_env.world.selection import fold_seed
+from lissajous_env.world.selection import fold_seed, of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import HIDDEN, NEVER, NOWHERE, PRESENT
 
@@ -75,39 +73,27 @@ def check_contamination(scenario: str | Scenario) -> None:
         raise ValueError(f"task.contamination of {scenario.name} must be (columns, rows), got None")
 
 
-def play(
-    policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu"
-) -> list[PlayedEpisode]:
-    """Play an episode in each world of a policy and copy the tracks of the sensors.
+def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: Any = "cpu") -> PlayedEpisode:
+    """Play an episode and copy the tracks of the sensors; a policy for several worlds plays it in each of them.
 
     Raises:
         ValueError: `task.contamination` of the scenario is None.
     """
     scenario = named.build(scenario)
     check_contamination(scenario)
-    scenario = replace(scenario, task=replace(scenario.task, conservative=False))
-    simulation, folded = Simulation(scenario, policy.num_worlds, device=device), [fold_seed(seed) for seed in seeds]
-    sensing = SensingRobots()
+    scenario, seed = replace(scenario, task=replace(scenario.task, conservative=False)), fold_seed(seed)
+    simulation, sensing = Simulation(scenario, policy.num_worlds, device=device), SensingRobots()
     moments: list[tuple[np.ndarray, ...]] = []
 
     def copy(taken: int) -> None:
-        robots, action = simulation.robots, simulation.action.numpy()
-        moments.append(
-            (
-                robots.path.numpy()[..., :2].copy(),
-                sensing.of_step(simulation),
-                action.copy() if taken else np.zeros_like(action),
-                simulation.contamination.oldest.numpy().copy(),
-            )
-        )
+        path, action = of_world(simulation.robots.path, 0)[..., :2], of_world(simulation.action, 0)
+        works, now = sensing.of_step(simulation)[0], of_world(simulation.contamination.oldest, 0)
+        moments.append((path, works, action if taken else np.zeros_like(action), now))
 
-    EpisodeRunner(policy, simulation).play(folded, copy)
-    steps, rows = simulation.clock.step.numpy(), simulation.score()
-    arrays = [np.stack(array, axis=1) for array in zip(*moments, strict=True)]
-    return [
-        PlayedEpisode(scenario, seed, row, *(array[w, : steps[w] + 1] for array in arrays))
-        for w, (seed, row) in enumerate(zip(folded, rows, strict=True))
-    ]
+    EpisodeRunner(policy, simulation).play([seed], copy)
+    steps = int(of_world(simulation.clock.step, 0))
+    arrays = [np.stack(array)[: steps + 1] for array in zip(*moments, strict=True)]
+    return PlayedEpisode(scenario, seed, simulation.score([0])[0], *arrays)
 
 
 def resolution(scenario: Scenario) -> int:
@@ -132,76 +118,35 @@ class Path(NamedTuple):
         return len(self.places) - 1
 
 
-class Replayed(NamedTuple):
-    """A rogue as the simulation detected it."""
+def replay(played: PlayedEpisode, path: Path, device: Any = "cpu") -> tuple[float, bool, float]:
+    """Repeat an episode by its actions, with a rogue as the only target; after the end of its path it does not move.
 
-    undetected: float
-    """Time from its appearance to its detection, or to the end of the episode [s]."""
-    detected: bool
-    upper_bound: float
-    """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]."""
-
-
-def replay(pairs: Sequence[tuple[PlayedEpisode, Path]], device: Any = "cpu") -> list[Replayed]:
-    """Repeat episodes of one scenario by their actions, each with its rogue as the only target.
-
-    Args:
-        pairs: Episodes and the path of the rogue in each of them; after its end the rogue does not move.
-        device: Warp device of the simulation.
+    Returns:
+        Time from its appearance to its detection, or to the end of the episode [s], whether it was detected, and the
+        worst-case undetected time of `task.conservative`, which no rogue exceeds [s].
 
     Raises:
         RuntimeError: the robots do not move as they did.
     """
-    episodes, paths = zip(*pairs, strict=True)
-    steps = max(episode.steps for episode in episodes)
-    table = np.stack([_places(path, steps) for path in paths])
+    moments = np.arange(played.steps + 1)
+    table = path.places[np.clip(moments - path.appears_at, 0, path.steps)]  # it waits before its path, too
 
     def follow(world: Any) -> np.ndarray:
-        """Move the first target of each world along its table."""
+        """Move the first target along its table."""
         places = world.targets.position.copy()
-        places[:, 0] = table[np.arange(len(table)), np.minimum(world.clock.step, steps)]
+        places[:, 0] = table[np.minimum(world.clock.step, played.steps)]
         return places
 
-    scenario = _with_rogue(episodes[0].scenario, target_motion(follow))
-    simulation = Simulation(scenario, len(episodes), device=device)
-    simulation.reset(seeds=[episode.seed for episode in episodes])
-    _introduce(simulation, paths)
-    for now in range(1, steps + 1):
-        simulation.step(np.stack([episode.action[min(now, episode.steps)] for episode in episodes]))
-        _check_same_track(simulation, episodes, now)
-    rows = simulation.score()
-    replays = []
-    for w, row in enumerate(rows):
-        times, detected = simulation.detection_times(w)
-        replays.append(Replayed(float(times[0]), bool(detected[0]), float(row[WORST_CASE.name])))
-    return replays
-
-
-def _check_same_track(simulation: Simulation, episodes: Sequence[PlayedEpisode], now: int) -> None:
-    """Raise a RuntimeError if a robot does not move as in the first run in a step, up to the end of its episode.
-
-    A robot that has moved otherwise does not come back to its path, so every tenth step is tested.
-    """
-    if now % _TESTED:
-        return
-    recorded = np.stack([episode.path[min(now, episode.steps)] for episode in episodes])
-    same = (simulation.robots.path.numpy()[..., :2] == recorded).all(axis=(1, 2, 3))
-    same |= np.array([now > episode.steps for episode in episodes])
-    if not same.all():
-        seed = episodes[int(np.argmin(same))].seed
-        raise RuntimeError(f"robots must move as in the first run, but do not in step {now} of seed {seed}")
-
-
-def record_again(played: PlayedEpisode, policy: str) -> Recording:
-    """Record an episode by its actions."""
-    simulation = Simulation(played.scenario)
+    simulation = Simulation(_with_rogue(played.scenario, target_motion(follow)), device=device)
     simulation.reset(seeds=[played.seed])
-    recorder = Recorder(simulation)
-    recorder.take()
-    for action in played.action[1:]:
-        simulation.step(action[None])
-        recorder.take()
-    return recorder.recording(policy)
+    _introduce(simulation, path)
+    for now in moments[1:].tolist():
+        simulation.step(played.action[now][None])
+        # A robot that has moved otherwise does not come back to its path.
+        if now % _TESTED == 0 and (of_world(simulation.robots.path, 0)[..., :2] != played.path[now]).any():
+            raise RuntimeError(f"robots must move as in the first run, but do not in step {now} of seed {played.seed}")
+    (row,), (times, detected) = simulation.score(), simulation.detection_times(0)
+    return float(times[0]), bool(detected[0]), float(row[WORST_CASE.name])
 
 
 def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:
@@ -212,25 +157,20 @@ def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:
     return replace(scenario, targets=targets, task=replace(scenario.task, conservative=True), extensions=(motion,))
 
 
-def _places(path: Path, steps: int) -> np.ndarray:
-    """Return the place of a rogue (steps + 1, 2) at each moment; it waits before and after its path."""
-    return path.places[np.clip(np.arange(steps + 1) - path.appears_at, 0, path.steps)]
-
-
-def _introduce(simulation: Simulation, paths: Sequence[Path]) -> None:
-    """Let the first target of each world be its rogue, and no other target appear."""
+def _introduce(simulation: Simulation, path: Path) -> None:
+    """Let the first target be a rogue, and no other target appear."""
     targets = simulation.targets
     shape = targets.status.shape
-    first = np.array([path.places[0] for path in paths], dtype=np.float32)
     appears, status = np.full(shape, int(NEVER), dtype=np.int32), np.full(shape, int(HIDDEN), dtype=np.int32)
-    appears[:, 0] = [path.appears_at for path in paths]
-    status[appears[:, 0] == 0, 0] = int(PRESENT)
+    appears[:, 0] = path.appears_at
+    if path.appears_at == 0:
+        status[:, 0] = int(PRESENT)
     targets.appears_at.assign(appears)
     targets.status.assign(status)
     targets.found_at.assign(np.full(shape, int(NEVER), dtype=np.int32))
     targets.found_early.zero_()
     targets.in_sight.zero_()
     position = targets.position.numpy().copy()
-    position[:, 0] = first
+    position[:, 0] = path.places[0]
     targets.position.assign(position)
     targets.before.assign(position)

@@ -10,6 +10,7 @@ import warp as wp
 
 from lissajous_env.device.stage import named_struct
 from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
+from lissajous_env.world.selection import of_world
 from lissajous_env.world.state import NEVER
 
 MARGIN = wp.constant(2)
@@ -268,13 +269,9 @@ def introduced_at(simulation: Any, world: int = 0) -> np.ndarray:
         return np.full((1, 1), int(NEVER), dtype=np.int32)
     slot = int(simulation.clock.step.numpy()[world]) * hops.ticks // hops.period % hops.history_length
     inside, columns = slice(margin, hops.rows + margin), np.arange(hops.columns)
-    labels = _of_world(simulation.contamination.labels, world)[slot, inside, margin : margin + hops.columns]
+    labels = of_world(simulation.contamination.labels, world)[slot, inside, margin : margin + hops.columns]
     there = labels < int(NONE)
     if not simulation.scenario.task.conservative:
-        words = _of_world(simulation.contamination.labelled, world)[inside, 1:-1, slot]
+        words = of_world(simulation.contamination.labelled, world)[inside, 1:-1, slot]
         there = words[:, columns // 32] >> (columns % 32).astype(np.uint32) & 1 == 1
     return np.where(there, labels >> 8, int(NEVER)).astype(np.int32)
-
-
-def _of_world(array: Any, world: int) -> np.ndarray:
-    return np.asarray(array)[world] if array.device.is_cpu else array[world].numpy()
