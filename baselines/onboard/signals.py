@@ -8,7 +8,7 @@ import warp as wp
 
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
-from lissajous_env.logs.inputs import convert
+from lissajous_env.logs.inputs import INPUTS, convert
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
@@ -101,10 +101,6 @@ class Twist(NamedTuple):
     """Yaw rate, positive to the left [rad/s]."""
 
 
-KINDS = {"car": Command, "differential": Twist}
-"""Commands by `robot.kind`."""
-
-
 class Actuation:
     """Conversion of the actions of a scenario's robots into commands.
 
@@ -114,9 +110,9 @@ class Actuation:
 
     def __init__(self, scenario: Scenario):
         robot = scenario.robot
-        if robot.kind not in KINDS:
-            raise ValueError(f"scenario must be of robots of kind {' or '.join(KINDS)}, got {robot.kind}")
-        self._kind, device = KINDS[robot.kind], as_device("cpu")
+        if robot.kind not in INPUTS:
+            raise ValueError(f"scenario must be of robots of kind {' or '.join(INPUTS)}, got {robot.kind}")
+        self._kind, device = Command if robot.kind == "car" else Twist, as_device("cpu")
         action, command = (wp.zeros(1, dtype=wp.vec2, device=device) for _ in range(2))
         self._action, self._command = action.numpy()[0], command.numpy()[0]
         given = [to_struct(RobotStruct, robot), int(robot.kind == "car"), 1, action]
