@@ -104,16 +104,13 @@ class _Reading:
     def _check_times(self, tracks: Sequence[Track]) -> None:
         """Check that there is a time at which all robots have poses."""
         first, last = (np.array([track.time[place] for track in tracks]) for place in (0, -1))
-        if first.max() < last.min() or len(tracks) < 2:
-            return
-        together = (first[:, None] <= last) & (first <= last[:, None])
-        odd = int(np.argmin(together.sum(axis=1)))
-        rest = np.delete(np.arange(len(tracks)), odd)
-        raise ValueError(
-            f"the poses of all robots of {self._name} must overlap in time, got those of {self._called([odd])} from "
-            f"{first[odd]:.3f} to {last[odd]:.3f} s and the others' from {first[rest].min():.3f} to "
-            f"{last[rest].max():.3f} s: is a clock set wrong?"
-        )
+        late, early = int(first.argmax()), int(last.argmin())
+        if first[late] >= last[early]:
+            raise ValueError(
+                f"the poses of all robots of {self._name} must overlap in time, got those of {self._called([late])} "
+                f"from {first[late]:.3f} s on and those of {self._called([early])} until {last[early]:.3f} s: is a "
+                "clock set wrong?"
+            )
 
     def _series(self, pattern: str, decoders: dict[str, Decoder]) -> dict[int, Series]:
         """Return the values of the robots that have any on the topics of a pattern."""
