@@ -73,7 +73,7 @@ from lissajous_env.theory.geometry import curve_length
 from lissajous_env.wording import require
 
 wp.set_module_options(OPTIONS)
-Factory = Callable[[Scenario, int, Any], Coordinator]
+CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
 """Function that makes a coordinator: its class, or a `partial` of it that sets parameters."""
 
 
@@ -87,7 +87,12 @@ class Coordinated(Policy):
     arrays = "warp"
 
     def __init__(
-        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
+        self,
+        coordinator: CoordinatorFactory,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: Any = None,
     ):
         super().__init__(scenario, num_worlds, device, parameters)
         warn_of_violations(self.scenario)
@@ -156,7 +161,12 @@ class WithMpcc(Coordinated):
     Parameters = MpccParameters
 
     def __init__(
-        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
+        self,
+        coordinator: CoordinatorFactory,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: Any = None,
     ):
         super().__init__(coordinator, scenario, num_worlds, device, parameters)
         self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
@@ -282,7 +292,12 @@ class WithVectorField(Coordinated):
     Parameters = FieldParameters
 
     def __init__(
-        self, coordinator: Factory, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None
+        self,
+        coordinator: CoordinatorFactory,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: Any = None,
     ):
         super().__init__(coordinator, scenario, num_worlds, device, parameters)
         self._field = field_of(self.scenario, self.parameters)

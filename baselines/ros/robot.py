@@ -123,9 +123,9 @@ class RobotNode(ros.Node):
         }
         measurements |= {f"/robot_{k}/message": (ros.JointState, partial(self._hear, k)) for k in self._loop.heard}
         if settings.pose == "odometry":
-            measurements["odom"] = ros.Odometry, self._take_odometry
+            measurements["odom"] = ros.Odometry, lambda m: self._take(m.header, m.pose.pose, m.twist.twist.linear.x)
         else:
-            measurements["pose"] = ros.PoseStamped, self._take_pose
+            measurements["pose"] = ros.PoseStamped, lambda m: self._take(m.header, m.pose)
         for name, (cls, take) in measurements.items():
             self.create_subscription(cls, name, take, measured, **changes)
         self.create_subscription(ros.UInt8, "status", self._take_status, ros.lasting())
@@ -149,12 +149,6 @@ class RobotNode(ros.Node):
             self._ended.set()
             self._publishing.join()
         super().destroy_node()
-
-    def _take_odometry(self, message: Any) -> None:
-        self._take(message.header, message.pose.pose, message.twist.twist.linear.x)
-
-    def _take_pose(self, message: Any) -> None:
-        self._take(message.header, message.pose)
 
     def _take(self, header: Any, pose: Any, speed: float | None = None) -> None:
         """Take a pose, with a measured speed [m/s] or with that of the poses before."""

@@ -90,7 +90,8 @@ class EpisodeRunner:
         """Play an episode to its end in every world.
 
         Args:
-            seeds: Seed of each world's new episode; None requires a new simulation and a new policy.
+            seeds: Seeds of the worlds' new episodes, of which the last is repeated in surplus worlds; None requires a
+                new simulation and a new policy.
             on_moment: Called with the number of steps taken, at the beginning and after each step.
 
         Raises:
@@ -98,7 +99,8 @@ class EpisodeRunner:
         """
         if seeds is not None:
             self.policy.reset()
-            self.simulation.reset(seeds=seeds)
+            surplus = self.simulation.num_worlds - len(seeds)
+            self.simulation.reset(seeds=[*seeds, *[seeds[-1]] * surplus])
         for taken in range(self.simulation.scenario.task.steps + 1):
             if taken > 0:
                 self.step()
@@ -188,9 +190,7 @@ def episodes(
     runner = EpisodeRunner(policy, simulation)
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]
-        # Surplus worlds of the last batch repeat its last seed; their rows are dropped.
-        padded = batch + batch[-1:] * (policy.num_worlds - len(batch))
-        runner.play(padded, None if on_step is None else lambda taken: on_step(simulation) if taken else None)
+        runner.play(batch, None if on_step is None else lambda taken: on_step(simulation) if taken else None)
         rows = simulation.score(np.arange(len(batch)))
         columns = (*NAMES, *extension_columns(simulation.scenario))
         yield [

@@ -15,7 +15,7 @@ from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
-from lissajous_env.storage.files import replacing
+from lissajous_env.storage.files import replacing, undamaged
 from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.selection import fold_seed, of_world
 from lissajous_env.world.simulation import Simulation
@@ -274,7 +274,7 @@ def record_all(
                 if steps[recorder.world] == taken:  # the episode may end early
                     recorder.take()
 
-        runner.play(batch + batch[-1:] * (policy.num_worlds - len(batch)), take)
+        runner.play(batch, take)
         recordings += [recorder.recording(runner.name) for recorder in recorders]
     return recordings
 
@@ -286,11 +286,8 @@ def load(path: str | Path) -> Recording:
         ValueError: the file is damaged or no recording; the message names it.
         OSError: the file cannot be read.
     """
-    with open(path, "rb") as file:
-        try:
-            return _loaded(file)
-        except Exception as error:  # damaged bytes make the readers raise almost any error
-            raise ValueError(f"{path} must be an undamaged recording (.npz), but {_reason(error)}") from error
+    with undamaged(path, "recording (.npz)"), open(path, "rb") as file:
+        return _loaded(file)
 
 
 def _loaded(file: BinaryIO) -> Recording:
@@ -363,10 +360,3 @@ def _check_size(size: int) -> None:
             f"a recording must contain at most {MOST_BYTES:,} bytes: use a coarser task.grid, fewer targets or "
             "a shorter task.duration"
         )
-
-
-def _reason(error: Exception) -> str:
-    first_line = str(error).partition("\n")[0]
-    if isinstance(error, KeyError):
-        return f"it lacks {str(error.args[0]).removesuffix(' is not a file in the archive')}"
-    return first_line or type(error).__name__

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lissajous_env.logs.log import Log
+from lissajous_env.logs.log import Log, runs
 from lissajous_env.logs.samples import Table
 
 SAME = 1e-4
@@ -149,8 +149,7 @@ def _first_break(poses: Table) -> int | None:
     stamp, place = poses.stamp, poses.numbers[:, :2]
     leaps = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1
     top = np.maximum.accumulate(stamp)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], stamp < top - SAME, [0]]).astype(int)))
-    for begin, end in edges.reshape(-1, 2).tolist():
+    for begin, end in runs(stamp < top - SAME):
         earlier = np.arange(np.searchsorted(top, stamp[begin]), begin)
         earlier = earlier[stamp[earlier] >= stamp[begin]]
         recorded = np.concatenate([earlier, np.arange(begin, end)])

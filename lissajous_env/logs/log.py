@@ -7,6 +7,12 @@ from typing import Any
 import numpy as np
 
 
+def runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Return the first index of each run of True in a mask (K,), and the index after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
 @dataclass(frozen=True)
 class Series:
     """Values over time."""

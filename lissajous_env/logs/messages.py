@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.plugins import of_extra
+from lissajous_env.storage.files import undamaged
 from lissajous_env.wording import few_of
 
 Place = tuple[float, float, float, float]
 """x, y, z [m] and heading [rad]."""
 rosbags = functools.partial(of_extra, "rosbags.rosbag2", "a log (.mcap)", "logs")
 """Function that returns the module that reads and writes logs."""
+
+_LOG = "rosbag2 file (.mcap) or folder"
 
 
 class Bags(contextlib.ExitStack):
@@ -54,7 +57,7 @@ class Bags(contextlib.ExitStack):
         if not path.exists():
             raise FileNotFoundError(2, "there is no such log", str(path))
         files = sorted(path.glob("*.mcap")) if path.is_dir() else []
-        with _undamaged(path), _any_encoding():
+        with undamaged(path, _LOG), _any_encoding():
             return [self.enter_context(rosbags().Reader(file)) for file in files or [path]]
 
     def ignore(self, topic: str, reason: str, count: int = 1) -> None:
@@ -82,7 +85,7 @@ class Bags(contextlib.ExitStack):
                 if connection.msgtype not in kinds:
                     self.ignore(topic, f"type {connection.msgtype} is not understood there", connection.msgcount)
             known = [connection for connection in channels if connection.msgtype in kinds]
-            with _undamaged(self.paths[bag]):
+            with undamaged(self.paths[bag], _LOG):
                 for connection, logged, raw in reader.messages(known) if known else ():
                     try:
                         content = self._store.deserialize_cdr(raw, connection.msgtype)
@@ -100,18 +103,6 @@ def _kind_of(connection: Any) -> str:
     """Return the type of a channel's messages, with their encoding if it is not that of ROS 2."""
     encoding = connection.ext.serialization_format
     return connection.msgtype if encoding == "cdr" else f"{connection.msgtype} in the encoding {encoding}"
-
-
-@contextlib.contextmanager
-def _undamaged(path: Path) -> Iterator[None]:
-    """Name the file in any error of the library, which damaged bytes make raise almost any."""
-    try:
-        yield
-    except (OSError, GeneratorExit):
-        raise
-    except Exception as error:
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise ValueError(f"{path} must be an undamaged rosbag2 file (.mcap) or folder, but {reason}") from error
 
 
 @functools.cache

@@ -10,7 +10,7 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording, Unknown
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
-from lissajous_env.logs.log import Log
+from lissajous_env.logs.log import Log, runs
 from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import COLLISION, EDGE, PrescribedSimulation
 from lissajous_env.parameters import named
@@ -147,8 +147,7 @@ def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tu
     """Return the ranges of moments in which poses, speeds and commands are unknown."""
     blanks, last = [], len(times) - 1
     for robot, motion in enumerate(motions):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], motion.unknown(times, times).astype(int), [0]])))
-        blanks += [("pose", robot, int(begin), int(end) - 1) for begin, end in edges.reshape(-1, 2)]
+        blanks += [("pose", robot, begin, end - 1) for begin, end in runs(motion.unknown(times, times))]
         if motion.derived:
             blanks.append(("speed", robot, 0, last))
         if commands:
@@ -254,9 +253,8 @@ def _as_logged(
         gone = np.flatnonzero(status[:, robot] == int(REMOVED))
         if len(gone):
             removed.append((robot, max(int(gone[0]) - (ended[gone[0], robot] == 0), 0) * step))
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], failed[:, robot], [0]]).astype(int)))
-        faults = [fault for fault in edges.reshape(-1, 2).tolist() if not ended[fault[0] + 1, robot]]
-        schedule += [(robot, *(edge * step for edge in fault)) for fault in faults]
+        faults = [(begin, end) for begin, end in runs(failed[:, robot]) if not ended[begin + 1, robot]]
+        schedule += [(robot, begin * step, end * step) for begin, end in faults]
     faults = dataclasses.replace(scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0)
     task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * step)
     return dataclasses.replace(scenario, faults=faults, task=task)

@@ -91,6 +91,24 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
         return file.read()
 
 
+@contextlib.contextmanager
+def undamaged(path: str | Path, kind: str) -> Iterator[None]:
+    """Name a file of a kind in any error of a block that reads it: damaged bytes make libraries raise almost any.
+
+    Raises:
+        ValueError: an error that is none of the file system, with its reason.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, OSError) and error.filename is not None:
+            raise
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        if isinstance(error, KeyError):
+            reason = f"it lacks {str(error.args[0]).removesuffix(' is not a file in the archive')}"
+        raise ValueError(f"{path} must be an undamaged {kind}, but {reason}") from error
+
+
 def open_plainly(path: Path, flags: int) -> int:
     """Open a plain file that is not a link to another one, and return its descriptor.
 

@@ -13,8 +13,9 @@ import lissajous_env
 from baselines.commands.exploit import exploit
 from baselines.commands.playing import PlayOptions
 from lissajous_env.episodes.missed import missed_rogue
-from lissajous_env.episodes.missed.played import PlayedEpisode, record_again
+from lissajous_env.episodes.missed.played import PlayedEpisode
 from lissajous_env.episodes.missed.search import longest_path
+from lissajous_env.episodes.recording import record
 from lissajous_env.replay import Replay
 
 GRID = {"task.contamination": (90, 40)}
@@ -143,7 +144,7 @@ def test_the_rogue_of_the_reported_worst_case_is_found(scenario, policy, seed, w
 
 def test_the_page_shows_the_rogue():
     rogue = missed("evaders", "kuramoto-mpcc", **SHORT)
-    recording = record_again(rogue.played, rogue.policy)
+    recording = record(baselines.make("kuramoto-mpcc", rogue.played.scenario), rogue.played.scenario)
     times = [score["detection_time_mean"] for score in (recording.score, rogue.played.score)]
     assert times[0] == pytest.approx(times[1], nan_ok=True)
 

@@ -24,7 +24,7 @@ from browser import (
 import baselines
 import lissajous_env
 from lissajous_env.episodes.missed import missed_rogue
-from lissajous_env.episodes.missed.played import record_again
+from lissajous_env.episodes.recording import record
 from lissajous_env.replay import Replay
 
 
@@ -139,8 +139,9 @@ def test_an_address_names_the_moment_and_the_robot(browser, one, folder, recordi
 def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
     # Oracle: the missed rogue, and the colour of the page's own legend at the rogue's place.
     made = lissajous_env.scenario("evaders", **{"task.duration": 8.0})
-    found = missed_rogue(baselines.make("kuramoto-mpcc", made), made, 1)
-    run = opened(browser, folder, Replay(record_again(found.played, found.policy), missed=found).html())
+    policy = baselines.make("kuramoto-mpcc", made)
+    found = missed_rogue(policy, made, 1)
+    run = opened(browser, folder, Replay(record(policy, made, 1), missed=found).html())
     (event,) = run("return replay.views[0].episode.events.filter((each) => each.kind === 'rogue')")
     assert event["time"] == pytest.approx(found.appears)
     assert event["until"] - event["time"] == pytest.approx(found.undetected, abs=1e-3)

@@ -133,7 +133,7 @@ def test_the_field_is_that_of_brute_force():
     [
         ({"task.contamination": (90, 10)}, "sides differ by 1.5 times at most"),
         ({"task.contamination": (90, 0)}, "each from 1 to 4096"),
-        ({"task.contamination": (90,)}, "must be .columns, rows. or None"),
+        ({"task.contamination": (90,)}, "must be .columns, rows., each from 1 to 4096, or None"),
         ({"task.contamination": (900, 400), "targets.speed_limit": 9.0}, "of an evading target's motion in a step"),
         ({"targets.speed_limit": 0.1}, "at least the speed of these targets, 0.2 m/s"),
         ({"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5}, "must be given"),

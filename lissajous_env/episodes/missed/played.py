@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
-from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
 from lissajous_env.parameters.scenario import Scenario
@@ -91,7 +90,7 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
         works, now = sensing.of_step(simulation)[0], of_world(simulation.contamination.oldest, 0)
         moments.append((path, works, action if taken else np.zeros_like(action), now))
 
-    EpisodeRunner(policy, simulation).play([seed] * policy.num_worlds, copy)
+    EpisodeRunner(policy, simulation).play([seed], copy)
     steps = int(of_world(simulation.clock.step, 0))
     arrays = [np.stack(array)[: steps + 1] for array in zip(*moments, strict=True)]
     return PlayedEpisode(scenario, seed, simulation.score([0])[0], *arrays)
@@ -148,18 +147,6 @@ def replay(played: PlayedEpisode, path: Path, device: Any = "cpu") -> tuple[floa
             raise RuntimeError(f"robots must move as in the first run, but do not in step {now} of seed {played.seed}")
     (row,), (times, detected) = simulation.score(), simulation.detection_times(0)
     return float(times[0]), bool(detected[0]), float(row[WORST_CASE.name])
-
-
-def record_again(played: PlayedEpisode, policy: str) -> Recording:
-    """Record an episode by its actions."""
-    simulation = Simulation(played.scenario)
-    simulation.reset(seeds=[played.seed])
-    recorder = Recorder(simulation)
-    recorder.take()
-    for action in played.action[1:]:
-        simulation.step(action[None])
-        recorder.take()
-    return recorder.recording(policy)
 
 
 def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:

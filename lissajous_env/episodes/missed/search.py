@@ -83,6 +83,17 @@ def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: 
     return True
 
 
+@wp.func
+def is_sensed(place: wp.vec2, step: int, lattice: Lattice) -> bool:
+    """Return whether a disc senses a position at the end of a step."""
+    last = lattice.path.shape[2] - 1
+    for i in range(lattice.path.shape[1]):
+        away = lattice.path[step, i, last] - place
+        if lattice.works[step, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
+            return True
+    return False
+
+
 @wp.kernel
 def appear(
     step: int,
@@ -94,13 +105,8 @@ def appear(
     """Mark the nodes at which a rogue can appear undetected at the end of a step."""
     row, column = wp.tid()
     is_inside = row > 0 and column > 0 and row < nodes_out.shape[0] - 1 and column < nodes_out.shape[1] - 1
-    if on_edges and is_inside:
+    if (on_edges and is_inside) or is_sensed(place_of(row, column, lattice), step, lattice):
         return
-    last = lattice.path.shape[2] - 1
-    for i in range(lattice.path.shape[1]):
-        away = lattice.path[step, i, last] - place_of(row, column, lattice)
-        if lattice.works[step, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
-            return
     nodes_out[row, column] = True
     blocks_out[row / lattice.block, column / lattice.block] = True
 
@@ -132,11 +138,8 @@ def move(
     if not has_neighbour(row, column, lattice.block, blocks):
         return
     end = place_of(row, column, lattice)
-    step = lattice.path.shape[2] - 1
-    for i in range(lattice.path.shape[1]):
-        away = lattice.path[last, i, step] - end
-        if lattice.works[last, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
-            return
+    if is_sensed(end, last, lattice):
+        return
     for k in range(lattice.moves.shape[0]):
         r = row - lattice.moves[k][1]
         c = column - lattice.moves[k][0]
