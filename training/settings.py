@@ -56,14 +56,9 @@ class SharedSettings(Checked, with_defaults=False):
     may_change: ClassVar[tuple[str, ...]] = ("out", "threads", "episodes")
     """Settings that may change when a training is resumed."""
 
-    @property
-    def part(self) -> str:
-        """Name of these settings in error messages."""
-        return "training"
-
 
 @dataclass(frozen=True)
-class TrainingSettings(SharedSettings, with_defaults=False):
+class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     """Settings of a training of one policy, which all robots share."""
 
     steps: int = whole(4_000_000, 1, 10**15)
@@ -215,7 +210,7 @@ class TrainingSettings(SharedSettings, with_defaults=False):
 
 
 @dataclass(frozen=True)
-class RogueTraining(SharedSettings, with_defaults=False):
+class RogueTraining(SharedSettings, with_defaults=False, part="training"):
     """Settings of a training of rogues against robots that do not learn."""
 
     scenario: str = "intruders"

@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from baselines.benchmark.shown import Entry, bounds_in_words, lines_of
@@ -15,7 +14,6 @@ from baselines.benchmark.table import Table
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import command, machine, versions
-from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import NAMES, task_score
 
@@ -58,11 +56,6 @@ def summarized(outcome: Outcome) -> dict[str, Any]:
         "failures": outcome.failures,
         "left_out": outcome.left_out,
     }
-
-
-def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write score rows to a CSV file."""
-    write_atomically(path, as_csv(rows))
 
 
 def as_csv(rows: Iterable[dict[str, Any]]) -> str:

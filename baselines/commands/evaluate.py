@@ -8,6 +8,7 @@ from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
 from baselines.commands.playing import DEFAULT_PLAY, Play, check_file, naming, with_policy
 from lissajous_env.console.terminal import OutFile, RogueName
+from lissajous_env.storage.files import write_atomically
 
 _Names = Annotated[
     tuple[str, ...],
@@ -37,9 +38,10 @@ def evaluate(
         batch: number of episodes that are played together; it changes the speed, not the results.
         out: CSV file to which the score rows are written; without it they are only summarized.
     """
-    from baselines.benchmark import shown, written
+    from baselines.benchmark import shown
     from baselines.benchmark.table import Table
     from baselines.benchmark.theorem import about_theorem
+    from baselines.benchmark.written import as_csv
 
     check_file(out, ".csv")
     settings, cells = common.cells(names, episodes, batch, rogues)
@@ -61,6 +63,6 @@ def evaluate(
         shown.print_scores(console, policy, table.scenarios[name], estimates)
     shown.print_theorem(console, about_theorem(cells, rows, common.device))
     if out is not None:
-        written.write_csv(out, rows)
+        write_atomically(out, as_csv(rows))
         common.print(f"wrote {out}")
     common.print_json({"policy": policy, "statistics": of, "episodes": rows})

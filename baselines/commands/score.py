@@ -13,6 +13,7 @@ from lissajous_env.logs.scoring import own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
 from lissajous_env.settings.checks import whole_number
+from lissajous_env.storage.files import write_atomically
 
 _Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
@@ -49,8 +50,9 @@ def score(
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
     """
-    from baselines.benchmark import shown, written
+    from baselines.benchmark import shown
     from baselines.benchmark.table import Table
+    from baselines.benchmark.written import as_csv
     from lissajous_env.logs.reading import read
 
     whole_number("episodes", episodes)
@@ -78,7 +80,7 @@ def score(
         output.print(f"note: {note}", "yellow")
     for file in out:
         if file.suffix.lower() == ".csv":
-            written.write_csv(file, scored.rows)
+            write_atomically(file, as_csv(scored.rows))
             output.print(f"wrote {file}")
         else:
             show(scored.recording, file, output)
