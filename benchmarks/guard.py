@@ -28,7 +28,7 @@ from prior import FIRST_SEED, scenarios_of
 
 from baselines.planning.portfolio import GUARANTEE, NAMES, Prior, chosen, ordered, result_of
 from baselines.planning.request import Request
-from baselines.planning.search import Outcome
+from baselines.planning.search import PlanOutcome
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, scenario_space
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -44,7 +44,7 @@ Results = dict[tuple[str, str], dict[str, Any]]
 
 def best_plan(made: Scenario, seconds: float) -> PolicySettings | None:
     """Return the plan with the shortest worst case of a search; None if each has a collision or no bound."""
-    outcome = Outcome.of(Request(made, seconds=seconds, fixed_start=True))
+    outcome = PlanOutcome.of(Request(made, seconds=seconds, fixed_start=True))
     outcome.search()
     plans = [each for each in outcome.plans if math.isfinite(each.figures.worst_case)]
     return plans[0].plan.settings if plans else None

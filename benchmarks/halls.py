@@ -21,7 +21,7 @@ from planning import drawn, in_words
 from baselines.planning.plans import Planned
 from baselines.planning.rehearse import BEST, quietly
 from baselines.planning.request import Request
-from baselines.planning.search import Outcome
+from baselines.planning.search import PlanOutcome
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.world.columns import COLLISIONS, WORST_CASE
 from lissajous_env.world.simulation import Simulation
@@ -132,7 +132,7 @@ def result_of(seed: int, kind: str, plans: int) -> Result:
     """Plan a hall and play its best plan."""
     request = request_of(seed, kind)
     with quietly():
-        outcome = Outcome.of(Request(**request, plans=plans))
+        outcome = PlanOutcome.of(Request(**request, plans=plans))
         outcome.search()
         if not outcome.plans:
             return Result(f"{seed}: {in_words(request)}", kind)

@@ -18,7 +18,7 @@ import numpy as np
 from baselines.planning.families import defaults
 from baselines.planning.rehearse import play, quietly
 from baselines.planning.request import Request
-from baselines.planning.search import Outcome
+from baselines.planning.search import PlanOutcome
 
 COLUMNS = ["request", "best plan", "worst [s]", "best default", "worst [s]", "wall [s]", "CPU [s]", "looks"]
 
@@ -55,7 +55,7 @@ def row_of(seed: int, **extent: Any) -> tuple[list[str], bool]:
     """Plan a request and play its defaults; return the row, and whether the best plan is worse than a default."""
     request: dict[str, Any] = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
     request["robots"] = int(request["robots"])
-    outcome = Outcome.of(Request(**request, **extent))
+    outcome = PlanOutcome.of(Request(**request, **extent))
     wall, processors = time.monotonic(), time.process_time()
     outcome.search()
     wall, processors = time.monotonic() - wall, time.process_time() - processors

@@ -17,7 +17,7 @@ from baselines.benchmark.running import measure
 from baselines.benchmark.shown import lines_of
 from baselines.benchmark.statistics import SHOWN, with_numbers
 from baselines.benchmark.table import Table
-from baselines.benchmark.types import Benchmark, Outcome
+from baselines.benchmark.types import Benchmark, BenchmarkOutcome
 from lissajous_env.console.terminal import make_console
 
 LARGE = 10_000_000
@@ -32,7 +32,7 @@ def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> 
     return Benchmark((scenario.name,), ("all",), episodes=episodes, batch=episodes, out=out / scenario.name)
 
 
-def as_table(outcome: Outcome) -> dict[str, list]:
+def as_table(outcome: BenchmarkOutcome) -> dict[str, list]:
     """Return a row for each policy and one for the best known plan; columns without any number are left out."""
     table = Table.of(outcome.rows, outcome.scenarios)
     (policies,), (bounds,) = table.estimates.values(), table.bounds.values()

@@ -13,7 +13,7 @@ from baselines.benchmark.local import may_be_shared, on_cores
 from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Key, page, worst_first
 from baselines.benchmark.table import Row
-from baselines.benchmark.types import Cell, Outcome
+from baselines.benchmark.types import BenchmarkOutcome, Cell
 from lissajous_env.episodes.recording import record_all
 from lissajous_env.identity import provenance
 from lissajous_env.replay.contents import BRIEF, contents
@@ -24,7 +24,7 @@ _TOGETHER = 4
 """Episodes that are recorded together: each requires tens of megabytes meanwhile."""
 
 
-def write_report(folder: Folder, outcome: Outcome, progress: Console) -> str:
+def write_report(folder: Folder, outcome: BenchmarkOutcome, progress: Console) -> str:
     """Write `report.html` of all episodes of the folder, with replays of those of this call; return a line about these.
 
     It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.

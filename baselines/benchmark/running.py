@@ -17,7 +17,7 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Rows, Table
 from baselines.benchmark.theorem import about_theorem
-from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome, cells_of
+from baselines.benchmark.types import Benchmark, BenchmarkOutcome, Cell, Failure, cells_of
 from baselines.policies.factories import Factory
 from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import ActingPolicy
@@ -53,7 +53,7 @@ def measure(
     scenarios: Iterable[Scenario] | None = None,
     console: Console | None = None,
     progress: Console | None = None,
-) -> Outcome:
+) -> BenchmarkOutcome:
     """Do the same as `run`, and return the whole outcome; `progress` is shown on a console of its own."""
     if scenarios is None:
         scenarios = [as_played(name, settings.overrides) for name in settings.scenarios]
@@ -72,7 +72,7 @@ def measure(
         rows, stored_rows = results.of(cells, settings.episodes), results.rows()
         table = Table.of(stored_rows, results.scenarios, settings.against)
         elapsed = time.monotonic() - started
-        outcome = Outcome(settings, cells, rows, table, results.stored, resumed=resumed, elapsed=elapsed)
+        outcome = BenchmarkOutcome(settings, cells, rows, table, results.stored, resumed=resumed, elapsed=elapsed)
         for failure in raised:
             is_wanted = not failure.is_refusal or failure.policy in settings.policies
             (outcome.failures if is_wanted else outcome.left_out).append(failure)

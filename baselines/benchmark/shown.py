@@ -27,7 +27,7 @@ from lissajous_env.wording import counted
 from lissajous_env.world.columns import LARGEST, WORST_CASE, Column, task_score
 
 if TYPE_CHECKING:
-    from baselines.benchmark.types import Outcome
+    from baselines.benchmark.types import BenchmarkOutcome
 
 DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
 _MOST_NAMED = 12
@@ -169,7 +169,7 @@ def bounds_in_words(bounds: Bounds) -> str:
     )
 
 
-def print_outcome(console: Console, outcome: "Outcome", note: str = "") -> None:
+def print_outcome(console: Console, outcome: "BenchmarkOutcome", note: str = "") -> None:
     """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
     out, table = outcome.settings.out, outcome.table
     where = f"They are in {out}/summary.json"

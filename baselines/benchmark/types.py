@@ -126,7 +126,7 @@ Finish = Callable[[Cell, Rows | Failure], None]
 
 
 @dataclass
-class Outcome:
+class BenchmarkOutcome:
     """The results of a benchmark."""
 
     settings: Benchmark

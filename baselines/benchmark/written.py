@@ -11,7 +11,7 @@ from typing import Any
 from baselines.benchmark.shown import Entry, bounds_in_words, lines_of
 from baselines.benchmark.statistics import MAIN, main_columns, with_numbers
 from baselines.benchmark.table import Table
-from baselines.benchmark.types import Outcome
+from baselines.benchmark.types import BenchmarkOutcome
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import command, machine, versions
 from lissajous_env.storage.folder import Folder
@@ -28,14 +28,14 @@ _SPECIAL = {
 """Characters that LaTeX interprets as commands, or prints as another letter."""
 
 
-def write_files(folder: Folder, outcome: Outcome, rows: Sequence[dict[str, Any]]) -> None:
+def write_files(folder: Folder, outcome: BenchmarkOutcome, rows: Sequence[dict[str, Any]]) -> None:
     """Write episodes.csv, summary.json and table.md of all episodes in the folder, of which `rows` are the scores."""
     folder.write(CSV, as_csv(rows))
     folder.write(SUMMARY, json.dumps(plain(summarized(outcome)), indent=2, allow_nan=False) + "\n")
     folder.write(MARKDOWN, markdown(table_of(outcome.table)))
 
 
-def summarized(outcome: Outcome) -> dict[str, Any]:
+def summarized(outcome: BenchmarkOutcome) -> dict[str, Any]:
     """Return the content of summary.json; the failures are those of this call.
 
     `statistics` has the estimates by scenario, policy and column, `overall` those over the scenarios of a kind of

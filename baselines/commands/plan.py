@@ -10,7 +10,7 @@ from baselines.benchmark.progress import bar
 from baselines.planning import report
 from baselines.planning.plans import robots_top_speed
 from baselines.planning.request import Request
-from baselines.planning.search import Outcome
+from baselines.planning.search import PlanOutcome
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions, print_line
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import counted
@@ -47,7 +47,7 @@ def plan(
         out: folder to which the plans are written, one folder each.
     """
     whole_number("rows", rows)
-    outcome = Outcome.of(request)
+    outcome = PlanOutcome.of(request)
     with nullcontext() if out is None else report.open_folder(out) as folder:
         _search(outcome, output)
         if outcome.interrupted and not outcome.finals:
@@ -75,12 +75,12 @@ def plan(
     return 0 if shown_ones and met else 1
 
 
-def _search(outcome: Outcome, output: Any) -> None:
+def _search(outcome: PlanOutcome, output: Any) -> None:
     """Search with a progress bar."""
     with bar(output.progress(), "{task.fields[looks]} plans tried, {task.fields[finals]} played") as shown_bar:
         task = shown_bar.add_task("planning", total=1.0, looks=0, finals=0)
 
-        def progress(share: float, outcome: Outcome) -> None:
+        def progress(share: float, outcome: PlanOutcome) -> None:
             number, search = list(outcome.searches.items())[-1]
             finals = sum(len(entry.finals) for entry in outcome.searches.values())
             name = f"planning {search.scenario.name}, N = {number}"
@@ -89,7 +89,7 @@ def _search(outcome: Outcome, output: Any) -> None:
         outcome.search(progress)
 
 
-def _print(console: Any, outcome: Outcome, plans: list) -> None:
+def _print(console: Any, outcome: PlanOutcome, plans: list) -> None:
     if untried := report.untried_in_words(outcome):
         print_line(console, untried, "bold")
     if plans:
@@ -102,7 +102,7 @@ def _print(console: Any, outcome: Outcome, plans: list) -> None:
         print_line(console, line)
 
 
-def _asked(outcome: Outcome) -> str:
+def _asked(outcome: PlanOutcome) -> str:
     """Return a phrase with the rectangle and the robots."""
     numbers, (scenario, *_) = list(outcome.scenarios), list(outcome.scenarios.values())
     team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"

@@ -12,7 +12,7 @@ from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.shown import Entry, between, number
 from baselines.planning.plans import SETTLED_TIME, Figures, Planned, worst_cases
 from baselines.planning.rehearse import Episodes
-from baselines.planning.search import Outcome
+from baselines.planning.search import PlanOutcome
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
 from lissajous_env.console.terminal import Column, plain, print_table
 from lissajous_env.parameters.scenario_file import as_toml
@@ -24,7 +24,7 @@ FIGURES = "plans.json"
 """File of a folder of plans, with the figures of all."""
 
 
-def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> None:
+def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) -> None:
     """Print a table of plans."""
     failures, bounds, episodes = outcome.request.failures, outcome.lower_bounds, f"{_played(plans)} episodes"
     is_open = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
@@ -67,7 +67,7 @@ def _name(planned: Planned) -> str:
     return f"{planned.plan.settings.policy} (close)" if planned.figures.too_close else planned.plan.settings.policy
 
 
-def untried_in_words(outcome: Outcome) -> str:
+def untried_in_words(outcome: PlanOutcome) -> str:
     """Return a warning that names the families of which no plan was tried; "" if there is none."""
     if not outcome.untried:
         return ""
@@ -75,12 +75,12 @@ def untried_in_words(outcome: Outcome) -> str:
     return f"Not tried: {', '.join(outcome.untried)}. Their plans may be better{remedy}."
 
 
-def _more(outcome: Outcome) -> str:
+def _more(outcome: PlanOutcome) -> str:
     """Return the option that extends the search."""
     return "more --plans" if outcome.request.seconds is None else "more --seconds"
 
 
-def sentences(outcome: Outcome) -> list[str]:
+def sentences(outcome: PlanOutcome) -> list[str]:
     """Return sentences on the played episodes, the meaning of the figures, and the families that have no plan."""
     episodes = outcome.request.episodes
     words = [
@@ -115,7 +115,7 @@ def sentences(outcome: Outcome) -> list[str]:
     return words
 
 
-def _of_failures(outcome: Outcome) -> list[str]:
+def _of_failures(outcome: PlanOutcome) -> list[str]:
     """Return the reasons why no plan has a bound with removed robots, and a remedy; nothing if one has."""
     if any(planned.figures.worst_case_failed < math.inf for planned in outcome.plans):
         return []
@@ -128,7 +128,7 @@ def _of_failures(outcome: Outcome) -> list[str]:
     return [f"{words}. More robots or longer sensors are needed, or {_more(outcome)}."]
 
 
-def _of_guarantee(outcome: Outcome) -> list[str]:
+def _of_guarantee(outcome: PlanOutcome) -> list[str]:
     """Return the fewest robots that guarantee the requested time, and the numbers that cannot."""
     asked = f"{outcome.request.guarantee:g} s"
     below = [n for n, bound in outcome.lower_bounds.items() if bound > (outcome.request.guarantee or 0)]
@@ -145,12 +145,12 @@ def _played(plans: Sequence[Planned]) -> str:
     return " to ".join(dict.fromkeys([str(min(counts, default=0)), str(max(counts, default=0))]))
 
 
-def _lost(outcome: Outcome) -> int:
+def _lost(outcome: PlanOutcome) -> int:
     """Return the number of robots that are removed in an episode with failures; it does not depend on their number."""
     return outcome.request.episodes.lost(next(iter(outcome.scenarios.values())))
 
 
-def _losses(outcome: Outcome) -> str:
+def _losses(outcome: PlanOutcome) -> str:
     """Return the number of episodes with failures, and the number of all combinations where these are a sample."""
     counts = []
     for scenario in outcome.scenarios.values():

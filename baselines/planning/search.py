@@ -279,7 +279,7 @@ def _reason_of(error: Exception) -> str:
 
 
 @dataclass
-class Outcome:
+class PlanOutcome:
     """The result of a search for plans."""
 
     request: Request
@@ -295,7 +295,7 @@ class Outcome:
     """Duration of the search [s]."""
 
     @classmethod
-    def of(cls, request: Request) -> "Outcome":
+    def of(cls, request: Request) -> "PlanOutcome":
         """Return the outcome of a request before the search.
 
         Raises:
@@ -344,7 +344,7 @@ class Outcome:
         failed = figures.worst_case_failed if self.request.failures else 0.0
         return max(figures.worst_case, failed) <= self.request.guarantee
 
-    def search(self, on_progress: Callable[[float, "Outcome"], None] = lambda _, __: None) -> None:
+    def search(self, on_progress: Callable[[float, "PlanOutcome"], None] = lambda _, __: None) -> None:
         """Search for plans for each number of robots, and add them.
 
         With a guarantee, the search begins with the fewest robots, and ends at the first number for which a plan meets
@@ -379,9 +379,9 @@ class Outcome:
 def plan(
     scenario: str | os.PathLike[str] | Scenario | None = None,
     *,
-    on_progress: Callable[[float, Outcome], None] = lambda _, __: None,
+    on_progress: Callable[[float, PlanOutcome], None] = lambda _, __: None,
     **requested: Any,
-) -> Outcome:
+) -> PlanOutcome:
     """Search for patrols of a team, simulate them, and return the Pareto-optimal plans with their scores.
 
     Args:
@@ -395,6 +395,6 @@ def plan(
     Raises:
         ValueError: a value is invalid or missing.
     """
-    outcome = Outcome.of(Request(scenario, **requested))
+    outcome = PlanOutcome.of(Request(scenario, **requested))
     outcome.search(on_progress)
     return outcome

@@ -22,7 +22,7 @@ from baselines.benchmark.report_page import page as report_page
 from baselines.benchmark.shown import in_words, lines_of, number
 from baselines.benchmark.statistics import MAIN, OVER_LOWER_BOUND, SHOWN, with_numbers
 from baselines.benchmark.table import Table, with_derived
-from baselines.benchmark.types import Benchmark, Outcome, cells_of
+from baselines.benchmark.types import Benchmark, BenchmarkOutcome, cells_of
 from baselines.benchmark.written import latex, markdown, summarized, table_of
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
@@ -175,7 +175,7 @@ def views_of(episodes):
     played = [*worst_cases("ours", with_ends), *worst_cases("other", [(45.0, 0.5, False)] * len(episodes))]
     table = Table.of(played, INTRUDERS)
     of = table.estimates["intruders"]
-    outcome = Outcome(Benchmark(("intruders",), ("ours", "other")), [], played, table, {"device": "cpu"})
+    outcome = BenchmarkOutcome(Benchmark(("intruders",), ("ours", "other")), [], played, table, {"device": "cpu"})
     wide = Console(width=400, record=True, file=io.StringIO())
     shown.print_lines(wide, Text("t"), SHOWN, lines_of({"ours": of["ours"]}, SHOWN))
     terminal = re.sub(r"[^\x21-\x7e]+", " ", wide.export_text())

@@ -12,7 +12,7 @@ import lissajous_env
 from baselines.planning import report
 from baselines.planning.plans import Figures, Plan, Planned
 from baselines.planning.request import Request
-from baselines.planning.search import Outcome
+from baselines.planning.search import PlanOutcome
 from baselines.policies.settings import PolicySettings
 from baselines.reproduce import claims
 from baselines.reproduce.claims import Claim
@@ -33,7 +33,7 @@ PLANS = [
     )
     for k in range(1, 4)
 ]  # fmt: skip
-OUTCOME = Outcome(Request(EVADERS, failures=1), scenarios={5: EVADERS}, lower_bounds={5: 0.105}, finals=PLANS)
+OUTCOME = PlanOutcome(Request(EVADERS, failures=1), scenarios={5: EVADERS}, lower_bounds={5: 0.105}, finals=PLANS)
 
 
 @pytest.mark.parametrize("command", ["scenarios", "policies", "plan", "reproduce"])

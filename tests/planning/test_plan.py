@@ -18,7 +18,7 @@ from baselines.planning.families import default_policies, defaults, families_of
 from baselines.planning.plans import Family, Figures, Plan, Planned, best_of, pareto_optimal
 from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
 from baselines.planning.request import Request
-from baselines.planning.search import AHEAD, Outcome, Search
+from baselines.planning.search import AHEAD, PlanOutcome, Search
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.evaluation import EpisodeRunner
 
@@ -269,7 +269,7 @@ def test_a_family_without_a_plan_says_whether_its_plans_collide_when_they_are_pl
 
 def test_the_fewest_robots_that_guarantee_a_time(small, capsys):
     """Story: one more robot guarantees what the lower bound denies to two; the search ends there."""
-    limit = Outcome.of(Request(small, robots=2)).lower_bounds[2]
+    limit = PlanOutcome.of(Request(small, robots=2)).lower_bounds[2]
     line = "plan", small, "--robots", "2:5", "--guarantee", max(10 * limit, 1.0)
     code, said, _ = called(capsys, *line, "--plans", 12, "--json")
     found = json.loads(said)
@@ -287,7 +287,7 @@ def test_a_guarantee_includes_failures_if_they_are_asked_for(failures, fewest):
     # Oracle: plans made by hand.
     finals = [planned(9.0, robots=3), planned(5.0, failed=8.0, robots=4), planned(4.0, failed=5.5, robots=5)]
     finals += [planned(1.0, failed=1.0, robots=2, collisions=1)]
-    outcome = Outcome(Request("evaders", failures=failures, guarantee=6.0), finals=finals)
+    outcome = PlanOutcome(Request("evaders", failures=failures, guarantee=6.0), finals=finals)
     assert outcome.fewest_robots == fewest
 
 

@@ -18,7 +18,7 @@ from baselines.planning.families import families_of, partitions
 from baselines.planning.plans import Plan, worst_case
 from baselines.planning.rehearse import Episodes, play, remove_early
 from baselines.planning.request import Request
-from baselines.planning.search import Outcome
+from baselines.planning.search import PlanOutcome
 from baselines.policies.settings import PolicySettings
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
@@ -43,7 +43,7 @@ def test_each_combination_of_robots_is_lost_once_or_a_sample_of_them(robots, fai
     assert all(len(set(lost)) == failures and set(lost) <= set(range(robots)) for lost in losses)
     if math.comb(robots, failures) <= 64:
         assert set(losses) == set(itertools.combinations(range(robots), failures))
-    outcome = Outcome(Request(made, failures=failures), scenarios={robots: made}, finals=[planned(1.0)])
+    outcome = PlanOutcome(Request(made, failures=failures), scenarios={robots: made}, finals=[planned(1.0)])
     is_sample = f"64 of {math.comb(robots, failures)}" in report.sentences(outcome)[0]
     assert is_sample == (math.comb(robots, failures) > 64)
 
@@ -84,7 +84,7 @@ def test_a_guarantee_is_the_largest_time_with_the_median_beside_it(rows, words):
 
 
 def test_the_number_of_episodes_is_in_the_table():
-    outcome = Outcome.of(Request("evaders", failures=1))
+    outcome = PlanOutcome.of(Request("evaders", failures=1))
     outcome.finals.append(planned(1.0, failed=2.0))
     table = printed(outcome, outcome.plans)
     assert re.search(r"0 episodes +0 episodes +5 episodes", table)
@@ -150,7 +150,7 @@ def test_a_rectangle_has_walls_and_open_ground_needs_space_outside(open_ground):
     assert task.task.boundary == ("open" if open_ground else "wall")
     assert best.figures.outside == pytest.approx(max(beyond, 0.0), abs=1e-6)
     assert (beyond > 0.1) == open_ground
-    outcome = Outcome(Request(**CARS, open=open_ground), scenarios={3: task})
+    outcome = PlanOutcome(Request(**CARS, open=open_ground), scenarios={3: task})
     assert ("outside" in printed(outcome, [best])) == open_ground
 
 
@@ -187,7 +187,7 @@ def test_a_plan_whose_bodies_come_closer_than_the_clearance_is_marked():
     near, far = (play(plan, Episodes(count=2, clearance=gap + more)) for more in (-0.05, 0.05))
     assert far.figures.clearance == pytest.approx(gap, abs=0.02)  # between two steps they may be closer
     assert [each.figures.too_close for each in (near, far)] == [False, True]
-    outcome = Outcome(Request(**CARS, clearance=2.0), scenarios={3: hall()}, finals=[far])
+    outcome = PlanOutcome(Request(**CARS, clearance=2.0), scenarios={3: hall()}, finals=[far])
     assert printed(outcome, [near, far]).count("(close)") == 1
     assert any("come closer than 2 m" in each for each in report.sentences(outcome))
     assert Request(**ROOM).required_clearance == pytest.approx(0.04)
@@ -195,7 +195,7 @@ def test_a_plan_whose_bodies_come_closer_than_the_clearance_is_marked():
 
 def test_plans_without_a_bound_after_failures_say_why():
     finals = [planned(5.0, failed=math.inf), planned(4.0, settled=2.0, failed=math.inf)]
-    outcome = Outcome.of(Request("evaders", failures=1))
+    outcome = PlanOutcome.of(Request("evaders", failures=1))
     outcome.finals = finals
     (words,) = (each for each in report.sentences(outcome) if "with 1 removed" in each)
     assert words.startswith("No plan has a bound with 1 removed: 2 of 2 leave a gap")
@@ -205,7 +205,7 @@ def test_plans_without_a_bound_after_failures_say_why():
     assert f"and 5 {first}" in report.sentences(outcome)[0]
     loses_one = lissajous_env.scenario("evaders", **{"faults.lost": 1})
     for request in (Request("evaders", failures=2), Request(loses_one, failures=1)):
-        outcome = dataclasses.replace(Outcome.of(request), finals=finals[:2])
+        outcome = dataclasses.replace(PlanOutcome.of(request), finals=finals[:2])
         assert "and 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
         assert "with 2 lost [s]" in " ".join(printed(outcome, finals).split())
         assert any("with 2 removed" in each for each in report.sentences(outcome))
