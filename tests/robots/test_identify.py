@@ -16,9 +16,9 @@ CONSTANTS = tuple(MODELS["car"].constants)
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
 
-def logs(robots, late=0, seed=1, same=4, share=1.0, **fields):
+def logs(robots, late=0, seed=1, same=4, share=1.0, scale=(1.0, 1.0), **fields):
     """Log of simulated robots under random commands, the same for some steps, which are received `late` steps later."""
-    made = lissajous_env.scenario("experiment", **(NOISE | fields)).resolve()
+    made = lissajous_env.scenario("experiment", **(NOISE | fields)).scaled(*scale).resolve()
     simulation, random = lissajous_env.Simulation(made, seed=seed), np.random.default_rng(seed)
     wanted = np.repeat(random.uniform(-share, share, (-(-made.task.steps // same), 5, 2)), same, axis=0)
     poses = [simulation.robots.measured.numpy()[0].copy()]
@@ -73,6 +73,12 @@ def test_the_constants_of_a_car_are_recovered_within_two_percent_from_a_minute_o
     assert found.residual["speed"] == pytest.approx(0.02, rel=0.15)
     assert np.isnan(found.errors["dead_zone"])  # no throttle lies below it
     assert found.misfits == ()
+
+
+def test_the_constants_of_a_car_of_another_size_and_pace_than_the_guess_are_recovered():
+    # Oracle: the law of similarity, lengths over 4 and times over 2.
+    ((track, commands, true),) = logs([3], scale=(0.25, 0.5))
+    check(identify(track, commands), true, 0.02)
 
 
 @pytest.mark.parametrize("noisy", [False, True])
