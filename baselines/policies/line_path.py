@@ -10,7 +10,6 @@ copy that, too, so the spacing law is valid in turns; an outermost car is R near
 from it on the other. `failed_condition` has the conditions.
 """
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -197,8 +196,8 @@ def turn_of(curvature_step: float) -> Turn:
     lane where its radii fulfil R1 (1 - cos a) = R2 cos a, that is n (1 - cos a) / a = k cos a / (pi + 2 a). Two equal
     radii have a = pi / 3.
     """
-    shortest = math.floor(7 * math.pi / 3 / curvature_step)
-    for steps in itertools.count(max(shortest, 4)):
+    steps = max(math.floor(7 * math.pi / 3 / curvature_step), 4)
+    while True:
         for short in range(1, steps // 2):
             long = steps - 2 * short
             low, high = 1e-9, math.pi / 2
@@ -208,6 +207,7 @@ def turn_of(curvature_step: float) -> Turn:
                 low, high = (angle, high) if closes else (low, angle)
             if max(low / short, (math.pi + 2 * low) / long) <= curvature_step:
                 return Turn(short, long, low)
+        steps += 1
 
 
 def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tuple[tuple[Lines, ...], str]:
