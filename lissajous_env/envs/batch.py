@@ -44,7 +44,7 @@ class Batch(Stateful):
     the next one whenever all of its worlds are reset together. Scenarios, and the episodes in them, depend on the seed
     and on the number of the group alone. Scenarios with more robots or more target slots than any of the first
     `FIRST_SCENARIOS` of the split are skipped. `save_state` and `load_state` are for batches without a space; they
-    include the arrays of the policy that drives the robots.
+    include the arrays of the policy that drives the robots, if it is a `baselines.Policy`.
 
     Attributes:
         sides: The sides whose actions `step` requires.

@@ -79,6 +79,7 @@ def test_a_robot_is_commanded_the_input_of_its_action_and_its_base_understands_i
     np.testing.assert_allclose(
         inputs.actions_of(scenario.robot, inputs.inputs_of(scenario.robot, actions)), actions, atol=1e-6
     )
+    assert inputs.actions_of(scenario.robot, np.array([9.0, -9.0])).tolist() == [1, -1]
 
 
 @pytest.mark.parametrize(("scenario", "policy"), PAIRS)

@@ -201,9 +201,17 @@ def test_a_robot_that_announces_decides_as_one_that_does_not():
     assert announces.announce(Odometry(math.nan, 0.0, 0.0, 0.0, 9.0)) is None
 
 
-def test_wrong_settings_are_refused():
-    with pytest.raises(ValueError, match=r"node.origin must be x, y \[m\] and heading \[rad\], got"):
-        RobotSettings(origin=(0.0, 1.0))
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"robot": -1}, "node.robot must be a whole number from 0 to 1023, got -1"),
+        ({"command": "boat"}, "node.command must be one of car, dart, twist, twist_stamped, got 'boat'"),
+        ({"origin": (0.0, 1.0)}, r"node.origin must be x, y \[m\] and heading \[rad\], got"),
+    ],
+)
+def test_wrong_settings_are_refused(given, words):
+    with pytest.raises(ValueError, match=words):
+        RobotSettings(**given)
 
 
 @pytest.mark.parametrize("command", ["robot", "world", "launch"])

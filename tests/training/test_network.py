@@ -1,6 +1,7 @@
 """Networks and checkpoints: plain arrays, written such that kills and damage are detected."""
 
 import itertools
+import sys
 
 import numpy as np
 import pytest
@@ -76,16 +77,26 @@ def test_the_arrays_of_a_network_are_its_own():
 def test_layers_that_do_not_fit_are_refused(weights, biases, words):
     with pytest.raises(ValueError, match=words):
         RogueNetwork(*({str(k): array for k, array in enumerate(arrays)} for arrays in (weights, biases)))
+    with pytest.raises(ValueError, match="layers must be 0, 1 and so on, at least one, got 1"):
+        RogueNetwork.from_arrays({"policy.1.weight": np.ones((1, 2)), "policy.1.bias": np.ones(1), "x": np.ones(1)})
 
 
-def test_a_checkpoint_gives_back_what_was_saved(tmp_path):
+@pytest.mark.parametrize("missing", ["trunk", "memory.input", "memory.hidden"])
+def test_a_layer_of_a_team_that_is_missing_is_refused(missing):
+    names = {"own", "token", "trunk", "last", "action", "memory.input", "memory.hidden"} - {missing}
+    with pytest.raises(ValueError, match="layers must be action, last, own, token, trunk, and perhaps query, and mem"):
+        TeamNetwork(*({name: np.ones(shape) for name in names} for shape in ((2, 2), 2)))
+
+
+def test_a_checkpoint_gives_back_what_was_saved(tmp_path, monkeypatch):
+    monkeypatch.delitem(sys.modules, "torch", raising=False)  # which, without training, may not be installed
     network, card = make_team(), Card.of(lissajous_env.scenario("intruders"), settings={"seed": 3})
     state = {"a": np.arange(5), "b.c": np.zeros((2, 3), dtype=np.float32), "flags": np.array([True, False])}
     checkpoint.save(tmp_path / "x", network, card, state=state, notes={"counters": {"steps": 7}})
     read, again, text = checkpoint.read(tmp_path / "x")
     assert again == card
     assert text["counters"] == {"steps": 7}
-    assert text["versions"]["lissajous-env"]
+    assert {"lissajous-env", "torch"} & set(text["versions"]) == {"lissajous-env"}
     for name, ours in network.to_arrays().items():
         theirs = read.to_arrays()[name]
         assert (ours == theirs).all()

@@ -81,7 +81,7 @@ def save(
             "policy": card.to_dict() | {"activation": ACTIVATION},
             "settings": dict(card.settings),
             "scenario": card.scenario_fields,
-            "versions": versions("torch"),
+            "versions": versions("torch") if "torch" in sys.modules else versions(),
             "files": files,
             **(notes or {}),
         }
