@@ -9,7 +9,7 @@ LINES = 42_759
 """Lines of the packages."""
 MODULES = 258
 """Files of the packages."""
-TESTS = 25_852
+TESTS = 25_872
 """Lines of the tests."""
 
 
