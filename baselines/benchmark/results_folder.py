@@ -61,10 +61,10 @@ class Results(Closing):
         if stored is None:
             self._write(folder)  # before the episodes, which are useless without it
         self._journal = folder.journal(EPISODES)
-        if self._journal.torn:
-            words = f"the unfinished last line of {self._journal.path} was dropped; the benchmark plays its episode"
-            warnings.warn(words, RuntimeWarning, stacklevel=outside())
         try:
+            if self._journal.torn:
+                words = f"the unfinished last line of {self._journal.path} was dropped; the benchmark plays its episode"
+                warnings.warn(words, RuntimeWarning, stacklevel=outside())
             self._read()
             if stored is not None and wanted is not None:
                 self.stored = self._extended(folder.path, stored, wanted)

@@ -173,7 +173,7 @@ def cells_of(
     """Return the policies on scenarios that some settings name.
 
     Raises:
-        ValueError: an invalid value, an unknown name, a policy that drives no scenario, or a scenario without a policy.
+        ValueError: an unknown name or device, a policy that drives no scenario, or a scenario without a policy.
     """
     unregistered = [name for name in settings.policies if registry.is_folder(name) or factories.is_imported(name)]
     own = {name: factories.as_factory(name) for name in unregistered}

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import tyro
 
 from baselines.benchmark.progress import Progress, bar
-from baselines.benchmark.types import Benchmark, Cell, cells_of
+from baselines.benchmark.types import ALL, Benchmark, Cell, cells_of
 from baselines.policies import registry
 from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
 from lissajous_env.console.terminal import CommandError, Device, Output, Overrides, parse_overrides
 from lissajous_env.storage.files import check_writable_file
-from lissajous_env.wording import few_of, nearest, where_raised
+from lissajous_env.wording import few_of, nearest, require, where_raised
 
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Recording
@@ -29,7 +29,7 @@ FORMATS = (".html", ".mp4", ".gif", ".npz", ".mcap")
 
 @dataclass(frozen=True)
 class PlayOptions(Output):
-    """Options that commands that play a policy have in common."""
+    """Episodes and console output."""
 
     seed: int = 0
     """Seed of episode 0; episode k has seed + k."""
@@ -48,10 +48,11 @@ class PlayOptions(Output):
             rogues: Adversary that moves all targets.
 
         Raises:
-            ValueError: as `split_scenarios_and_policy` and `cells_of`, or the folder has no scenario.
+            ValueError: as `split_scenarios_and_policy` and `cells_of`, the folder has no scenario, or all policies.
         """
         own = [registry.own_scenario(names[0])] if len(names) == 1 and registry.is_folder(names[0]) else None
         scenarios, policy = split_scenarios_and_policy(names) if own is None else ((names[0],), names[0])
+        require(policy != ALL, "policy", "must be the name of one policy", policy)
         changed = parse_overrides(self.overrides, rogues)
         settings = Benchmark(scenarios, (policy,), episodes, self.seed, batch, self.device, overrides=changed)
         return settings, cells_of(settings, scenarios=own)
@@ -62,13 +63,22 @@ Play = tyro.conf.OmitArgPrefixes[PlayOptions]
 """Type of a command's parameter `common`, which adds --seed, --device and --set to --json and --quiet."""
 
 
+def only(cells: Sequence[Cell]) -> Cell:
+    """Return the only cell.
+
+    Raises:
+        ValueError: they are of several scenarios.
+    """
+    if len(cells) > 1:
+        raise ValueError(f"exactly one scenario must be given, got {few_of(cell.scenario.name for cell in cells)}")
+    return cells[0]
+
+
 def record_one(settings: Benchmark, cells: Sequence[Cell], output: Output) -> "Recording":
     """Record an episode of a policy on a scenario, the only cell."""
     from lissajous_env.episodes.recording import record
 
-    if len(cells) > 1:
-        raise ValueError(f"exactly one scenario must be given, got {few_of(settings.scenarios)}")
-    (cell,) = cells
+    cell = only(cells)
     with Progress([(cell, [0])], output.progress()) as progress:
         progress.begin(cell)
         acting = with_policy(cell, settings).factory(cell.scenario, 1, settings.device)

@@ -47,7 +47,8 @@ def replay(
         lissajous replay evaders sweep --against kuramoto-mpcc --out replay.html
 
     Args:
-        names: scenario and policy, or a policy's folder, as for `lissajous run`; or a recording (.npz) of it.
+        names: scenario and policy, or a policy's folder, as for `lissajous run`; or a recording (.npz) of it, for which
+            --seed is ignored.
         out: file to write, ending in .html, .mp4, .gif, .npz or .mcap; without it, a window opens.
         against: second policy, shown beside the first on the same seed; requires --out FILE.html.
         speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.

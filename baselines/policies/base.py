@@ -20,7 +20,7 @@ from lissajous_env.device.program import launcher
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, whole_number
-from lissajous_env.wording import few_of, shown
+from lissajous_env.wording import few_of, require, shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import world_mask
 
@@ -143,7 +143,7 @@ class Policy(Copyable, Remembering):
         parameters: Parameters of the class `Parameters`; by default those for the scenario.
 
     Raises:
-        ValueError: the number of worlds is below 1, or the device is not available.
+        ValueError: the number of worlds is below 1, the device is not available, or parameters of another class.
     """
 
     arrays: str = "numpy"
@@ -172,6 +172,8 @@ class Policy(Copyable, Remembering):
         self.device = as_device(device)
         self.name = type(self).__name__
         if self.Parameters is not None:
+            fits = parameters is None or isinstance(parameters, self.Parameters)
+            require(fits, f"parameters of {self.name}", f"must be {self.Parameters.__name__}", parameters)
             self.parameters = parameters or parameters_for(self.Parameters, self.scenario)
         self.shape = (self.num_worlds, self.num_robots)
         self.observation_shape = (*self.shape, layout(self.scenario).size)

@@ -24,6 +24,8 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
     Raises:
         ValueError: the policy is not the last of the names, there is no scenario before it, or an unknown scenario.
     """
+    if not names:
+        raise ValueError("names must be scenarios and then a policy, got nothing")
     *scenarios, policy = names
     for name in scenarios:
         if registry.is_folder(name) or (name in registry.names() and not denotes_scenario(name)):

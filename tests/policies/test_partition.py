@@ -179,6 +179,8 @@ def test_the_speed_is_a_parameter():
      r"got one of 0\.45 m to a side within an inset of 0\.35 m"),
     (lambda: PartitionParameters(lanes=3), "lanes must be even, got 3"),
     (lambda: RepairParameters(patience=0), "patience must be a whole number from 1"),
+    (lambda: PartitionRepair("evaders", parameters=PartitionParameters()),
+     r"parameters of PartitionRepair must be RepairParameters, got PartitionParameters\("),
 ])  # fmt: skip
 def test_what_cannot_work_is_refused_by_name(make, words):
     with pytest.raises(ValueError, match=words):
