@@ -210,7 +210,7 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
 
 
 @dataclass(frozen=True)
-class RogueTraining(SharedSettings, with_defaults=False, part="training"):
+class RogueTraining(SharedSettings, part="training"):
     """Settings of a training of rogues against robots that do not learn."""
 
     scenario: str = "intruders"

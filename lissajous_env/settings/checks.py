@@ -249,8 +249,9 @@ def _plain(value: Any) -> Any:
 
 def _fields_in_words(cls: type, with_defaults: bool) -> str:
     """Return the docstring's section on the fields: the string after each field, its rule and perhaps its default."""
-    words, lines = meanings(cls), []
-    for name, field in vars(cls).items():
+    words = {name: text for base in reversed(cls.__mro__) for name, text in meanings(base).items()}
+    inherited, lines = getattr(cls, "__dataclass_fields__", {}), []  # those of `cls` are not made yet
+    for name, field in {**inherited, **vars(cls)}.items():
         if isinstance(field, dataclasses.Field) and "rule" in field.metadata:
             text = "\n".join(part for part in (words.get(name, ""), _rule_in_words(field, with_defaults)) if part)
             lines.append(f"{name}: {text}".replace("\n", "\n        "))

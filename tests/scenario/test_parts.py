@@ -9,6 +9,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env.parameters.scenario import PARTS, Faults, Robot, Scenario, Task
+from lissajous_env.settings.checks import whole
 
 FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
 FIELD_NAMES = [f"{part}.{field.name}" for part, field in FIELDS]
@@ -55,6 +56,16 @@ def test_help_says_what_a_field_means_its_unit_and_range(part, field):
     unit = re.search(r"\[(.*?)\]$", field.metadata["rule"])
     if unit is not None:
         assert f"[{unit[1]}]" in source[1] or (unit[1] == "1/s" and "per second" in source[1])
+
+
+def test_help_includes_the_fields_of_a_base_class():
+    @dataclasses.dataclass(frozen=True)
+    class Tall(Robot):
+        height: int = whole(3, 1, 9)
+
+    for field in dataclasses.fields(Tall):
+        assert f"{field.name}: " in Tall.__doc__
+    assert Robot.__doc__.partition("Attributes:")[2] in Tall.__doc__
 
 
 # The top speed of a car.

@@ -35,11 +35,12 @@ class Network:
         for part in ("weights", "biases"):
             object.__setattr__(self, part, {name: _numbers(part, array) for name, array in getattr(self, part).items()})
         if set(self.weights) != set(self.biases):
-            names = f"{few_of(sorted(self.weights))} and {few_of(sorted(self.biases))}"
+            names = " and ".join(few_of(sorted(layers)) or "none" for layers in (self.weights, self.biases))
             raise ValueError(f"weights and biases must be those of the same layers, got {names}")
         sizes = {name: array.shape for name, array in self.weights.items()}
-        fits = all(len(size) == 2 and 0 not in size for size in sizes.values())
-        require(fits, "weights", "must have shape (outputs, inputs), both at least 1", sizes)
+        for name, size in sizes.items():
+            fits, rule = len(size) == 2 and 0 not in size, "must have shape (outputs, inputs), both at least 1"
+            require(fits, f"weights of layer {name}", rule, size)
         fitting = self._fitting(sizes)
         for name, size in sizes.items():
             if size != fitting[name] or self.biases[name].shape != size[:1]:
