@@ -17,7 +17,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -260,11 +260,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     warnings.filterwarnings("ignore", message="CasADi version")
     curve, p = Curve(), MpccParameters()
     model = Model(curve, p)
-    one_start = p.replace(poor=1e6)
+    one_start = replace(p, poor=1e6)
     sides: dict[str, Ours | Acados] = {
         CONVERGED: Ours(curve, p),
         ONE_START: Ours(curve, one_start),
-        ONE_ITERATION: Ours(curve, one_start.replace(max_iterations=1)),
+        ONE_ITERATION: Ours(curve, replace(one_start, max_iterations=1)),
     }
     with tempfile.TemporaryDirectory() as folder:
         for method, (settings, solvers) in METHODS.items():

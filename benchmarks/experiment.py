@@ -1,7 +1,7 @@
 """The paper's experiment: the results of Fig. 9 compared with simulated ones, with and without feedback.
 
-Command: `python benchmarks/experiment.py`, which stores the rows without the fault as the table `experiment` of
-docs/figures.json.
+Command: `python benchmarks/experiment.py --store`, which stores the rows without the fault as the table `experiment`
+of docs/figures.json.
 """
 
 import figures
@@ -25,6 +25,7 @@ COLUMNS = {
 
 def main() -> None:
     """Print one row for each policy, without and with the fault: minimum, mean and maximum over 16 seeds."""
+    options = figures.parser(__doc__).parse_args()
     table = Table("policy", "fault", *COLUMNS.values(), title="experiment, 60 s, 16 seeds: min / mean / max")
     table.add_row("the paper's report", "no", "1.2429", "0.192", "1", "", "", "")
     told = ("spacing_factor", "min_separation", "collisions", "phase_error")
@@ -40,7 +41,8 @@ def main() -> None:
                 ends = (np.array([row[column] for row in rows], dtype=float) for column in told)
                 stored.append([f"`{name}`", *(f"{v.min():.3g} to {v.max():.3g}" for v in ends)])
     Console().print(table)
-    figures.store({"experiment": {"columns": ["", *(COLUMNS[column] for column in told)], "rows": stored}})
+    if options.store:
+        figures.store({"experiment": {"columns": ["", *(COLUMNS[column] for column in told)], "rows": stored}})
 
 
 if __name__ == "__main__":

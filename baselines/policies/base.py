@@ -174,7 +174,7 @@ class Policy(Copyable, Remembering):
         if self.Parameters is not None:
             fits = parameters is None or isinstance(parameters, self.Parameters)
             require(fits, f"parameters of {self.name}", f"must be {self.Parameters.__name__}", parameters)
-            self.parameters = parameters or parameters_for(self.Parameters, self.scenario)
+            self.parameters: Any = parameters or parameters_for(self.Parameters, self.scenario)
         self.shape = (self.num_worlds, self.num_robots)
         self.observation_shape = (*self.shape, layout(self.scenario).size)
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)

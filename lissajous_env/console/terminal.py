@@ -208,7 +208,7 @@ def print_line(console: Console, words: str | Text, style: str | None = None) ->
 
 
 def plain(value: Any) -> Any:
-    """Convert a value to JSON types; NaN becomes null, infinity a word, and a dataclass its fields."""
+    """Convert a value to JSON types; infinity and functions become words, NaN null, and a dataclass its fields."""
     if is_dataclass(value) and not isinstance(value, type):
         return plain({of.name: getattr(value, of.name) for of in fields(value)})
     if isinstance(value, dict):
@@ -220,7 +220,9 @@ def plain(value: Any) -> Any:
         return plain(array.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
-    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
+    if isinstance(value, (str, int, float, bool, type(None))):
+        return value
+    return getattr(value, "__qualname__", str(value))  # the text of a function has an address, which changes
 
 
 def complain(text: str) -> None:

@@ -100,7 +100,7 @@ class EpisodeRunner:
         if seeds is not None:
             self.policy.reset()
             surplus = self.simulation.num_worlds - len(seeds)
-            self.simulation.reset(seeds=[*seeds, *[seeds[-1]] * surplus])
+            self.simulation.reset(seeds=[*seeds, *[*seeds[-1:]] * surplus])
         for taken in range(self.simulation.scenario.task.steps + 1):
             if taken > 0:
                 self.step()

@@ -359,7 +359,8 @@ class _Fit:
         cost = float((self._residuals(constants, self._starts) ** 2).sum())
         degrees = max(len(self._time) * int(self._is_known.sum()) - len(square), 1)
         variance = np.diag(np.linalg.pinv(square))[:5] * cost / degrees
-        errors = np.where(np.diag(square)[:5] < 1e-16, np.nan, np.sqrt(variance) * unit)
+        # Rounding can make a variance that is not determined negative.
+        errors = np.sqrt(np.where((np.diag(square)[:5] < 1e-16) | (variance < 0), np.nan, variance)) * unit
         return np.maximum(errors, _ROUNDING * np.abs(constants[:5]))
 
     def _with_dead_zone(self, constants: np.ndarray) -> tuple[np.ndarray, float]:

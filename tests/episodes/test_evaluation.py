@@ -13,7 +13,7 @@ import lissajous_env
 from baselines.benchmark.running import measure
 from baselines.benchmark.types import Benchmark
 from lissajous_env.console import cli
-from lissajous_env.episodes.evaluation import InvalidActionError, evaluate
+from lissajous_env.episodes.evaluation import EpisodeRunner, InvalidActionError, evaluate
 from lissajous_env.episodes.recording import record
 
 SHORT = {"task.duration": 3.0}
@@ -58,6 +58,17 @@ def test_the_last_step_is_looked_at_too():
     with pytest.raises(InvalidActionError, match="in step 30 of failure"):
         evaluate(Failing(scenario, step=30), scenario, range(1))
     assert len(evaluate(Failing(scenario, step=31), scenario, range(1))) == 1
+
+
+def test_surplus_worlds_repeat_the_last_seed():
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    simulation = lissajous_env.Simulation(scenario, 3)
+    runner = EpisodeRunner(baselines.make("still", scenario, 3), simulation)
+    runner.play([4, 7])
+    assert simulation.clock.seed.numpy().tolist() == [4, 7, 7]
+    for seeds in ([], range(4)):
+        with pytest.raises(ValueError, match="seeds must be one for each of the 3 worlds"):
+            runner.play(seeds)
 
 
 def test_a_recording_is_stopped_too():

@@ -135,6 +135,13 @@ def test_a_log_that_shows_nothing_is_refused(change, words):
         identify(*change(track, commands))
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_motor_that_no_throttle_drives_is_given():
+    ((track, commands, _),) = logs([3], **{"task.duration": 12.0})
+    found = identify(track, Series(commands.time, commands.value * (1, -1)))
+    assert np.isnan([found.errors[name] for name in ("drive", "offset", "dead_zone")]).all()
+
+
 @pytest.mark.parametrize(("seed", "noise"), [(1, 0.0), (5, 1.0)])
 def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise):
     # Law: however fast a car turns between two poses, its speeds are used; no others are.

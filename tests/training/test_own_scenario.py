@@ -109,6 +109,9 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
     (here / "my_extras.py").write_text(EXTRAS)
     wanted = trained(overrides={"extensions": "my_extras:doubled"})
     assert training.load("run").scenario == wanted
+    # An extension that is given as an object is recorded as in any other process, so that a training resumes there.
+    given = settings(overrides={"extensions": [sys.modules["my_extras"].doubled]})
+    assert " at 0x" not in str(given.to_dict())
     # Story: another process, which has not imported it; a stranger's folder cannot make it.
     monkeypatch.delitem(sys.modules, "my_extras")
     with pytest.raises(ValueError, match="scenario mine uses my_extras:doubled: import my_extras before"):
