@@ -307,11 +307,11 @@ class Cover(Searching):
     Places are those of known targets, extrapolated, and the middles between two of them.
     """
 
-    delay: float = 0.75
+    delay: float = 1.0
     """Time that is added to the driving time to a place, in units of sight over top speed."""
-    fade: float = 2.25
+    fade: float = 3.0
     """Age at which a track counts 1/e of a target in sight, in the same unit."""
-    margin: float = 0.6
+    margin: float = 0.7
     """Distance within which targets around a place count [sight]."""
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
