@@ -352,7 +352,7 @@ class VoronoiPursuit(Searching):
     """Distance within which a robot drives straight to its target [sight]."""
     width: float = 0.15
     """Width of the strip of points around the border [sight]."""
-    fade: float = 0.4
+    fade: float = 0.25
     """Distance from the target at which a point of the border counts 1/e [sight]."""
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
