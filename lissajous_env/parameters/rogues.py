@@ -12,8 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.compilation import OURS
-from lissajous_env.plugins import ByValue, register, replaces
+from lissajous_env.plugins import ByValue, Registry
 from lissajous_env.wording import few_of, nearest, require, shown
 
 AGENTS = "agents"
@@ -49,8 +48,11 @@ CHECKPOINT = "checkpoint.json"
 """File that marks the folder of a learned rogue."""
 _SHIPPED = Path(__file__).resolve().parents[2] / "training" / "rogues"
 """Folder of the included learned rogues."""
-_NAMES = r"[a-z][a-z0-9-]{0,62}", "of small letters, digits and -"
-_ROGUES: dict[str, Rogue] = {}
+ROGUES = Registry(
+    "rogue",
+    (r"[a-z][a-z0-9-]{0,62}", "of small letters, digits and -"),
+    lambda rogue: rogue.name in ("wander", "flee", "shadow", "follow-gap"),
+)
 """Registered rogues by name; the included ones register themselves in `lissajous_env.world.rogues`."""
 
 
@@ -64,10 +66,7 @@ def register_rogue(rogue: Rogue) -> Rogue:
     require(isinstance(rogue, Rogue), "rogue", "must be a Rogue", rogue)
     decides = callable(rogue.decide) or isinstance(rogue.decide, wp.Kernel)
     require(decides, f"rogue {rogue.name}", "must decide by a function or a Warp kernel", rogue.decide)
-    before = _ROGUES.get(str(rogue.name), rogue)
-    taken = (AGENTS, *shipped_rogues())
-    register(_ROGUES, "rogue", rogue, _NAMES, taken, replaces(rogue.decide, before.decide))
-    return rogue
+    return ROGUES.add(rogue, taken=(AGENTS, *shipped_rogues()))
 
 
 def rogue(name: str) -> Callable[[Callable[[Any], Any]], Callable[[Any], Any]]:
@@ -86,20 +85,19 @@ class BringsRogues:
     targets: Any
 
     def __getstate__(self) -> dict[str, Any]:
-        name = self.targets.rogues
-        known = [_ROGUES[name]] if name in _ROGUES else []
-        custom = [rogue for rogue in known if getattr(rogue.decide, "__module__", "").partition(".")[0] not in OURS]
-        return {"rogues": [rogue for rogue in custom if not isinstance(rogue.decide, wp.Kernel)]} | self.__dict__
+        rogue = ROGUES.get(self.targets.rogues)
+        is_brought = rogue is not None and not isinstance(rogue.decide, wp.Kernel)
+        return {"rogues": [rogue] if is_brought else []} | self.__dict__
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for rogue in state.pop("rogues", ()):
-            _ROGUES.setdefault(rogue.name, rogue)
+            ROGUES.setdefault(rogue.name, rogue)
         self.__dict__.update(state)
 
 
 def rogues() -> tuple[str, ...]:
     """Return the names of the rogues: the scripted ones, then the included learned ones."""
-    return *_ROGUES, *shipped_rogues()
+    return *ROGUES, *shipped_rogues()
 
 
 def shipped_rogues() -> tuple[str, ...]:
@@ -115,8 +113,8 @@ def rogue_of(name: str) -> Rogue | None:
     """
     if name == AGENTS:
         return None
-    if name in _ROGUES:
-        return _ROGUES[name]
+    if name in ROGUES:
+        return ROGUES[name]
     if (folder := folder_of(name)) is not None:
         return importlib.import_module("training.learned.rogue").open_rogue(folder, name)
     known = (AGENTS, *rogues())
@@ -129,6 +127,6 @@ def folder_of(name: str) -> Path | None:
     if name in shipped_rogues():
         return _SHIPPED / name
     try:
-        return Path(name) if name not in _ROGUES and Path(name, CHECKPOINT).is_file() else None
+        return Path(name) if name not in ROGUES and Path(name, CHECKPOINT).is_file() else None
     except (OSError, ValueError):  # not a possible name of a file
         return None

@@ -229,7 +229,7 @@ def test_a_registered_space_is_known_by_name():
     assert "of-mine" in lissajous_env.scenario_spaces()
     longer = register_scenario_space(space("of-mine-4"))
     assert scenario("of-mine-4-2") == longer.sample(2)
-    with pytest.raises(ValueError, match="name of a space must be new, got 'of-mine'"):
+    with pytest.raises(ValueError, match="name of a scenario must be new, got 'of-mine'"):
         register_scenario_space(space("of-mine", draw={}))
     with pytest.raises(ValueError, match=r"space must be one of .*did you mean of-mine\?"):
         scenario_space("of-min")
