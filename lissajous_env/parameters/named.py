@@ -30,6 +30,8 @@ from lissajous_env.parameters.scenario_file import (
 )
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import Registry
+from lissajous_env.settings.checks import whole_number
+from lissajous_env.settings.task import MOST_STEPS
 from lissajous_env.wording import nearest, require, shown, where_raised
 
 _INCLUDED = included_scenarios()
@@ -132,6 +134,18 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     """
     base = name if isinstance(name, Scenario) else _loaded(os.fspath(name) if isinstance(name, os.PathLike) else name)
     return overridden(base, overrides) if overrides else base
+
+
+def with_cycles(base: Scenario, max_cycles: int | None) -> Scenario:
+    """Return a scenario whose episodes last `max_cycles` steps instead of `task.duration`; None changes nothing.
+
+    Raises:
+        ValueError: not a whole number from 1 to 2^20.
+    """
+    if max_cycles is None:
+        return base
+    steps = whole_number("max_cycles", max_cycles, 1, MOST_STEPS)
+    return overridden(base, {"task.duration": steps * base.task.step})
 
 
 def unknown_scenario(name: Any) -> ValueError:
