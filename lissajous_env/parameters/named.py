@@ -15,6 +15,7 @@ import gymnasium
 import pettingzoo
 
 from lissajous_env import plugins
+from lissajous_env.parameters.assumptions import violations, warn_of_violations
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import (
     NAMES,
@@ -43,6 +44,10 @@ _OF_FILE = re.compile(rf"(.+?\{SUFFIX}):(.+)")
 _SEED = re.compile(r"(?:(.+)-)?(\d+)")
 _FIRST, _MOST = 32, 10_000
 """Default number of scenarios that represent a split, and its limit."""
+_unused: set[str] = set()
+"""Violated assumptions of scenarios in folders of policies, which matter only if a policy uses the formation."""
+_POLICY = "policy.toml"
+"""Name of the file with the policy in such a folder."""
 
 
 def _register_brought(brought: Any) -> None:
@@ -87,6 +92,7 @@ def register_scenario(scenario: Scenario) -> Scenario:
     """
     require(isinstance(scenario, Scenario), "scenario", "must be a Scenario to be registered", scenario)
     register_ids(ENTRIES.add(scenario).name)
+    warn_of_violations(scenario)
     return scenario
 
 
@@ -131,7 +137,22 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     Raises:
         UnknownSettingError: an unknown field; the message suggests the closest match.
         ValueError: an unknown scenario, one that cannot be read or loaded, or an invalid value.
+
+    Warns:
+        AssumptionWarning: the scenario violates an assumption of the paper in a way that no included scenario does;
+            each violation is reported once per process. `lissajous_env.parameters.assumptions.violations` lists all.
+            The scenario in the folder of a policy is not reported: the policy may not use its formation.
     """
+    variant = build(name, **overrides)
+    if is_file(name) and os.path.isfile(os.path.join(os.path.dirname(name), _POLICY)):  # type: ignore[arg-type]
+        _unused.update(violations(variant))
+    elif overrides or name not in _INCLUDED:
+        warn_of_violations(variant, _unused)
+    return variant
+
+
+def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
+    """Make a scenario like `scenario`, without warnings, for callers that report violated assumptions themselves."""
     base = name if isinstance(name, Scenario) else _loaded(os.fspath(name) if isinstance(name, os.PathLike) else name)
     return overridden(base, overrides) if overrides else base
 
@@ -145,7 +166,7 @@ def with_cycles(base: Scenario, max_cycles: int | None) -> Scenario:
     if max_cycles is None:
         return base
     steps = whole_number("max_cycles", max_cycles, 1, MOST_STEPS)
-    return overridden(base, {"task.duration": steps * base.task.step})
+    return build(base, **{"task.duration": steps * base.task.step})
 
 
 def unknown_scenario(name: Any) -> ValueError:
