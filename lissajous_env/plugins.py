@@ -11,7 +11,7 @@ import re
 import sys
 import types
 import warnings
-from collections.abc import Callable, Collection, Container, Iterable
+from collections.abc import Callable, Collection, Iterable
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Self
@@ -87,19 +87,17 @@ class Registry(dict[str, Any]):
         """Messages for entry points that could not be loaded."""
         self._names, self._bring, self._loaded = names, bring, not group
 
-    def add(self, new: Any, taken: Container[str] = ()) -> Any:
+    def add(self, new: Any) -> Any:
         """Add an object under its attribute `name`, and return it; in a notebook, it may replace another one.
 
         Raises:
-            ValueError: the name is invalid or in `taken`, or a different object has it, which is of this package or
-                cannot be replaced.
+            ValueError: the name is invalid, or a different object has it that cannot be replaced.
         """
         name, (pattern, rule) = new.name, self._names
         is_name = isinstance(name, str) and re.fullmatch(pattern, name)
         require(is_name, f"name of a {self.thing}", f"must be {rule}", name)
         before = self.get(name, new)
-        is_fixed = not hasattr(sys, "ps1") or self.is_included(before)  # IPython sets it too
-        if name in taken or (before != new and is_fixed):
+        if before != new and (not hasattr(sys, "ps1") or self.is_included(before)):  # IPython sets it too
             raise ValueError(f"name of a {self.thing} must be new, got {shown(name)}, which another one has")
         self[name] = new
         return new

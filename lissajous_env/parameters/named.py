@@ -51,8 +51,8 @@ _POLICY = "policy.toml"
 
 
 def _register_brought(brought: Any) -> None:
-    """Register the object of an entry point: a scenario, or a function that registers some."""
-    if isinstance(brought, Scenario):
+    """Register the object of an entry point: a scenario, a space, or a function that registers some."""
+    if isinstance(brought, (Scenario, ScenarioSpace)):
         register_scenario(brought)
     else:
         brought()
@@ -81,15 +81,17 @@ def scenario_spaces() -> tuple[str, ...]:
     return (*_INCLUDED_SPACES, *sorted(set(names) - _INCLUDED_SPACES.keys()))
 
 
-def register_scenario(scenario: Scenario) -> Scenario:
+def register_scenario(entry: Scenario | ScenarioSpace) -> Scenario | ScenarioSpace:
     """Register a scenario, so that every command and environment accepts its name, and return it.
 
-    Gymnasium and PettingZoo then make it as `lissajous/NAME-v0`.
+    Gymnasium and PettingZoo then make it as `lissajous/NAME-v0`. The scenarios of a space that is registered have the
+    names NAME-SEED, and environments of the space draw them.
 
     Raises:
-        ValueError: the argument is no scenario, its name is invalid, or a different scenario or space has that name. In
-            a notebook, it replaces one that was registered before.
+        ValueError: the argument is neither a scenario nor a space, its name is invalid, or a different one has that
+            name. In a notebook, it replaces one that was registered before.
     """
+<<<<<<< HEAD
     require(isinstance(scenario, Scenario), "scenario", "must be a Scenario to be registered", scenario)
     register_ids(ENTRIES.add(scenario).name)
     warn_of_violations(scenario)
@@ -108,6 +110,12 @@ def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
     require(isinstance(space, ScenarioSpace), "space", "must be a ScenarioSpace to be registered", space)
     register_ids(ENTRIES.add(space).name, is_space=True)
     return space
+=======
+    fits = isinstance(entry, (Scenario, ScenarioSpace))
+    require(fits, "scenario", "must be a Scenario or a ScenarioSpace to be registered", entry)
+    register_ids(ENTRIES.add(entry).name, is_space=isinstance(entry, ScenarioSpace))
+    return entry
+>>>>>>> main
 
 
 def register_ids(name: str, is_space: bool = False) -> None:

@@ -5,11 +5,19 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 42_738
+<<<<<<< HEAD
+LINES = 42_728
+=======
+LINES = 42_728
+>>>>>>> main
 """Lines of the packages."""
 MODULES = 258
 """Files of the packages."""
-TESTS = 25_896
+<<<<<<< HEAD
+TESTS = 25_902
+=======
+TESTS = 25_902
+>>>>>>> main
 """Lines of the tests."""
 
 

@@ -103,7 +103,7 @@ def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space(monkeypatc
         made = dataclasses.replace(lissajous_env.scenario("failure", **{"task.duration": duration}), name=name)
         lissajous_env.register_scenario(made)
         space = lissajous_env.ScenarioSpace("of-a-cell", made, {"targets": {"count": "choice(1, 2)"}})
-        lissajous_env.register_scenario_space(space)
+        lissajous_env.register_scenario(space)
 
     register("mine", 2.0)
     with pytest.raises(ValueError, match="name of a scenario must be new, got 'mine'"):
