@@ -91,31 +91,12 @@ def register_scenario(entry: Scenario | ScenarioSpace) -> Scenario | ScenarioSpa
         ValueError: the argument is neither a scenario nor a space, its name is invalid, or a different one has that
             name. In a notebook, it replaces one that was registered before.
     """
-<<<<<<< HEAD
-    require(isinstance(scenario, Scenario), "scenario", "must be a Scenario to be registered", scenario)
-    register_ids(ENTRIES.add(scenario).name)
-    warn_of_violations(scenario)
-    return scenario
-
-
-def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
-    """Register a space, so that commands and environments accept its scenarios as NAME-SEED, and return it.
-
-    Gymnasium and PettingZoo then make environments of the space as `lissajous/NAME-v0`.
-
-    Raises:
-        ValueError: the argument is no space, its name is invalid, or a different space or scenario has that name. In a
-            notebook, it replaces one that was registered before.
-    """
-    require(isinstance(space, ScenarioSpace), "space", "must be a ScenarioSpace to be registered", space)
-    register_ids(ENTRIES.add(space).name, is_space=True)
-    return space
-=======
     fits = isinstance(entry, (Scenario, ScenarioSpace))
     require(fits, "scenario", "must be a Scenario or a ScenarioSpace to be registered", entry)
     register_ids(ENTRIES.add(entry).name, is_space=isinstance(entry, ScenarioSpace))
+    if isinstance(entry, Scenario):
+        warn_of_violations(entry)
     return entry
->>>>>>> main
 
 
 def register_ids(name: str, is_space: bool = False) -> None:

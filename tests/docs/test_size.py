@@ -5,19 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-<<<<<<< HEAD
-LINES = 42_728
-=======
-LINES = 42_728
->>>>>>> main
+LINES = 42_709
 """Lines of the packages."""
 MODULES = 258
 """Files of the packages."""
-<<<<<<< HEAD
-TESTS = 25_902
-=======
-TESTS = 25_902
->>>>>>> main
+TESTS = 25_894
 """Lines of the tests."""
 
 
