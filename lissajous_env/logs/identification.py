@@ -3,11 +3,11 @@
 The log is cut into segments. Each is predicted by the model from a start that is fitted too, so that noise of the first
 pose does not matter, and the constants are those of the smallest sum of squared differences in x, y, heading and speed,
 each in units of its own deviation. The dead zone, on which a prediction does not depend smoothly, is the best of the
-values between the throttles of the log. A fit begins with given constants and, where a car does not move like the
-result, again with an estimate from the log.
+values between the throttles of the log. Fits begin with given constants and, for cars, with an estimate from the log.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any, NamedTuple
@@ -246,35 +246,9 @@ class _Fit:
         self._zones = np.concatenate([[self._throttles[0] - 1e-3], middles])
 
     def run(self) -> Identified:
-        """Fit from the guess and, if a car does not move like that, from constants that are estimated from the log."""
-        starts = self._starts.copy()
-        fits = [self._fitted(self._guess)]
-        if fits[0].misfits and "dead_zone" in self._model.constants:
-            self._scale, self._starts = _FIRST_SCALE, starts
-            fits.append(self._fitted(self._estimate()))
-        return min(fits, key=lambda fit: (len(fit.misfits), fit.residual["position"]))
-
-    def _estimate(self) -> np.ndarray:
-        """Return constants of a car by linear regression on the changes of heading and speed between two poses."""
-        same = (np.diff(self._segment) == 0) & (np.diff(self._time) > 0)
-        heading, speed = (np.diff(self._measured[:, k])[same] / np.diff(self._time)[same] for k in (2, 3))
-        steering, throttle = self._commands.before(self._time[:-1][same]).T
-        driven = 0.5 * (self._measured[1:, 3] + self._measured[:-1, 3])[same]
-        turning = driven * np.tan(steering)
-        on = throttle > self._guess[5]
-        rows = np.stack([throttle, -np.ones_like(throttle), -driven], axis=1)[on]
-        drive, offset, drag = np.linalg.lstsq(rows, speed[on], rcond=None)[0]
-        wheelbase = (turning**2).sum() / max((turning * heading).sum(), 1e-9)
-        return np.array([*np.maximum([wheelbase, drag, drive, offset], 1e-3), *self._guess[4:]])
-
-    def _fitted(self, guess: np.ndarray) -> Identified:
         """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
         limits = np.isin(list(self._model.constants), self._model.limits)
-        begins = []
-        for delay, share in product(_DELAYS, _LIMITS if limits.any() else (1.0,)):
-            begins.append(np.where(limits, share, 1.0) * guess)
-            begins[-1][4:] = [delay, 0.0][: len(self._guess) - 4]
-        constants, zone_error = self._best_of(np.array(begins)), []
+        constants, zone_error = self._best_of(self._begins(limits)), []
         if "dead_zone" in self._model.constants:
             constants, error = self._with_dead_zone(constants)
             zone_error.append(error)
@@ -291,6 +265,30 @@ class _Fit:
             dict(zip(self._model.constants, map(float, row), strict=True)) for row in (constants, errors)
         )
         return Identified(values, deviations, residual, len(self._time), self._misfits(residual))
+
+    def _begins(self, limits: np.ndarray) -> list[np.ndarray]:
+        """Return the constants with which fits begin: the guess, of cars also an estimate, each with some delays.
+
+        `limits` is True for the constants that limit changes, which also begin with shares of the guess.
+        """
+        begins, guesses = [], [self._guess, *([self._estimate()] if "dead_zone" in self._model.constants else [])]
+        for guess, delay, share in product(guesses, _DELAYS, _LIMITS if limits.any() else (1.0,)):
+            begins.append(np.where(limits, share, 1.0) * guess)
+            begins[-1][4:] = [delay, 0.0][: len(guess) - 4]
+        return begins
+
+    def _estimate(self) -> np.ndarray:
+        """Return constants of a car by linear regression on the changes of heading and speed between two poses."""
+        same = (np.diff(self._segment) == 0) & (np.diff(self._time) > 0)
+        heading, speed = (np.diff(self._measured[:, k])[same] / np.diff(self._time)[same] for k in (2, 3))
+        steering, throttle = self._commands.before(self._time[:-1][same]).T
+        driven = 0.5 * (self._measured[1:, 3] + self._measured[:-1, 3])[same]
+        turning = driven * np.tan(steering)
+        on = throttle > self._guess[5]
+        rows = np.stack([throttle, -np.ones_like(throttle), -driven], axis=1)[on]
+        drive, offset, drag = np.linalg.lstsq(rows, speed[on], rcond=None)[0]
+        wheelbase = (turning**2).sum() / max((turning * heading).sum(), 1e-9)
+        return np.array([*np.maximum([wheelbase, drag, drive, offset], 1e-3), *self._guess[4:]])
 
     def _misfits(self, residual: dict[str, float]) -> tuple[str, ...]:
         """Return the names of the residuals that the noise of the log does not explain."""
@@ -384,7 +382,7 @@ class _Fit:
         place = int(np.searchsorted(self._throttles, constants[-1]))
         return constants, 0.5 * float(self._throttles[place] - self._throttles[place - 1])
 
-    def _best_of(self, sets: np.ndarray) -> np.ndarray:
+    def _best_of(self, sets: Iterable[np.ndarray]) -> np.ndarray:
         """Return the constants of the best of some fits that begin with sets of constants."""
         begun, fits = self._starts, []
         for constants in sets:
