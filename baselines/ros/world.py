@@ -73,8 +73,8 @@ class WorldNode(ros.Node):
         self.loop = ros.make_executor()
         self.loop.add_node(self)
         self._robots = [self._connect(k) for k in range(count)]
-        self._send_clock = self.create_publisher(ros.Clock, "/clock", ros.reliable(1)).publish
-        self._send_episode = self.create_publisher(ros.String, EPISODE, ros.lasting()).publish
+        self._send_clock = self.create_publisher(ros.Clock, "/clock", 1).publish
+        self._send_episode = self.create_publisher(ros.String, EPISODE, ros.LASTING).publish
 
     @property
     def now(self) -> float:
@@ -120,7 +120,7 @@ class WorldNode(ros.Node):
 
     def _connect(self, robot: int) -> dict[str, Any]:
         """Listen to a robot, and return its services and the functions that publish its topics, by their names."""
-        names, reliable = f"/robot_{robot}/", ros.reliable()
+        names, reliable = f"/robot_{robot}/", ros.RELIABLE
         for topic, cls in self._command_topics.items():
             command = partial(self._command, robot, topic)
             self.create_subscription(getattr(ros, cls), names + topic, command, reliable)
@@ -128,7 +128,7 @@ class WorldNode(ros.Node):
         self.create_subscription(ros.JointState, names + "message", partial(self._meet, robot), reliable)
         outputs = {"odom": ros.Odometry, "pose": ros.PoseStamped, "robots": ros.PointCloud2, "targets": ros.PointCloud2}
         connected = {name: self.create_publisher(cls, names + name, reliable).publish for name, cls in outputs.items()}
-        connected["status"] = self.create_publisher(ros.UInt8, names + "status", ros.lasting()).publish
+        connected["status"] = self.create_publisher(ros.UInt8, names + "status", ros.LASTING).publish
         return connected | {name: self.create_client(ros.Trigger, names + name) for name in ("start", "stop")}
 
     def _command(self, robot: int, topic: str, message: Any) -> None:
