@@ -23,14 +23,13 @@ from lissajous_env.parameters.extensions import (
 )
 from lissajous_env.parameters.named import (
     register_scenario,
-    register_scenario_space,
     scenario,
     scenario_space,
     scenario_spaces,
     scenarios,
 )
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
-from lissajous_env.parameters.rogues import Rogue, register_rogue, rogue, rogues
+from lissajous_env.parameters.rogues import rogue, rogues
 from lissajous_env.parameters.scenario import (
     Curve,
     Faults,
@@ -59,7 +58,6 @@ __all__ = [
     "Noise",
     "Robot",
     "RobotModel",
-    "Rogue",
     "Scenario",
     "ScenarioSpace",
     "Sensing",
@@ -71,9 +69,7 @@ __all__ = [
     "observation_entry",
     "parallel_env",
     "register_robot_model",
-    "register_rogue",
     "register_scenario",
-    "register_scenario_space",
     "reward_term",
     "rogue",
     "rogues",

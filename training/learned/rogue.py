@@ -1,7 +1,7 @@
 """Learned rogues: checkpoints whose network maps a row of `lissajous_env.world.rogues.acting` to a velocity.
 
-`targets.rogues`, and `--rogues` of the commands, accept the folder of such a checkpoint like the name of a script. The
-included ones, in `training/rogues`, have the names of their folders.
+`targets.rogues` accepts the folder of such a checkpoint like the name of a script. The included ones, in
+`training/rogues`, have the names of their folders.
 """
 
 from collections.abc import Mapping
@@ -56,4 +56,4 @@ def as_rogue(name: str, network: RogueNetwork, card: Card) -> Rogue:
 
     against = str(card.settings.get("against") or "")
     words = f"learned on {card.scenario}" + (f" against {against}" if against else "")
-    return Rogue(name, decide, words, trained_on=card.scenario, trained_against=against)
+    return Rogue(name, decide, words)
