@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 42_571
+LINES = 42_524
 """Lines of the packages."""
-MODULES = 257
+MODULES = 258
 """Files of the packages."""
-TESTS = 25_871
+TESTS = 25_868
 """Lines of the tests."""
 
 
