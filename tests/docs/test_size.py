@@ -5,19 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-<<<<<<< HEAD
 LINES = 42_591
 """Lines of the packages."""
 MODULES = 259
 """Files of the packages."""
-TESTS = 25_906
-=======
-LINES = 42_591
-"""Lines of the packages."""
-MODULES = 259
-"""Files of the packages."""
-TESTS = 25_906
->>>>>>> main
+TESTS = 25_898
 """Lines of the tests."""
 
 
