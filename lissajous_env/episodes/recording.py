@@ -238,7 +238,7 @@ def record(
     Raises:
         InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
     """
-    return record_all(policy, named.scenario(scenario, **overrides), [seed], device)[0]
+    return record_all(policy, named.build(scenario, **overrides), [seed], device)[0]
 
 
 def record_all(

@@ -38,7 +38,7 @@ class Mine:
     def act(self, observation):
         return np.full(self.shape, half(), dtype=np.float32)
 
-@lissajous_env.score_column("max")
+@lissajous_env.score_column(reduce="max")
 def fast(world):
     return half() * world.robots.speed.max(axis=1)
 """
