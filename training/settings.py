@@ -1,8 +1,10 @@
 """The settings of a training of robots, which are the command line of `lissajous train`, and of one of rogues."""
 
+import contextlib
 import dataclasses
 import itertools
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +18,7 @@ from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.named import scenario_space, space_and_split
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.checks import Checked, is_whole, number, rows, whole
@@ -122,7 +125,8 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
-            registry.find(self.rival).check(self.make_scenario())
+            with self.without_warnings():
+                registry.find(self.rival).check(self.make_scenario())
 
     @cached_property
     def space(self) -> ScenarioSpace | None:
@@ -137,6 +141,14 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
             rule = f"must be the name of a space without a split, because a training uses the split {TRAINING_SPLIT}"
             raise ValueError(f"scenario {rule} and is validated on {VALIDATION_SPLIT}, got {self.scenario}")
         return scenario_space(self.scenario)
+
+    @contextlib.contextmanager
+    def without_warnings(self) -> Iterator[None]:
+        """Suppress, for a space, the warnings about assumptions of the paper that its scenarios violate."""
+        with warnings.catch_warnings():
+            if self.space is not None:
+                warnings.simplefilter("ignore", AssumptionWarning)
+            yield
 
     @property
     def num_groups(self) -> int:
@@ -171,8 +183,9 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
         """Return the scenarios of the validations, with `lean_overrides`."""
         if self.space is None:
             return [make_scenario(self.scenario, **self.lean_overrides)]
-        scenarios = self.space.overridden(self.lean_overrides).scenarios(VALIDATION_SPLIT)
-        return list(itertools.islice(scenarios, MAX_VALIDATION_SCENARIOS))
+        with self.without_warnings():
+            scenarios = self.space.overridden(self.lean_overrides).scenarios(VALIDATION_SPLIT)
+            return list(itertools.islice(scenarios, MAX_VALIDATION_SCENARIOS))
 
     @cached_property
     def lean_overrides(self) -> dict[str, Any]:

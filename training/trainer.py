@@ -15,7 +15,6 @@ that it moves a robot farther (J. Hollenstein, G. Martius, J. Piater, "Colored N
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
 from functools import partial
 from typing import Any
 
@@ -26,7 +25,6 @@ from torch import Tensor, nn
 
 import baselines
 from lissajous_env.console.terminal import make_console, print_line
-from lissajous_env.parameters.assumptions import quietly
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import TeamNetwork
@@ -67,7 +65,7 @@ def train(
     console = console or make_console()
     say = partial(print_line, console)
     torch.set_num_threads(settings.threads or 1)
-    with checkpoint.locked(settings.out) as folder, quietly() if settings.space else nullcontext():
+    with checkpoint.locked(settings.out) as folder, settings.without_warnings():
         state, began, diagnostics = Training(settings), time.monotonic(), {}
         card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
         history = _resume_or_begin(settings, state, card, say)

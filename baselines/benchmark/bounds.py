@@ -41,7 +41,7 @@ FOUND = "found.toml"
 def as_played(scenario: str, overrides: Mapping[str, Any]) -> Scenario:
     """Make a scenario as a benchmark plays it: with the fields of the settings, and its grid."""
     grid = {"task.contamination": GRIDS[scenario]} if scenario in GRIDS else {}
-    return named.scenario(scenario, **grid | dict(overrides))
+    return named.build(scenario, **grid | dict(overrides))
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def all_known() -> tuple[BestKnown, ...]:
     return tuple(
         BestKnown(
             folder.name,
-            named.scenario(str(folder / SCENARIO_FILE)),
+            named.build(str(folder / SCENARIO_FILE)),
             PolicySettings.read(folder),
             **tomllib.loads((folder / FOUND).read_text(encoding="utf-8")),
         )

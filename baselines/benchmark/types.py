@@ -181,7 +181,7 @@ def cells_of(
     kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     registered = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
     given = settings.scenarios if scenarios is None else scenarios
-    played = [named.scenario(scenario, **settings.overrides) for scenario in given]
+    played = [named.build(scenario, **settings.overrides) for scenario in given]
     if not played:
         raise ValueError("scenarios must contain at least one scenario, got none")
     for name in registered:

@@ -11,12 +11,14 @@ from lissajous_env.console.terminal import (
     CommandError,
     OutputOptions,
     Overrides,
+    RogueName,
     parse_overrides,
 )
 
 
 def benchmark(
     settings: tyro.conf.OmitArgPrefixes[Benchmark],
+    rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> int:
@@ -32,7 +34,7 @@ def benchmark(
     """
     from baselines.benchmark import written
 
-    settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
+    settings = dataclasses.replace(settings, overrides=parse_overrides(overrides, rogues))
     try:
         outcome = measure(settings, console=output.console(), progress=output.progress())
     except KeyboardInterrupt:

@@ -7,7 +7,7 @@ import tyro
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
 from baselines.commands.playing import DEFAULT_PLAY, Play, check_file, naming, with_policy
-from lissajous_env.console.terminal import OutFile
+from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.storage.files import write_atomically
 
 _Names = Annotated[
@@ -22,6 +22,7 @@ def evaluate(
     episodes: int = 64,
     batch: int = 16,
     out: OutFile = None,
+    rogues: RogueName = None,
     common: Play = DEFAULT_PLAY,
 ) -> None:
     """Play one policy on scenarios and print statistics of every score.
@@ -43,7 +44,7 @@ def evaluate(
     from baselines.benchmark.written import as_csv
 
     check_file(out, ".csv")
-    settings, cells = common.cells(names, episodes, batch)
+    settings, cells = common.cells(names, episodes, batch, rogues)
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
     with Progress([(cell, numbers) for cell in cells], common.progress()) as progress:

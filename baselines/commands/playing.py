@@ -36,13 +36,16 @@ class PlayOptions(Output):
     device: Device = "cpu"
     overrides: Overrides = ()
 
-    def cells(self, names: Sequence[str], episodes: int = 1, batch: int = 1) -> tuple[Benchmark, list[Cell]]:
+    def cells(
+        self, names: Sequence[str], episodes: int = 1, batch: int = 1, rogues: str | None = None
+    ) -> tuple[Benchmark, list[Cell]]:
         """Return the settings and the cells of some episodes of a policy on scenarios.
 
         Args:
             names: Scenarios, then the policy; or a policy's folder alone, which is played on its own scenario.
             episodes: Number of episodes on each scenario.
             batch: Number of episodes that are played together.
+            rogues: Adversary that moves all targets.
 
         Raises:
             ValueError: as `split_scenarios_and_policy` and `cells_of`, the folder has no scenario, or all policies.
@@ -50,7 +53,7 @@ class PlayOptions(Output):
         own = [registry.own_scenario(names[0])] if len(names) == 1 and registry.is_folder(names[0]) else None
         scenarios, policy = split_scenarios_and_policy(names) if own is None else ((names[0],), names[0])
         require(policy != ALL, "policy", "must be the name of one policy", policy)
-        changed = parse_overrides(self.overrides)
+        changed = parse_overrides(self.overrides, rogues)
         settings = Benchmark(scenarios, (policy,), episodes, self.seed, batch, self.device, overrides=changed)
         return settings, cells_of(settings, scenarios=own)
 

@@ -211,7 +211,7 @@ def _formation(scenario: Scenario, settings: Settings) -> Plan:
         coordinator = {"speed": float(f"{cruise:.6g}")}
         pace = f"{coordinator['speed']:.3g} m/s"
     about = f"a:b = {curve.a}:{curve.b}, p = {fields['formation.p']}, {pace}"
-    return Plan(FORMATIONS, named.scenario(scenario, **fields), PolicySettings(policy, {}, coordinator), about)
+    return Plan(FORMATIONS, named.build(scenario, **fields), PolicySettings(policy, {}, coordinator), about)
 
 
 def _formation_policies(scenario: Scenario) -> list[str]:
@@ -285,4 +285,4 @@ def on_ellipse(scenario: Scenario, fastest: float) -> Scenario:
     """
     ellipse = Curve(scenario.driven.half_width, scenario.driven.half_height, 1, 1)
     rate = float(f"{fastest / geometry.largest_speed(ellipse):.6g}")
-    return named.scenario(scenario, **formation_overrides(scenario, ellipse, rate))
+    return named.build(scenario, **formation_overrides(scenario, ellipse, rate))

@@ -18,14 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.planning.plans import absolute
-from baselines.planning.rehearse import cells
+from baselines.planning.rehearse import cells, quietly
 from baselines.policies import registry
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
-from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import read_json
 from lissajous_env.theory.geometry import turning_radius
@@ -277,7 +276,7 @@ def _first_suitable(name: str, scenario: str | Scenario, num_worlds: int, device
     reason: ValueError | None = None
     for settings in ordered(Prior.read(name), scenario):
         try:
-            return settings, settings.make(named.scenario(scenario), num_worlds, device)
+            return settings, settings.make(named.build(scenario), num_worlds, device)
         except UnsuitableScenarioError as error:
             reason = reason or error
     assert reason is not None
@@ -295,7 +294,7 @@ def ordered(prior: Prior, scenario: str | Scenario, count: int | None = None) ->
     Raises:
         UnsuitableScenarioError: the prior does not include the scenario.
     """
-    scenario = named.scenario(scenario).resolve()
+    scenario = named.build(scenario).resolve()
     order = np.argsort(prior.predicted(scenario), kind="stable").tolist()
     count = (REHEARSED if prior.has_seen(scenario) else 2 * REHEARSED) if count is None else count
     best = best_rehearsed(prior, scenario, count) if count else None
@@ -314,7 +313,7 @@ def rehearsal_of(scenario: Scenario, objective: str) -> Scenario:
         changes["targets.rogues"] = None
         if scenario.task.contamination is None:
             changes["task.contamination"] = cells(scenario, CELLS, _CELLS_IN_A_SENSOR)
-    return named.scenario(scenario, **changes)
+    return named.build(scenario, **changes)
 
 
 @lru_cache(maxsize=256)

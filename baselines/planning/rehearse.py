@@ -6,6 +6,7 @@ A look at a plan plays a few short episodes on a coarse grid; the best plans are
 import dataclasses
 import itertools
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 from baselines.planning.plans import BEYOND, GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters import named
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
@@ -53,7 +55,7 @@ class Episodes:
 
     def with_failures(self, scenario: Scenario) -> Scenario:
         """Return a scenario in which `failures` more robots fail for good; `remove_early` selects them and the time."""
-        return named.scenario(scenario, **{"faults.lost": self.lost(scenario)})
+        return named.build(scenario, **{"faults.lost": self.lost(scenario)})
 
     def lost(self, scenario: Scenario) -> int:
         """Return the number of robots that are removed in an episode with failures."""
@@ -212,4 +214,9 @@ def on_coarse_grid(scenario: Scenario) -> Scenario:
     """Return a scenario whose contamination is computed on the grid of a first look."""
     full = scenario.task.contamination or (1, 1)
     coarse = min(cells(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
-    return named.scenario(scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
+    return named.build(scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
+
+
+def quietly() -> warnings.catch_warnings:
+    """Return a context without warnings about assumptions of the paper, which plans violate on purpose."""
+    return warnings.catch_warnings(action="ignore", category=AssumptionWarning)

@@ -129,7 +129,7 @@ class Request(Checked, with_defaults=False, part=""):
     @cached_property
     def base(self) -> Scenario | None:
         """Return the scenario from which missing values are taken."""
-        return None if self.scenario is None else named.scenario(self.scenario)
+        return None if self.scenario is None else named.build(self.scenario)
 
     @property
     def episodes(self) -> Episodes:
@@ -169,14 +169,14 @@ class Request(Checked, with_defaults=False, part=""):
             if not self.open:
                 # The inset depends on the control step and on the speed along the curve, which the design determines.
                 walls = {"task.boundary": "wall"}
-                inset = named.scenario(scenario, **changed, **walls).inset
+                inset = named.build(scenario, **changed, **walls).inset
                 scenario = self._rectangle(num_robots, inset)
-                changed |= walls | _times(named.scenario(scenario, **{"curve.inset": inset}))
+                changed |= walls | _times(named.build(scenario, **{"curve.inset": inset}))
         else:
             scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
             changed["task.contamination"] = GRIDS.get(scenario.name) or cells(scenario, CELLS, 4.0)
-        return named.scenario(scenario.without_extensions(), **changed)
+        return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float) -> Scenario:
         """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation.
@@ -205,7 +205,7 @@ class Request(Checked, with_defaults=False, part=""):
             # A point is as fast at action 1 as the robots are where the curve is fastest.
             fastest = robot.top_speed / (chosen.alpha * largest_speed(chosen.curve.driven))
             robot = dataclasses.replace(robot, speed_max=None, phase_rate_max=fastest)
-        return named.scenario(base, **chosen.overrides, robot=robot, **{"sensing.radius": radius})
+        return named.build(base, **chosen.overrides, robot=robot, **{"sensing.radius": radius})
 
     def _with_changes(self, scenario: Scenario, num_robots: int) -> Scenario:
         """Return the given scenario with the changes of the request."""
@@ -234,11 +234,11 @@ class Request(Checked, with_defaults=False, part=""):
             changed |= paper_design(halves, robot, sensor, speed, num_robots, inset).overrides
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
             changed |= {"robot.count": None, "sensing.radius": sensor, "task.contamination": None}
-        scenario = named.scenario(scenario, **changed)
+        scenario = named.build(scenario, **changed)
         more: dict[str, Any] = {"task.grid": cells(scenario, _GRID)} if is_resized else {}
         if self.speed is not None and scenario.robot.kind == "curve":
             more["robot.phase_rate_max"] = self.speed / (scenario.alpha * largest_speed(scenario.driven))
-        return named.scenario(scenario, **more)
+        return named.build(scenario, **more)
 
 
 def _robot(robot: Robot, request: Request) -> Robot:

@@ -167,7 +167,7 @@ class Policy(Copyable, Remembering):
             rule = f"must be one of {', '.join(_ARRAYS)}"
             raise ValueError(f"arrays of {type(self).__name__} {rule}, got {shown(self.arrays)}")
         self.num_worlds = whole_number("num_worlds", num_worlds)
-        self.scenario = named.scenario(scenario).resolve()
+        self.scenario = named.build(scenario).resolve()
         self.num_robots = self.scenario.num_robots
         self.device = as_device(device)
         self.name = type(self).__name__

@@ -155,7 +155,7 @@ class Rows:
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario, self._places = _decoded(named.scenario(scenario))
+        self.scenario, self._places = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
         if self.values.shape[-1:] != (len(self._places),):
             rule = f"observation must have rows of {len(self._places)} numbers for {self.scenario.name}"

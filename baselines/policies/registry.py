@@ -15,7 +15,7 @@ from baselines.policies.base import Filter, Filtered, Policy
 from baselines.policies.safety.filter import Safe
 from baselines.policies.safety.proved import Proved
 from lissajous_env.identity import OURS, parts_of
-from lissajous_env.parameters.named import scenario as build_scenario
+from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import MODELS, model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import ByValue, Registry

@@ -146,5 +146,5 @@ def _parts(folder: str) -> dict[str, str]:
 
 
 registry.LOADERS[POLICY_FILE] = registry.Loader(
-    _make, lambda folder: named.scenario(str(Path(folder) / SCENARIO_FILE)), _parts
+    _make, lambda folder: named.build(str(Path(folder) / SCENARIO_FILE)), _parts
 )

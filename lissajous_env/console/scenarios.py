@@ -34,7 +34,7 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
     from lissajous_env.world.columns import task_score
 
     console = output.console()
-    given = [named.scenario(name) for name in named.expanded(names) or named.scenarios()]
+    given = [named.build(name) for name in named.expanded(names) or named.scenarios()]
     resolved_scenarios = [scenario.resolve() for scenario in given]
     _print_designs(console, resolved_scenarios)
     if names:
@@ -126,7 +126,7 @@ def value_of_feedback(scenario: "Scenario") -> float | None:
     observed: then no observation says where an undetected target is. It is None where it has not been measured.
     """
     entry = measured().get(scenario.name)
-    if entry is not None and scenario.resolve() == named.scenario(scenario.name).resolve():
+    if entry is not None and scenario.resolve() == named.build(scenario.name).resolve():
         return float(entry["value"])
     targets = scenario.targets
     leaves_at_sight = targets.leave and not targets.respawn and scenario.sight <= scenario.sensing_radius

@@ -25,8 +25,8 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.formulas import Formula
 
 _PLACE = r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*"
-_WORDS = re.compile(rf"{_PLACE}(,{_PLACE})*|(?!(None|True|False|inf|nan)$|\.\d)(?=.*[A-Za-z])[A-Za-z./][\w./-]*")
-"""A bare word, such as a name or a folder, or `module:name`, also several separated by commas."""
+_WORDS = re.compile(rf"{_PLACE}(,{_PLACE})*|(?!(None|True|False|inf|nan)$)[A-Za-z][\w-]*")
+"""A bare word, or `module:name`, also several separated by commas."""
 _PIPE = 120
 """Width of the output without a terminal and without COLUMNS."""
 _GAP = 2
@@ -87,6 +87,15 @@ Overrides = Annotated[
     ),
 ]
 """Type of a command's `--set name=value ...`; `parse_overrides` reads it."""
+RogueName = Annotated[
+    str | None,
+    tyro.conf.arg(
+        name="rogues",
+        metavar="NAME",
+        help="rogue (adversary) that moves all targets: wander, flee, shadow or follow-gap; or a "
+        "learned one, such as hide-from-sweep or a folder. By default targets move as the scenario defines.",
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -105,16 +114,18 @@ class Column:
     """Name in the list of omitted columns; by default the title."""
 
 
-def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
-    """Parse the arguments of `--set`.
+def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) -> dict[str, Any]:
+    """Parse the arguments of `--set`, and of `--rogues`.
 
-    A value is a Python literal (which may contain `inf`), a bare word, a folder, or `module:name`.
+    A value is a Python literal (which may contain `inf`), a bare word, or `module:name`.
 
     Raises:
         ValueError: an entry has no name, is given twice, or has another kind of value; or the rogues are agents, whose
             actions no command has.
     """
-    overrides: dict[str, Any] = {}
+    if rogues == AGENTS:
+        raise ValueError(f"rogues of a command must be the name of a rogue, such as flee, or a folder, got {AGENTS}")
+    overrides: dict[str, Any] = {} if rogues is None else {"rogues": rogues}
     for entry in (entry for group in groups for entry in tuple(group) or ("",)):
         name, equals, text = (part.strip() for part in entry.partition("="))
         if not equals or not name:
@@ -122,9 +133,6 @@ def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
         if name in overrides:
             raise ValueError(f"--set must give {name} once, got {entry!r} too")
         overrides[name] = text if _WORDS.fullmatch(text) else _literal(name, text)
-        if name in ("rogues", "targets.rogues") and overrides[name] == AGENTS:
-            rule = "must be the name of a rogue, such as flee, or a folder, for a command"
-            raise ValueError(f"{name} {rule}, got {AGENTS}")
     return overrides
 
 

@@ -62,6 +62,7 @@ class Batch(Stateful):
             accepts it: a name, a folder, a policy for `num_worlds` worlds, a factory, or a function
             `act(observation) -> action` on NumPy arrays (W, N, D) and (W, N, action_size).
         discrete_actions: True for actions that are indices of a table.
+        max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
         threads: CPU threads; all cores by default.
         seed: Seed of world 0 (world k has seed + k), or of the draws from a space; by default, the operating system
@@ -82,6 +83,7 @@ class Batch(Stateful):
         roles: str = "any",
         robots: Any = None,
         discrete_actions: bool = False,
+        max_cycles: int | None = None,
         device: Any = "cpu",
         threads: int | None = None,
         seed: int | None = None,
@@ -95,17 +97,18 @@ class Batch(Stateful):
         # With many groups, each is stepped by one thread; with few, all threads share the worlds of each.
         self._threads = 1 if 1 < num_groups >= self._cores else threads
         self._joined: Work | None = None
+        self._max_cycles = max_cycles
         space = space_and_split(scenario)
         if space is None:
             self.space, self.split = None, None
             require(num_groups == 1, "num_groups", "must be 1 without a space of scenarios", num_groups)
             given = {"rogues": AGENTS} | dict(overrides) if roles == "rogues" else overrides
-            first = largest = named.scenario(scenario, **given).resolve()  # type: ignore[arg-type]
+            first = largest = self._resolved(named.scenario(scenario, **given))  # type: ignore[arg-type]
             self._most_targets = first.target_capacity
         else:
             self.space, self.split = space[0].overridden(overrides), space[1]
             samples = itertools.islice(self.space.scenarios(self.split), FIRST_SCENARIOS)
-            samples = [sample.resolve() for sample in samples]
+            samples = [self._resolved(sample) for sample in samples]
             first, largest = samples[0], max(samples, key=lambda sample: sample.num_robots)
             self._first, self._most_targets = first, max(sample.target_capacity for sample in samples)
             for sample in samples:
@@ -192,7 +195,7 @@ class Batch(Stateful):
         """
         if self._draws is None:
             seed = int(drawn_seeds(1)[0]) if self._seeds[0] == _FROM_SYSTEM else int(self._seeds[0])
-            self._draws = Draws(self.space, self.split, seed, self._fits)  # type: ignore[arg-type]
+            self._draws = Draws(self.space, self.split, seed, self._resolved, self._fits)  # type: ignore[arg-type]
             chosen = np.ones_like(chosen)
         for group, simulation in enumerate(self.simulations):
             of_group = chosen[self.worlds_of(group)]
@@ -297,6 +300,10 @@ class Batch(Stateful):
 
     def _simulation(self, scenario: Scenario, seed: int = 0) -> Simulation:
         return Simulation(scenario, self.group_size, device=self._device, seed=seed, threads=self._threads)
+
+    def _resolved(self, scenario: Scenario) -> Scenario:
+        """Return a scenario with `max_cycles` as its number of steps, and with all derived fields."""
+        return named.with_cycles(scenario, self._max_cycles).resolve()
 
     def _fits(self, scenario: Scenario) -> bool:
         return scenario.num_robots <= self._most_robots and scenario.target_capacity <= self._most_targets

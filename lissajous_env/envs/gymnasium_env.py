@@ -37,6 +37,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         robots: Policy that drives the robots: a name, a policy, or a function; see `Batch`. The
             rogues are then the agent, and `rogues` is `agents`.
         discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.sides`.
+        max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
@@ -54,6 +55,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         *,
         robots: Any = None,
         discrete_actions: bool = False,
+        max_cycles: int | None = None,
         device: Any = "cpu",
         **overrides: Any,
     ):
@@ -62,12 +64,13 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
             roles="robots" if robots is None else "rogues",
             robots=robots,
             discrete_actions=discrete_actions,
+            max_cycles=max_cycles,
             device=device,
             overrides=overrides,
         )
         (self._side,) = batch.sides
         self.observation_space, self.action_space = self._side.team_spaces()
-        self._steps = batch.scenario.task.steps if batch.space is None else None
+        self._steps = batch.scenario.task.steps if batch.space is None else max_cycles
         self._running = False
         self._start(batch, render_mode)
 

@@ -38,7 +38,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
     Args:
         scenario: Name of a scenario, or a `Scenario`.
         num_envs: Number of worlds W.
-        max_episode_steps: Limit on the steps of an episode, which `gymnasium.make_vec` passes from a specification.
+        max_cycles: Number of steps of an episode, instead of `task.duration`.
+        max_episode_steps: Limit on these steps, which `gymnasium.make_vec` passes if a specification contains it.
         discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.sides`.
         agents_as_rows: True for one row per robot.
         autoreset_mode: `NEXT_STEP` (the step after the end resets), `SAME_STEP` or `DISABLED`, or the enum.
@@ -56,6 +57,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         scenario: str | Scenario = "experiment",
         num_envs: int = 1,
         *,
+        max_cycles: int | None = None,
         max_episode_steps: int | None = None,
         discrete_actions: bool = False,
         agents_as_rows: bool = False,
@@ -69,9 +71,9 @@ class LissajousVectorEnv(Timed, VectorEnv):
         fits = isinstance(name, str) and name in modes
         require(fits, "autoreset_mode", f"must be one of {', '.join(modes)}", autoreset_mode)
         self.autoreset_mode = modes[name]
-        variant = named.scenario(scenario, **overrides)
+        variant = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
         if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < variant.task.steps:
-            variant = named.scenario(variant, **{"task.duration": max_episode_steps * variant.task.step})
+            variant = named.with_cycles(variant, max_episode_steps)
         self._steps = variant.task.steps
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
         self.batch = Batch(variant, whole_number("num_envs", num_envs), roles="robots", **settings)

@@ -47,6 +47,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         render_mode: None, `rgb_array`, or `human` for a window; pictures of two scenarios differ in size.
         discrete_actions: True for actions that are indices of `lissajous_env.envs.sides.action_table`, and of
             `rogue_table` for rogues.
+        max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`; of a space, those that are given
             instead of drawn.
@@ -64,10 +65,11 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         render_mode: str | None = None,
         *,
         discrete_actions: bool = False,
+        max_cycles: int | None = None,
         device: Any = "cpu",
         **overrides: Any,
     ):
-        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device}
+        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "max_cycles": max_cycles, "device": device}
         batch = Batch(scenario, **settings, overrides=overrides)
         spaces = {name: side.spaces() for side in batch.sides for name in side.names}
         self.possible_agents = list(spaces)

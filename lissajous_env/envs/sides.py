@@ -209,7 +209,7 @@ def action_table(scenario: str | Scenario) -> np.ndarray:
     actions are velocities, rest and eight directions. With messages of k numbers, the table contains every motion with
     each of k + 1 messages: first zeros, then 1 in component 0 and zeros elsewhere, and so on.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     moves = np.array(scenario.model.table, dtype=np.float32)
     messages = np.eye(scenario.messages.size + 1, dtype=np.float32)[:, 1:]
     return np.hstack([np.tile(moves, (len(messages), 1)), np.repeat(messages, len(moves), axis=0)])
@@ -240,7 +240,7 @@ def state_names(scenario: str | Scenario) -> tuple[str, ...]:
     target is present and undetected, with x [half_width] and y [half_height], otherwise zeros; and the elapsed share of
     the episode. If policies send messages, the numbers of a robot end with the message that it sends.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     of_robot = (*_OF_ROBOT, *(f"message_{m}" for m in range(scenario.messages.size)))
     robots = [f"robot_{i}_{name}" for i in range(scenario.num_robots) for name in of_robot]
     targets = [f"target_{t}_{name}" for t in range(scenario.target_capacity) for name in _OF_TARGET]

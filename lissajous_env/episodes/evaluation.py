@@ -164,7 +164,7 @@ def evaluate(
         InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
         ValueError: an invalid policy, scenario or seed.
     """
-    seeds, variant = list(seeds), named.scenario(scenario, **overrides)
+    seeds, variant = list(seeds), named.build(scenario, **overrides)
     if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
         hint = "; `baselines.make` makes a policy by its name" if isinstance(policy, str) else ""
         raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}{hint}")
@@ -186,7 +186,7 @@ def episodes(
     `on_step` is called after each step.
     """
     seeds = list(seeds)
-    simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
+    simulation = Simulation(named.build(scenario), policy.num_worlds, device=device)
     runner = EpisodeRunner(policy, simulation)
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]

@@ -32,7 +32,7 @@ class IdealFormation:
     """
 
     def __init__(self, scenario: str | Scenario, radius: float | None = None, cells: int = CELLS):
-        self.scenario = named.scenario(scenario)
+        self.scenario = named.build(scenario)
         self.radius = self.scenario.sensing_radius if radius is None else radius
         curve, self._step = self.scenario.curve, self.scenario.task.step
         self._side = 2 * max(curve.half_width, curve.half_height) / cells

@@ -48,7 +48,7 @@ def robot_speed_limit(scenario: str | Scenario) -> float:
     For a car or differential drive it is that with the largest drive that `robot.drive_factors` and
     `noise.drive_spread` allow; for a point it is alpha `phase_rate_max` max ||r'||.
     """
-    scenario = named.scenario(scenario).resolve()
+    scenario = named.build(scenario).resolve()
     if scenario.robot.kind in ("car", "differential"):
         return scenario.top_speed_bound
     if scenario.robot.kind == "curve":
@@ -71,7 +71,7 @@ def mean_time_lower_bound(scenario: str | Scenario) -> float:
     NaN if nothing is proved: no targets, a custom motion or robot model, targets that appear at hotspots, by an
     extension or anew, or an episode that ends when robots are removed.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     targets, task, speed = scenario.targets, scenario.task, robot_speed_limit(scenario)
     mean_arrivals = targets.arrival_rate * task.duration
     if (
@@ -107,7 +107,7 @@ def worst_case_lower_bound(scenario: str | Scenario) -> float:
     cell of the contamination grid, and may be lower by as much. The bound is NaN if nothing is proved: no targets, a
     custom robot model, or an episode that ends when robots are removed.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     targets, task, speed, team = scenario.targets, scenario.task, robot_speed_limit(scenario), scenario.num_robots
     if not speed > 0 or _ends_early(scenario) or targets.count + targets.arrival_rate == 0:
         return math.nan

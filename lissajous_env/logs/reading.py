@@ -93,13 +93,13 @@ class _Reading:
         if len(poses) < FEWEST:
             rule = f"must have poses at {FEWEST} times at least in {self._name}"
             raise ValueError(f"{self._called([robot])} {rule}, got {len(poses)}")
-        position, (heading, speed, measured) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
+        position, (heading, speed) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
         if any(origin):
             position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
         known = np.isfinite(heading)
         heading[known] = np.unwrap(heading[known]) - origin[2]
         speed[~np.isfinite(speed)] = np.nan
-        return Track(poses.stamp, position, heading, speed, bool(measured.all()))
+        return Track(poses.stamp, position, heading, speed)
 
     def _check_times(self, tracks: Sequence[Track]) -> None:
         """Check that there is a time at which all robots have poses."""

@@ -5,7 +5,7 @@ assumptions are also necessary for a robot to follow the curve at all.
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 
 from lissajous_env.parameters.scenario import Scenario
@@ -28,19 +28,17 @@ def violations(scenario: Scenario) -> tuple[str, ...]:
     return (*_of_formation(scenario), *_of_robots(scenario))
 
 
-def warn_of_violations(scenario: Scenario) -> None:
-    """Warn about the assumptions that a scenario violates, for a policy that relies on them.
+def warn_of_violations(scenario: Scenario, allowed: Iterable[str] = ()) -> None:
+    """Warn about violated assumptions that are new in this process, not allowed, and in no included scenario.
 
-    Each violation is reported once per process, and none that an included scenario has on purpose.
+    Where actions are velocities, no policy follows the formation, and nothing is reported.
     """
-    if new := [words for words in violations(scenario) if words not in _reported | _violated_on_purpose()]:
+    if scenario.task.action == "velocity":
+        return
+    known = {*_reported, *allowed, *_violated_on_purpose()}
+    if new := [words for words in violations(scenario) if words not in known]:
         _reported.update(new)
         warnings.warn(f"scenario {scenario.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=outside())
-
-
-def quietly() -> warnings.catch_warnings:
-    """Return a context in which nothing is reported, for scenarios that violate assumptions on purpose."""
-    return warnings.catch_warnings(action="ignore", category=AssumptionWarning)
 
 
 @cache

@@ -15,6 +15,7 @@ import gymnasium
 import pettingzoo
 
 from lissajous_env import plugins
+from lissajous_env.parameters.assumptions import violations, warn_of_violations
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import (
     NAMES,
@@ -30,6 +31,8 @@ from lissajous_env.parameters.scenario_file import (
 )
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import Registry
+from lissajous_env.settings.checks import whole_number
+from lissajous_env.settings.task import MOST_STEPS
 from lissajous_env.wording import nearest, require, shown, where_raised
 
 _INCLUDED = included_scenarios()
@@ -41,6 +44,10 @@ _OF_FILE = re.compile(rf"(.+?\{SUFFIX}):(.+)")
 _SEED = re.compile(r"(?:(.+)-)?(\d+)")
 _FIRST, _MOST = 32, 10_000
 """Default number of scenarios that represent a split, and its limit."""
+_unused: set[str] = set()
+"""Violated assumptions of scenarios in folders of policies, which matter only if a policy uses the formation."""
+_POLICY = "policy.toml"
+"""Name of the file with the policy in such a folder."""
 
 
 def _register_brought(brought: Any) -> None:
@@ -87,6 +94,8 @@ def register_scenario(entry: Scenario | ScenarioSpace) -> Scenario | ScenarioSpa
     fits = isinstance(entry, (Scenario, ScenarioSpace))
     require(fits, "scenario", "must be a Scenario or a ScenarioSpace to be registered", entry)
     register_ids(ENTRIES.add(entry).name, is_space=isinstance(entry, ScenarioSpace))
+    if isinstance(entry, Scenario):
+        warn_of_violations(entry)
     return entry
 
 
@@ -117,9 +126,36 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     Raises:
         UnknownSettingError: an unknown field; the message suggests the closest match.
         ValueError: an unknown scenario, one that cannot be read or loaded, or an invalid value.
+
+    Warns:
+        AssumptionWarning: the scenario violates an assumption of the paper in a way that no included scenario does;
+            each violation is reported once per process. `lissajous_env.parameters.assumptions.violations` lists all.
+            The scenario in the folder of a policy is not reported: the policy may not use its formation.
     """
+    variant = build(name, **overrides)
+    if is_file(name) and os.path.isfile(os.path.join(os.path.dirname(name), _POLICY)):  # type: ignore[arg-type]
+        _unused.update(violations(variant))
+    elif overrides or name not in _INCLUDED:
+        warn_of_violations(variant, _unused)
+    return variant
+
+
+def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
+    """Make a scenario like `scenario`, without warnings, for callers that report violated assumptions themselves."""
     base = name if isinstance(name, Scenario) else _loaded(os.fspath(name) if isinstance(name, os.PathLike) else name)
     return overridden(base, overrides) if overrides else base
+
+
+def with_cycles(base: Scenario, max_cycles: int | None) -> Scenario:
+    """Return a scenario whose episodes last `max_cycles` steps instead of `task.duration`; None changes nothing.
+
+    Raises:
+        ValueError: not a whole number from 1 to 2^20.
+    """
+    if max_cycles is None:
+        return base
+    steps = whole_number("max_cycles", max_cycles, 1, MOST_STEPS)
+    return build(base, **{"task.duration": steps * base.task.step})
 
 
 def unknown_scenario(name: Any) -> ValueError:

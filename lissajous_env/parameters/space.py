@@ -282,6 +282,7 @@ class Draws:
         space: The space.
         split: Split or shift from which scenarios are drawn.
         seed: Whole number from 0 to 2^31 - 1.
+        change: Function that returns a drawn scenario with fields changed.
         fits: Function that returns False for scenarios to skip.
     """
 
@@ -290,16 +291,17 @@ class Draws:
         space: ScenarioSpace,
         split: str,
         seed: int,
+        change: Callable[[Scenario], Scenario],
         fits: Callable[[Scenario], bool],
     ):
-        self.seed, self._fits = seed, fits
+        self.seed, self._change, self._fits = seed, change, fits
         self.split = None if split in space.shifts else split
         self.space = space.shifted(split) if split in space.shifts else space
         self._counts: dict[int, int] = {}
         """Number of draws of each group so far, those included that were not used."""
 
     def next(self, group: int) -> tuple[Scenario, int]:
-        """Return the next scenario of a group, with all fields filled in, and a seed for its worlds.
+        """Return the next scenario of a group, and a seed for its worlds.
 
         Raises:
             ValueError: ten thousand draws contain none that fits.
@@ -310,6 +312,6 @@ class Draws:
             seed = _hashed(f"{start}/scenario/{group}/{draw}") % LAST_SEED
             if self.split is not None and self.space.split_of(seed) != self.split:
                 continue
-            if self._fits(scenario := self.space.sample(seed).resolve()):
+            if self._fits(scenario := self._change(self.space.sample(seed))):
                 return scenario, _hashed(f"{start}/episodes/{group}/{draw}") % LAST_SEED // 2
         raise ValueError(f"space {self.space.name} must contain more scenarios of the largest size, got none")

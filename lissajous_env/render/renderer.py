@@ -33,7 +33,7 @@ class Renderer:
     """
 
     def __init__(self, scenario: str | Scenario, size: float = 1.0):
-        self.scenario = named.scenario(scenario).resolve()
+        self.scenario = named.build(scenario).resolve()
         self.view = View.of(self.scenario, size)
         self.picture = opaque(self.view.size)
         """The latest picture, as a pygame surface."""

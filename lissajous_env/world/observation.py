@@ -117,7 +117,7 @@ class Layout(NamedTuple):
 
 def layout(scenario: str | Scenario) -> Layout:
     """Return the layout of the observation of one robot of a scenario."""
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     parts = [("", OWN_ENTRIES), *((f"neighbour_{k}_", NEIGHBOUR_ENTRIES) for k in range(2))]
     parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.sensing.robots_seen)]
     parts += [(f"target_{k}_", TARGET_ENTRIES) for k in range(scenario.sensing.targets_seen)]

@@ -1,6 +1,6 @@
 """The simulation: a batch of worlds of one scenario, on one device."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
@@ -85,7 +85,8 @@ class Simulation(Copyable):
         fits = threads is None or (is_whole(threads) and threads >= 1)
         require(fits, "threads", "must be a whole number of at least 1 or None", threads)
         seed = whole_number("seed", seed, 0, LAST_SEED)
-        self.scenario = named.scenario(scenario, **overrides).resolve()
+        is_made = isinstance(scenario, Scenario) and not overrides  # it has given its warnings already
+        self.scenario = (cast(Scenario, scenario) if is_made else named.scenario(scenario, **overrides)).resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
         self.threads = threads or cores()

@@ -96,10 +96,10 @@ def test_bad_options_of_a_search_and_of_a_training_are_refused_by_name(arguments
         (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
         (["evaluate", "failure", "x[/b]"], "got 'x[/b]'"),
         (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
-        (["run", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
-        (["run", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
+        (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
+        (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
         (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .mp4 or .gif"),
-        (["run", "nowhere.npz"], "nowhere.npz"),
+        (["replay", "nowhere.npz"], "nowhere.npz"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_exit_code_2(arguments, words, tmp_path, monkeypatch, capsys):
@@ -167,7 +167,7 @@ def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
     assert episodes.read_text().endswith("\n")
 
 
-def test_run_makes_files_and_need_no_display(tmp_path, capsys, monkeypatch):
+def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")  # that of a notebook
@@ -178,21 +178,22 @@ def test_run_makes_files_and_need_no_display(tmp_path, capsys, monkeypatch):
     assert "there is no display" in error
     assert called(capsys, *short, "--out", "episode.npz")[0] == 0
     assert "MPLBACKEND" not in os.environ
-    assert called(capsys, "run", "episode.npz", "--out", "film.gif")[0] == 0
+    assert called(capsys, "replay", "episode.npz", "--out", "film.gif")[0] == 0
     assert (tmp_path / "film.gif").read_bytes().startswith(b"GIF89a")
-    assert called(capsys, "run", "episode.npz")[1] == shown
+    assert "there is no display" in refusal_of(capsys, "replay", "episode.npz")
     # Oracle: the same episode through `evaluate`, as `run` prints it.
     scenario = lissajous_env.scenario("failure", **{"task.duration": 1.0})
     (row,) = lissajous_env.evaluate(baselines.make("kuramoto", scenario), scenario, seeds=[3])
     assert re.search(rf"^min_separation +{row['min_separation']:.3f}$", shown, re.MULTILINE)
     (tmp_path / "episode.npz").write_bytes((tmp_path / "episode.npz").read_bytes()[:1000])
-    assert "episode.npz" in refusal_of(capsys, "run", "episode.npz", "--out", "film.gif")
+    assert "episode.npz" in refusal_of(capsys, "replay", "episode.npz", "--out", "film.gif")
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["benchmark", "--epsiodes", "3"], "--epsiodes"),
+        (["run"], "--help"),
         (["scenarios", "--episodes"], "--episodes"),
         (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
         (["train", "--learning-rate", "1000"], "learning_rate must be from 1e-12 to 1, got 1000.0"),

@@ -33,5 +33,5 @@ def test_every_command_has_help_with_an_example(name, capsys):
 
 
 def test_help_names_the_scenario_first(capsys):
-    for command, usage in (("run", "SCENARIO POLICY | FOLDER | FILE"), ("evaluate", "[SCENARIO ...] POLICY")):
+    for command, usage in (("run", "SCENARIO [POLICY]"), ("evaluate", "[SCENARIO ...] POLICY")):
         assert usage in called(capsys, command, "--help")[1]

@@ -55,7 +55,7 @@ SHORTER = {
     "exploit": "--episodes 1",
 }
 """Options added to a command to shorten it."""
-LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "run", "train")
+LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "train")
 """Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",

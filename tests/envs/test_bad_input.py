@@ -105,8 +105,8 @@ def test_worlds_and_seeds_of_a_reset():
 
 def test_steps_outside_an_episode():
     for make, action in (
-        (lambda: parallel_env("experiment", **{"task.duration": 0.2}), {f"robot_{i}": np.zeros(2) for i in range(5)}),
-        (lambda: LissajousEnv("experiment", **{"task.duration": 0.2}), np.zeros((5, 2))),
+        (lambda: parallel_env("experiment", max_cycles=2), {f"robot_{i}": np.zeros(2) for i in range(5)}),
+        (lambda: LissajousEnv("experiment", max_cycles=2), np.zeros((5, 2))),
     ):
         one = make()
         with pytest.raises(ResetNeeded):

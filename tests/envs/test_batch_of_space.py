@@ -117,7 +117,7 @@ def test_invalid_arguments_are_refused_by_name(changes, words):
 def test_draws_that_do_not_fit_are_skipped(monkeypatch):
     # Oracle: the scenarios of another sequence from the same seed, without those that are skipped.
     def draws(fits):
-        return Draws(SPACE, "train", 5, fits)
+        return Draws(SPACE, "train", 5, lambda made: made, fits)
 
     every, few = draws(lambda made: True), draws(lambda made: made.num_robots == 3)
     due = [drawn for drawn in (every.next(0) for _ in range(20)) if drawn[0].num_robots == 3]

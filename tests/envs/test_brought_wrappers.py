@@ -11,13 +11,12 @@ from gymnasium.error import ResetNeeded
 import lissajous_env
 
 ID = "lissajous_env:lissajous/experiment-v0"
-REMOVING = {"task.on_collision": "remove", "task.boundary": "remove", "task.duration": 4.0}
-SIDES = {"rogues": "agents", "targets.count": 2, "targets.arrival_rate": 0.0, "task.duration": 0.6}
-SHORT = {"task.duration": 0.5}
+REMOVING = {"task.on_collision": "remove", "task.boundary": "remove", "max_cycles": 40}
+SIDES = {"rogues": "agents", "targets.count": 2, "targets.arrival_rate": 0.0, "max_cycles": 6}
 
 
 def made(**more):
-    return gymnasium.make(ID, **SHORT, **more)
+    return gymnasium.make(ID, max_cycles=5, **more)
 
 
 def shapes(infos):
@@ -27,10 +26,10 @@ def shapes(infos):
 SINGLE = {
     "team": made,
     "discrete": lambda: made(discrete_actions=True),
-    "space": lambda: gymnasium.make("lissajous_env:lissajous/monitoring-v1-v0", **SHORT),
+    "space": lambda: gymnasium.make("lissajous_env:lissajous/monitoring-v1-v0", max_cycles=5),
     "rogues": lambda: made(robots="still"),
-    "rows": lambda: lissajous_env.vector_env("experiment", 2, agents_as_rows=True, **SHORT),
-    "teams": lambda: lissajous_env.vector_env("experiment", 2, **SHORT),
+    "rows": lambda: lissajous_env.vector_env("experiment", 2, max_cycles=5, agents_as_rows=True),
+    "teams": lambda: lissajous_env.vector_env("experiment", 2, max_cycles=5),
     "teams in turn": lambda: gymnasium.vector.SyncVectorEnv([made, made]),
 }
 
@@ -63,7 +62,7 @@ def test_torch_steps_a_batch_over_the_ends_of_episodes(mode, discrete):
     pytest.importorskip("array_api_compat")
     from gymnasium.wrappers.vector import NumpyToTorch
 
-    settings = {"task.duration": 0.3, "autoreset_mode": mode, "discrete_actions": discrete}
+    settings = {"max_cycles": 3, "autoreset_mode": mode, "discrete_actions": discrete}
     env = NumpyToTorch(lissajous_env.vector_env("experiment", 2, **settings))
     env.reset(seed=1)
     for _ in range(8):
@@ -92,9 +91,9 @@ def test_minari_records_infos(tmp_path, monkeypatch):
 
 
 PARALLEL = {
-    "robots": SHORT,
+    "robots": {"max_cycles": 5},
     "removed robots": REMOVING,
-    "space": {"scenario": "monitoring-v1", **SHORT},
+    "space": {"scenario": "monitoring-v1", "max_cycles": 5},
     "both sides": SIDES,
 }
 
@@ -153,16 +152,17 @@ def test_generators_for_wrappers_are_seeded():
 def test_the_specification_states_the_length_of_an_episode():
     # Oracle: the number of steps until truncation.
     for settings, steps in [
+        ({"max_cycles": 7}, 7),
         ({"task.duration": 0.9}, 9),
-        ({"task.duration": 0.7, "robots": "still"}, 7),
+        ({"max_cycles": 7, "robots": "still"}, 7),
     ]:
         env = gymnasium.make(ID, **settings)
         assert env.spec.max_episode_steps == env.unwrapped.scenario.task.steps == steps
         again = gymnasium.make(env.spec)
         assert again.spec.max_episode_steps == steps
-    vector = gymnasium.make_vec(ID, 2, **{"task.duration": 0.7})
+    vector = gymnasium.make_vec(ID, 2, max_cycles=7)
     assert vector.spec.max_episode_steps == 7
-    assert gymnasium.make_vec(gymnasium.make(ID, **{"task.duration": 0.7}).spec, 2).spec.max_episode_steps == 7
+    assert gymnasium.make_vec(gymnasium.make(ID, max_cycles=7).spec, 2).spec.max_episode_steps == 7
     assert gymnasium.make("lissajous_env:lissajous/monitoring-v1-v0").spec.max_episode_steps is None
     assert gymnasium.wrappers.TimeAwareObservation(gymnasium.make(ID)).reset(seed=1)
 

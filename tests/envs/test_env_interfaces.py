@@ -82,6 +82,13 @@ def test_overrides_do_not_collide_with_parameters(key):
         lissajous_env.scenario("experiment", **{key: "evil"})
 
 
+@EVERY_MAKER
+def test_cycles_that_are_no_number_of_steps_are_refused(maker):
+    for cycles in (1.5, True, 0, "3", 2**20 + 1):
+        with pytest.raises(ValueError, match="max_cycles must be a whole number from 1 to 1048576, got"):
+            MAKERS[maker](max_cycles=cycles)
+
+
 def test_infos_tell_where_an_action_was_not_finite():
     for rows in (False, True):
         env = vector(num_envs=3, agents_as_rows=rows)

@@ -30,9 +30,8 @@ def test_statistics_of_cleanrl_with_a_row_for_each_robot(mode):
     if mode == "SAME_STEP" and gymnasium.__version__ < "1.3":
         pytest.skip("this Gymnasium's statistics take every environment to reset in the next step")
     envs = gymnasium.make_vec(
-        ID, 3, vectorization_mode="vector_entry_point", agents_as_rows=True, autoreset_mode=mode,
-        **{"task.duration": 0.6},
-    )  # fmt: skip
+        ID, 3, vectorization_mode="vector_entry_point", max_cycles=6, agents_as_rows=True, autoreset_mode=mode
+    )
     envs = vector_wrappers.RecordEpisodeStatistics(envs)
     # 32 steps hold four episodes of 6 steps and the steps that reset (or five without them), of 15 robots each.
     assert len(returns_of(envs)) == (4 if mode == "NEXT_STEP" else 5) * 15
@@ -41,7 +40,7 @@ def test_statistics_of_cleanrl_with_a_row_for_each_robot(mode):
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_torchrl_wraps_the_parallel_environment():
     torchrl = pytest.importorskip("torchrl.envs")
-    data = torchrl.PettingZooWrapper(lissajous_env.parallel_env("experiment", **{"task.duration": 0.5})).rollout(9)
+    data = torchrl.PettingZooWrapper(lissajous_env.parallel_env("experiment", max_cycles=5)).rollout(9)
     assert data["robot", "observation"].shape[:2] == (5, 5)
     assert data["next", "done"][-1]
 
@@ -51,7 +50,7 @@ def test_stable_baselines_learns_on_one_world_after_another():
     from stable_baselines3.common.env_util import make_vec_env
     from stable_baselines3.common.vec_env import VecNormalize
 
-    env = VecNormalize(make_vec_env(ID, 2, seed=1, env_kwargs={"task.duration": 0.8}))
+    env = VecNormalize(make_vec_env(ID, 2, seed=1, env_kwargs={"max_cycles": 8}))
     model = sb3.PPO("MlpPolicy", env, n_steps=16, batch_size=16, n_epochs=1, seed=1).learn(32)
     # Its own monitor has seen whole episodes, with none of our infos in the place of its own.
     assert [episode["l"] for episode in model.ep_info_buffer] == [8] * 4

@@ -148,10 +148,12 @@ def test_commands_write_pages(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     short = ("--seed", 3, "--set", "task.duration=1")
     assert called("run", "failure", "kuramoto", "--out", "a.html", *short) == 0
+    assert called("replay", "failure", "kuramoto", "--out", "b.html", *short) == 0
+    assert Path("a.html").read_text() == Path("b.html").read_text()
     assert called("run", "failure", "kuramoto", "--out", "c.npz", *short) == 0
-    assert called("run", "c.npz", "--out", "c.html") == 0
+    assert called("replay", "c.npz", "--out", "c.html") == 0
     assert Path("a.html").read_text() == Path("c.html").read_text()
-    assert called("run", "c.npz", "--against", "open-loop", "--out", "d.html") == 0
+    assert called("replay", "c.npz", "--against", "open-loop", "--out", "d.html") == 0
     one, other = data_of(Path("d.html").read_text())["episodes"]
     assert (one["policy"], other["policy"], one["seed"], other["seed"]) == ("kuramoto", "open-loop", 3, 3)
     assert one == data_of(Path("a.html").read_text())["episodes"][0]
@@ -171,7 +173,7 @@ def test_commands_write_pages(tmp_path, monkeypatch, capsys):
 def test_what_cannot_be_shown_is_said(tmp_path, monkeypatch, capsys, arguments, words):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("lissajous_env.episodes.recording.record", lambda *_: pytest.fail("played before"))
-    assert called("run", *arguments) == 2
+    assert called("replay", *arguments) == 2
     assert words in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 

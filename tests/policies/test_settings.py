@@ -77,7 +77,7 @@ def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder_of(tmp_path / "mine", PolicySettings("sweep", {"lanes": 4}))
     for line in (
-        "run mine/scenario.toml mine-safe --out b.npz", "run mine --out c.html --set task.duration=1",
+        "run mine/scenario.toml mine-safe --out b.npz", "replay mine --out c.html --set task.duration=1",
         "benchmark --scenarios mine/scenario.toml --policies mine sweep --episodes 1 --replays 0 --out results",
     ):  # fmt: skip
         code, _, said = called(capsys, *line.split())

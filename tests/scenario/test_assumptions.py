@@ -17,12 +17,14 @@ from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
 from lissajous_env.settings.parts import Curve, Formation, Robot
+from lissajous_env.settings.task import Sensing
 from lissajous_env.theory import closed_forms, geometry
 
 
 @pytest.fixture(autouse=True)
 def _nothing_reported(monkeypatch):
     monkeypatch.setattr(assumptions, "_reported", set())
+    monkeypatch.setattr(named, "_unused", set())
 
 
 def said(make):
@@ -86,26 +88,31 @@ def test_cars_say_what_they_cannot_do():
 
 
 def test_what_ships_warns_nobody():
-    cars = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).actuation == "car"]
-    assert said(lambda: [baselines.make("kuramoto-gvf", name) for name in cars]) == []
+    assert said(lambda: [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]) == []
     # The paper's cars cut 7.6 % of its arc; whoever changes something else is told nothing of it.
-    other = lissajous_env.scenario("experiment", **{"task.duration": 5.0})
-    assert said(lambda: baselines.make("kuramoto-gvf", other)) == []
+    assert said(lambda: lissajous_env.scenario("experiment", **{"task.duration": 5.0})) == []
+    assert said(lambda: lissajous_env.parallel_env("intruders", **{"targets.speed": 0.1})) == []
+    assert said(lambda: lissajous_env.Simulation(lissajous_env.scenario("redundant"))) == []
+    # Where actions are velocities, no policy drives the formation.
+    assert said(lambda: lissajous_env.scenario("watch", **{"robot.count": 6, "robot.radius": 1.0})) == []
 
 
-def test_a_formation_on_a_scenario_of_ones_own_warns_once(tmp_path):
-    # Story: seven robots on a curve for five, in a file and by a field; an environment of it tells nothing.
+def test_one_of_ones_own_warns_once(tmp_path):
+    # Story: seven robots on a curve for five, from each of the doors through which a scenario is made.
     path = tmp_path / "mine.toml"
     path.write_text('base = "failure"\n[robot]\ncount = 7\n[faults]\nschedule = []\n', encoding="utf-8")
-    (words,) = said(lambda: [baselines.make("kuramoto", path) for _ in range(3)])
+    (words,) = said(lambda: [lissajous_env.scenario(str(path)) for _ in range(3)])
     assert words.startswith("scenario mine: 7 robots on a curve with a + b = 5: the paper's bounds require N = a + b")
-    made = lissajous_env.scenario("failure", **{"robot.radius": 0.2})
-    assert said(lambda: [lissajous_env.parallel_env(made), baselines.make("still", made)]) == []
+    changed = {"robot.radius": 0.2}
     with pytest.warns(AssumptionWarning) as caught:
-        baselines.make("kuramoto", made)
+        lissajous_env.parallel_env("failure", **changed)
     assert caught[0].filename == __file__, "the place is the line of the caller, not one within the package"
     assert str(caught[0].message).startswith("scenario failure: bodies of 0.2 m, bound (6) allows 0.1503 m")
-    assert said(lambda: baselines.make("consensus", made)) == []
+    assert said(lambda: lissajous_env.vector_env("failure", 2, **changed)) == []
+    made = Scenario(name="hand", curve=Curve(2.0, 1.0), sensing=Sensing(radius=0.4), robot=Robot(kind="curve"))
+    (words,) = said(lambda: lissajous_env.parallel_env(made))
+    assert words.startswith("scenario hand: sensors reach 0.4 m, (8) requires ")
+    assert said(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), made, [0])) == []
 
 
 @pytest.fixture
@@ -113,7 +120,7 @@ def plan_of_partition(tmp_path):
     """A folder of a plan for four robots, which have no stable formation, and which does not need one."""
     sizes = {"robot_radius": 0.2, "sensor_radius": 3.0, "speed": 1.5, "turning_radius": 0.5}
     task = Request(width=12.0, height=8.0, robots=4, **sizes).scenario_of(4)
-    task = named.scenario(task, **{"task.duration": 10 * task.task.step})
+    task = named.build(task, **{"task.duration": 10 * task.task.step})
     (tmp_path / "scenario.toml").write_text(as_toml(task), encoding="utf-8")
     (tmp_path / "policy.toml").write_text(PolicySettings("partition").as_toml(), encoding="utf-8")
     return tmp_path
@@ -125,6 +132,7 @@ def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
     assert said(lambda: lissajous_env.evaluate(baselines.make(plan_of_partition, path), path, [0])) == []
     made = lissajous_env.scenario(path)
     assert violations(made)
+    assert said(lambda: [lissajous_env.parallel_env(made), lissajous_env.scenario(path)]) == []
     (words,) = said(lambda: baselines.make("consensus-mpcc", made))
     assert words.startswith("scenario plan: p = 1 of 4 robots is not a stable equilibrium")
     assert said(lambda: baselines.make("consensus-gvf", made)) == []

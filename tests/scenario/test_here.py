@@ -89,7 +89,7 @@ def test_a_module_that_cannot_be_imported_says_why(module, words, folder, capsys
     (["--import", "my_scenarios", "scenarios", "shrt-one"], "did you mean short-one?"),
     (["--import", "my_policies", "evaluate", "failure", "my-stil"], "did you mean my-still?"),
     (["evaluate", "failure", "kuramoto-mpcc"], "got kuramoto-mpcc, which drives kind car; did you mean kuramoto?"),
-    (["run", "epsode.npz"], "there is no file epsode.npz; did you mean episode.npz?"),
+    (["replay", "epsode.npz"], "there is no file epsode.npz; did you mean episode.npz?"),
     (["evaluate", "failure", "my_policies:MyStil"], "has no attribute 'MyStil'; did you mean MyStill?"),
     (["evaluate", "failure", "my_policy:MyStill"], "No module named 'my_policy'; did you mean my_policies?"),
     (["evaluate", "failure", "still", "--set", "duration=3"], "did you mean task.duration?"),

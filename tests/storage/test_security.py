@@ -110,7 +110,7 @@ def test_a_recording(attacked, tmp_path, capsys):
     made.mkdir()
     assert ended(["run", "failure", "still", "--out", made / "one.npz", *SHORT], capsys) == 0
     forms = ("plain", "archive", "npy", "npz")
-    replay = lambda folder: ["run", folder / "one.npz", "--out", tmp_path / "out.html"]  # noqa: E731
+    replay = lambda folder: ["replay", folder / "one.npz", "--out", tmp_path / "out.html"]  # noqa: E731
     assert set(attacked(made, replay, forms).values()) == {2}
 
 

@@ -141,7 +141,7 @@ def test_a_folder_is_named_like_a_script(trained, tmp_path, capsys, monkeypatch)
     folder, _ = trained
     overrides = [f"{name}={value}" for name, value in SMALL.items()]
     arguments = ("evaluate", "experiment", "sweep", "--episodes", 2, "--json", "--set", *overrides)
-    code, out, error = called(capsys, *arguments, f"rogues={folder}")
+    code, out, error = called(capsys, *arguments, "--rogues", folder)
     assert code == 0, error
     rows = lissajous_env.evaluate(
         baselines.make("sweep", lissajous_env.scenario("experiment", **SMALL), 2), "experiment", range(2),
@@ -157,8 +157,8 @@ def test_results_of_another_rogue_in_the_same_folder_are_refused(trained, tmp_pa
     network, card, _ = checkpoint.read(folder)
     mine = tmp_path / "mine"
     checkpoint.save(mine, network, card)
-    arguments = ["benchmark", "--scenarios", "experiment", "--policies", "still", "--out", tmp_path / "out",
-                 "--replays", "0", "--set", "task.duration=4", f"rogues={mine}", "--episodes"]  # fmt: skip
+    arguments = ["benchmark", "--scenarios", "experiment", "--policies", "still", "--rogues", mine, "--out",
+                 tmp_path / "out", "--replays", "0", "--set", "task.duration=4", "--episodes"]  # fmt: skip
     code, _, error = called(capsys, *arguments, 1)
     assert code == 0, error
     checkpoint.save(mine, make_network(network.inputs), card)

@@ -9,6 +9,8 @@ from test_feedback import FIELD
 import baselines
 import lissajous_env
 
+pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
+
 
 def made(worlds=1, seed=0, **overrides):
     fields = FIELD | {"task.action": "velocity", "targets.count": 0, "formation.start": "random"} | overrides

@@ -15,6 +15,7 @@ FIELD = {
     "targets.wandering": 0.5, "targets.fleeing": 0.5, "targets.flee_radius": 6.0, "targets.flee_speed": 1.0,
     "task.step": 0.5, "task.substeps": 5, "task.duration": 60.0, "task.grid": None, "task.boundary": "wall",
 }  # fmt: skip
+pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
 
 
 def field(worlds=2, seed=0, **overrides):

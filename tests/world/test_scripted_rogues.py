@@ -134,15 +134,14 @@ def test_commands_name_a_script(capsys, tmp_path):
         return ended.value.code, capsys.readouterr()
 
     short = ("--set", "task.duration=5")
-    flee = (*short, "rogues=flee")
-    code, said = run("run", "evaders", "sweep", "--json", "--out", str(tmp_path / "a.npz"), *flee)
+    code, said = run("run", "evaders", "sweep", "--rogues", "flee", "--json", "--out", str(tmp_path / "a.npz"), *short)
     assert code == 0
     scenario = lissajous_env.scenario("evaders", rogues="flee", **{"task.duration": 5.0})
     due = lissajous_env.evaluate(baselines.make("sweep", scenario), scenario, seeds=[0])[0]
     assert json.loads(said.out)["detection_time_mean"] == due["detection_time_mean"]
-    code, said = run("evaluate", "evaders", "sweep", *short, "rogues=agents")
+    code, said = run("evaluate", "evaders", "sweep", "--rogues", "agents", *short)
     assert code == 2
-    assert "rogues must be the name of a rogue, such as flee, or a folder, for a command, got agents" in said.err
-    code, said = run("run", "evaders", "sweep", "--set", "rogues=flea", "--out", str(tmp_path / "a.html"))
+    assert "rogues of a command must be the name of a rogue, such as flee, or a folder, got agents" in said.err
+    code, said = run("replay", "evaders", "sweep", "--rogues", "flea", "--out", str(tmp_path / "a.html"))
     assert code == 2
     assert "did you mean flee?" in said.err

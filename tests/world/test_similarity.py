@@ -12,6 +12,8 @@ from test_feedback import FIELD
 import baselines
 import lissajous_env
 
+pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
+
 EXACT = ((2.0, 4.0), (1 / 8, 1.0), (64.0, 16.0))
 BACK = {"robot.speed_min": -1.0, "task.boundary": "wall"}
 FEEDBACK = FIELD | {

@@ -9,6 +9,8 @@ from test_feedback import FIELD, distances, drive
 import baselines
 import lissajous_env
 
+pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
+
 STAY = {"targets.leave": False, "sensing.sight": 5.0, "sensing.tracks_seen": 12, "sensing.teammates_seen": 4}
 CELLS = {"sensing.cells_seen": (8, 5), "sensing.memory": 20.0}
 MESSY = {"noise.message_delay": 1.0, "noise.message_loss": 0.4}

@@ -1,7 +1,7 @@
 """Learned rogues: checkpoints whose network maps a row of `lissajous_env.world.rogues.acting` to a velocity.
 
-`targets.rogues` accepts the folder of such a checkpoint like the name of a script. The included ones, in
-`training/rogues`, have the names of their folders.
+`targets.rogues`, and `--rogues` of the commands, accept the folder of such a checkpoint like the name of a script. The
+included ones, in `training/rogues`, have the names of their folders.
 """
 
 from collections.abc import Mapping

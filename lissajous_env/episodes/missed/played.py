@@ -68,7 +68,7 @@ class SensingRobots:
 
 def check_contamination(scenario: str | Scenario) -> None:
     """Raise ValueError if `task.contamination` of a scenario is None."""
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     if scenario.task.contamination is None:
         raise ValueError(f"task.contamination of {scenario.name} must be (columns, rows), got None")
 
@@ -79,7 +79,7 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
     Raises:
         ValueError: `task.contamination` of the scenario is None.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     check_contamination(scenario)
     scenario, seed = replace(scenario, task=replace(scenario.task, conservative=False)), fold_seed(seed)
     simulation, sensing = Simulation(scenario, policy.num_worlds, device=device), SensingRobots()

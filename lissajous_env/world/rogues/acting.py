@@ -58,7 +58,7 @@ ROBOT_SIZE = wp.constant(len(ROBOT_ENTRIES))
 
 def rogue_layout(scenario: str | Scenario) -> Layout:
     """Return the layout of the observation of one rogue of a scenario."""
-    return layout_of(rogue_entries(named.scenario(scenario).num_robots))
+    return layout_of(rogue_entries(named.build(scenario).num_robots))
 
 
 def rogue_entries(num_robots: int) -> list[tuple]:

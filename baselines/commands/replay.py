@@ -1,0 +1,90 @@
+"""The command `lissajous replay`: an episode, played now or recorded before, as a page, in a window, or as a film."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from baselines.benchmark.types import Benchmark, cells_of
+from baselines.commands.playing import (
+    DEFAULT_PLAY,
+    FORMATS,
+    Play,
+    PlayOptions,
+    check_file,
+    has_display,
+    record_one,
+    show,
+)
+from baselines.policies import registry
+from lissajous_env.console.terminal import OutFile, RogueName
+from lissajous_env.plugins import beside
+from lissajous_env.wording import nearest, require
+
+if TYPE_CHECKING:
+    from lissajous_env.episodes.recording import Recording
+
+_Against = Annotated[str | None, tyro.conf.arg(metavar="POLICY")]
+_Names = Annotated[
+    tuple[str, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="SCENARIO POLICY | FILE", help_behavior_hint=""),
+]
+
+
+def replay(
+    names: _Names,
+    out: OutFile = None,
+    against: _Against = None,
+    speed: float = 1.0,
+    fps: float = 10.0,
+    rogues: RogueName = None,
+    common: Play = DEFAULT_PLAY,
+) -> None:
+    """Show an episode, played now or recorded before: as a page, in a window, or as MP4 or GIF.
+
+    Example:
+        lissajous replay evaders sweep --against kuramoto-mpcc --out replay.html
+
+    Args:
+        names: scenario and policy, or a policy's folder, as for `lissajous run`; or a recording (.npz) of it, for which
+            --seed is ignored.
+        out: file to write, ending in .html, .mp4, .gif, .npz or .mcap; without it, a window opens.
+        against: second policy, shown beside the first on the same seed; requires --out FILE.html.
+        speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.
+        fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
+    """
+    check_file(out, *FORMATS)
+    for name, value, least, most in (("speed", speed, 0.01, 1000), ("fps", fps, 0.1, 50)):
+        require(least <= value <= most, name, f"must be from {least:g} to {most:g}", value)
+    alone = len(names) == 1 and registry.is_folder(names[0])
+    if not names or (len(names) == 1 and not alone and not Path(names[0]).is_file()):
+        hint = "".join(nearest(name, beside(name, ".npz")) for name in names)
+        got = f"but there is no file {names[0]}{hint}" if names else "got nothing"
+        raise ValueError(
+            f"names must be a scenario and a policy, a policy's folder, or the file of a recording (.npz), {got}"
+        )
+    if against is not None and (out is None or out.suffix.lower() != ".html"):
+        raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
+    if out is None and not has_display():
+        raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
+    recording = _recorded(names, common, rogues)
+    other = None
+    if against is not None:
+        rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, common.device)
+        other = record_one(rival, cells_of(rival, scenarios=[recording.scenario]), common)
+    show(recording, out, common, speed, fps, other)
+    scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
+    common.print_json({"wrote": out, **scores})
+
+
+def _recorded(names: tuple[str, ...], common: PlayOptions, rogues: str | None) -> "Recording":
+    """Read the recording of a file, or play a policy on a scenario."""
+    from lissajous_env.episodes.recording import load
+
+    first, *others = names
+    if others or registry.is_folder(first):
+        return record_one(*common.cells(names, rogues=rogues), common)
+    if common.overrides or rogues:
+        raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
+    return load(first)
