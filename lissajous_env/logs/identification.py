@@ -19,11 +19,10 @@ from scipy.optimize import least_squares
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
-from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING
+from lissajous_env.logs.inputs import INPUTS, commands_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import local_deviations, motion_of
 from lissajous_env.settings.parts import Robot
-from lissajous_env.wording import few_of
 from lissajous_env.world.robots.car import car_step, motor_acceleration
 from lissajous_env.world.robots.differential import drive_step, ramp
 from lissajous_env.world.state import WORKING
@@ -41,8 +40,6 @@ class Model(NamedTuple):
     """Constants with their units: four of the motion, the delay of the commands, and of cars the dead zone."""
     least: tuple[float, ...]
     """Least values of those on which a prediction depends smoothly, which are the first."""
-    units: tuple[str, str]
-    """Units of the commands."""
     turning: int
     """The command that turns the robot."""
     free: int
@@ -54,13 +51,12 @@ class Model(NamedTuple):
 MODELS = {
     "car": Model(
         {"wheelbase": "m", "drag": "1/s", "drive": "m/s^2", "offset": "m/s^2", "delay": "s", "dead_zone": ""},
-        (1e-4, 1e-5, 1e-5, 0.0, 0.0), ("rad", ""), 0, 4, (),
+        (1e-4, 1e-5, 1e-5, 0.0, 0.0), 0, 4, (),
     ),
     "differential": Model(
         {"speed_factor": "", "yaw_factor": "", "acceleration_max": "m/s^2", "yaw_acceleration_max": "rad/s^2",
          "delay": "s"},
-        (0.05, 0.05, 1e-6, 1e-6, 0.0), ("m/s", "rad/s"), 1, 5,
-        ("acceleration_max", "yaw_acceleration_max"),
+        (0.05, 0.05, 1e-6, 1e-6, 0.0), 1, 5, ("acceleration_max", "yaw_acceleration_max"),
     ),
 }  # fmt: skip
 """Models by `robot.kind`: (12), and speed and yaw rate that follow the commands with factors and limited changes."""
@@ -181,14 +177,7 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
             steering angles are not in radians.
     """
     guess = guess or Robot()
-    inputs, units = INPUTS[guess.kind], MODELS[guess.kind].units
-    given = commands.columns(inputs)
-    if given is None:
-        names = [f"{name} [{unit}]" if unit else name for name, unit in zip(inputs, units, strict=True)]
-        got = few_of(commands.names) or f"{commands.value.shape[1]} numbers without names"
-        raise ValueError(f"commands must be {' and '.join(names)}, got {got}")
-    if guess.kind == "car" and (largest := float(np.abs(given[:, 0]).max())) >= LARGEST_STEERING:
-        raise ValueError(f"steering must be an angle below pi / 2 [rad], got {largest:.4g}: is it in degrees?")
+    given = commands_of(commands, INPUTS[guess.kind])
     return _Fit(track, Series(commands.time, given), guess, status).run()
 
 
