@@ -60,11 +60,6 @@ class Limits(Checked):
         }  # fmt: skip
         return Limits(**{name: getattr(self, name) or value for name, value in derived.items()})
 
-    @classmethod
-    def none(cls) -> "Limits":
-        """Return limits that stop a robot only for numbers that are not finite, and a clock that goes back."""
-        return cls(pose_age=float("inf"), fence=float("inf"), clock_jump=float("inf"), silence=float("inf"))
-
 
 class Output(NamedTuple):
     """Result of a call of `Onboard.act`."""
