@@ -12,7 +12,7 @@ from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
 from lissajous_env.settings.parts import Robot
 
-CONSTANTS = tuple(MODELS["car"].constants)
+CONSTANTS = tuple(MODELS["car"])
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
 
@@ -153,7 +153,7 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
             assert motion_of(changed).derived == "do not match the poses"
 
 
-DRIVE_CONSTANTS = tuple(MODELS["differential"].constants)
+DRIVE_CONSTANTS = tuple(MODELS["differential"])
 DRIVE = Robot(kind="differential")
 LIMITS = {"robot.kind": "differential", "robot.speed_max": 1.2, "robot.yaw_rate_max": 3.0, "robot.speed_min": -0.6}
 RATES = LIMITS | {"robot.acceleration_max": 0.8, "robot.yaw_acceleration_max": 5.0}
