@@ -138,8 +138,7 @@ def score(
     rows = [
         {"policy": name, "episode": k} | row | unknown for k, row in enumerate(simulation.score(np.arange(len(seeds))))
     ]
-    recording = recorder.recording(name)
-    recording = dataclasses.replace(recording, scenario=scenario, score=recording.score | unknown)
+    recording = dataclasses.replace(recorder.recording(name), scenario=scenario, score=rows[0])
     episode = (log.episode or {"policy": ""}) | episode_of(scenario, int(seeds[0]))
     scored = dataclasses.replace(log, episode=episode, begin=log.start, commands={} if unknown else log.commands)
     return Scored(scenario, rows, recording, scored, tuple(notes))
