@@ -25,10 +25,8 @@ from baselines.policies.repair_plan import Takeover, middle_of, slowed, takeover
 from baselines.policies.safety.filter import Safe
 from baselines.policies.taking_over import (
     PLACES,
-    SHIFTS,
     WATCH_SIZE,
     Repair,
-    rest_after_failure,
     take_over,
     watch_neighbours,
 )
@@ -210,10 +208,10 @@ class PartitionRepair(TimedPaths):
 
     The loops are those of a partition with all of them in phase, driven slower (`RepairParameters.reserve`), and ring
     neighbours have neighbouring cells. If the messages of a ring neighbour show that it does not move, or if none
-    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It moves the loop
-    such that it is clear of stopped robots: beside them or around them. A robot that resumes waits on its
-    loop until its reference comes by. If the robots have no information on each other's starts, the transit uses the
-    collision filter, as in `partition`.
+    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It moves the loop such that it is
+    clear of stopped robots: beside them or around them. A robot that resumes waits on its loop until its reference
+    comes by. If the robots have no information on each other's starts, the transit uses the collision filter, as in
+    `partition`.
 
     If the loops of different cells do not overlap, a collision filter leads a car that is off its place around others,
     and a loop moves slowly to another place. If loops cross, only their common phase separates the cars; a collision
@@ -227,7 +225,7 @@ class PartitionRepair(TimedPaths):
     """
 
     communicates = "positions of ring neighbours"
-    remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target", "_resting")
+    remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target")
     waits = True
     Parameters = RepairParameters
 
@@ -241,14 +239,10 @@ class PartitionRepair(TimedPaths):
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._repair = _repair_of(scenario, self.takeover, self.tables, drift, self.device)
         self._repair.patience = self.parameters.patience
-        self._wait, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
             self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
             self._tolerance, self._repair.back = scenario.robot.radius, drift
-            middle = middle_of(self.takeover.loop)
-            shifted = math.sqrt(2) * int(SHIFTS) * self._repair.spacing
-            self._wait = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths, a variant for each case of `Takeover`."""
@@ -264,8 +258,6 @@ class PartitionRepair(TimedPaths):
         inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)
-        rest = wp.vec2(*self.scenario.model.rest_action(self.scenario.robot))
-        self.launch(rest_after_failure, self.shape, [self._wait, rest, observation], [self._resting, self.action])
 
 
 def _warn_of_open_cells(scenario: Scenario) -> None:

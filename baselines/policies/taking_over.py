@@ -8,7 +8,6 @@ neither its ring neighbours nor in sight.
 import warp as wp
 
 from baselines.policies.own_row import (
-    Actions,
     Observation,
     hears,
     message_age,
@@ -201,10 +200,14 @@ def unseen_corners(
 
 @wp.func
 def clear_shift(
-    repair: Repair, curve: CurveStruct, path: wp.array(dtype=wp.vec4), case: int, i: int, standing: wp.array(dtype=wp.vec3)
+    repair: Repair,
+    curve: CurveStruct,
+    path: wp.array(dtype=wp.vec4),
+    margin: wp.vec4,
+    corners: int,
+    standing: wp.array(dtype=wp.vec3),
 ) -> wp.vec2:
-    """Return the shift of robot i's loop of a case with the least cost [m] (`take_over`)."""
-    margin = repair.margins[case, i]
+    """Return the shift of a loop with the least cost [m] (`take_over`); `margin` limits it to each side [m]."""
     best = wp.vec2(0.0, 0.0)
     best_cost = float(wp.inf)
     for row in range(-SHIFTS, SHIFTS + 1):
@@ -216,7 +219,7 @@ def clear_shift(
                 lacking = repair.required - clearance_of(repair, path, tried, standing)
                 cost += 1000.0 * wp.max(lacking, 0.0) / repair.required
             if cost < best_cost:
-                cost += 20.0 * unseen_corners(repair, path, tried, repair.corners[case, i], curve)
+                cost += 20.0 * unseen_corners(repair, path, tried, corners, curve)
             if cost < best_cost:
                 best_cost = cost
                 best = tried
@@ -262,25 +265,8 @@ def take_over(
         variant[w, i] = case
         target[w, i] = wp.vec2(0.0, 0.0)
         if stands:
-            target[w, i] = clear_shift(repair, curve, pose[case, i], case, i, standing[w, i])
+            margin, corners = repair.margins[case, i], repair.corners[case, i]
+            target[w, i] = clear_shift(repair, curve, pose[case, i], margin, corners, standing[w, i])
     rest = target[w, i] - shift[w, i]
     most = wp.where(case == 0, repair.back, repair.drift)
     shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
-
-
-@wp.kernel
-def rest_after_failure(
-    steps: float,
-    rest: wp.vec2,
-    observation: Observation,
-    resting: wp.array2d(dtype=float),
-    action: Actions,
-):
-    """Let a robot that resumes rest for some more control steps, in which the others return to their own loops."""
-    w, i = wp.tid()
-    if not own_works(w, i, observation):
-        resting[w, i] = steps
-    elif resting[w, i] > 0.0:
-        resting[w, i] -= 1.0
-        action[w, i, 0] = rest[0]
-        action[w, i, 1] = rest[1]
