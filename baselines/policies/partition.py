@@ -242,7 +242,7 @@ class PartitionRepair(TimedPaths):
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
             self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
-            self._tolerance, self._repair.back = scenario.robot.radius, drift
+            self._tolerance = scenario.robot.radius
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths, a variant for each case of `Takeover`."""
@@ -277,10 +277,7 @@ def _avoided_distance(scenario: Scenario) -> float:
 
 
 def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift: float, device: Any) -> Any:
-    """Return the loops of a takeover for its kernel; the middle of one drifts so far in a control step [m].
-
-    Where loops of different cells cross, a robot returns to its own loop at once.
-    """
+    """Return the loops of a takeover for its kernel; the middle of one drifts so far in a control step [m]."""
     half = np.array([scenario.driven.half_width, scenario.driven.half_height])
     low, high = takeover.loop.min(axis=2), takeover.loop.max(axis=2)
     margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
@@ -292,7 +289,7 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
     repair.first, repair.required = FINE * tables.lead_in, _avoided_distance(scenario)
     repair.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
     repair.spacing = _avoided_distance(scenario) / _FINER
-    repair.sensing, repair.drift, repair.back = _SEEN * scenario.sensing_radius, drift, math.inf
+    repair.sensing, repair.drift = _SEEN * scenario.sensing_radius, drift
     repair.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
     repair.margins = wp.array(margins, dtype=wp.vec4, device=device)
     repair.middles = wp.array(middle_of(takeover.loop), dtype=wp.vec2, device=device)

@@ -68,8 +68,6 @@ class Repair:
     """Distance within which a loop passes by corners [m]."""
     drift: float
     """Most by which the middle of a loop moves in a control step [m]."""
-    back: float
-    """The same on the way to the robot's own loop [m], so that the car stays in phase with the others."""
     neighbours: wp.array(dtype=wp.vec2i)
     """(N,) previous and next robot on the ring, -1 for none."""
     margins: wp.array2d(dtype=wp.vec4)
@@ -244,7 +242,7 @@ def take_over(
     The choice is the smallest shift that is clear of stopped robots, and from which the robot covers the corners of the
     rectangle that it alone watches; a collision costs more than a corner, and that more than a shift. `target` is the
     chosen shift. The loop of a robot that has failed does not change, so that the others leave room for it when it
-    resumes.
+    resumes; a robot returns to its own loop at once, in phase with the others.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
@@ -268,5 +266,6 @@ def take_over(
             margin, corners = repair.margins[case, i], repair.corners[case, i]
             target[w, i] = clear_shift(repair, curve, pose[case, i], margin, corners, standing[w, i])
     rest = target[w, i] - shift[w, i]
-    most = wp.where(case == 0, repair.back, repair.drift)
-    shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
+    if case > 0:
+        rest *= wp.min(1.0, repair.drift / wp.max(wp.length(rest), 1.0e-9))
+    shift[w, i] += rest
