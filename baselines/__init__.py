@@ -5,28 +5,17 @@ import pkgutil
 from functools import partial
 
 from baselines import policies
-from baselines.policies.base import Policy
-from baselines.policies.coordinators import NumpyCoordinator
+from baselines.policies.base import Policy as Policy
+from baselines.policies.coordinators import NumpyCoordinator as NumpyCoordinator
 from baselines.policies.index_rule import Index
-from baselines.policies.own_row import Rows
+from baselines.policies.own_row import Rows as Rows
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
-from baselines.policies.registry import make, names, register
-from baselines.policies.trackers import register_coordinator, with_tracker
-
-__all__ = [
-    "NumpyCoordinator",
-    "Onboard",
-    "Policy",
-    "Rows",
-    "chosen",
-    "make",
-    "names",
-    "plan",
-    "register",
-    "register_coordinator",
-    "with_tracker",
-]
+from baselines.policies.registry import make as make
+from baselines.policies.registry import names as names
+from baselines.policies.registry import register as register
+from baselines.policies.trackers import register_coordinator as register_coordinator
+from baselines.policies.trackers import with_tracker as with_tracker
 
 register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or in lanes.")
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
@@ -55,6 +44,6 @@ for _module in sorted(module.name for module in pkgutil.walk_packages(policies._
     importlib.import_module(_module)
 
 # These import policies, and those above are to be the first in the registry.
-from baselines.onboard.robot import Onboard  # noqa: E402
-from baselines.planning.portfolio import chosen  # noqa: E402
-from baselines.planning.search import plan  # noqa: E402
+from baselines.onboard.robot import Onboard as Onboard  # noqa: E402
+from baselines.planning.portfolio import chosen as chosen  # noqa: E402
+from baselines.planning.search import plan as plan  # noqa: E402

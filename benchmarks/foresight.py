@@ -14,11 +14,11 @@ from collections.abc import Sequence
 import figures
 import numpy as np
 from publish import HELD_OUT, SCRIPTS
+from rogues import LEARNED
 
 from baselines.policies.factories import as_factory
 from lissajous_env import Scenario, Simulation
 from lissajous_env.episodes.missed.foresight import Foresight, Visits
-from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
 from training.learned import checkpoint
 from training.rogue_trainer import undetected_times
 from training.settings import RogueTraining
@@ -86,12 +86,10 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=len(HELD_OUT), help="at most 64")
     options = parser.parse_args()
     rows, seeds = [], HELD_OUT[: options.episodes]
-    for learned in shipped_rogues():
-        rogue, folder = rogue_of(learned), folder_of(learned)
-        assert rogue is not None
-        assert folder is not None
-        for policy in checkpoint.read_contents(folder)["held_out_times"]:
-            rows.append(row_of(rogue.trained_on, policy, learned, seeds))
+    for learned, folder in LEARNED.items():
+        contents = checkpoint.read_contents(folder)
+        for policy in contents["held_out_times"]:
+            rows.append(row_of(contents["policy"]["scenario"], policy, learned, seeds))
             print(*rows[-1], sep=" | ", flush=True)
     table = {"columns": TITLES, "rows": rows}
     figures.publish("foresight", "foresight", table, options.store)

@@ -4,19 +4,24 @@ Prints the table of docs/rogues.md from the times that are stored beside the wei
 `python benchmarks/publish.py` on held-out seeds.
 """
 
-from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
+from lissajous_env import rogues
+from lissajous_env.parameters.rogues import folder_of
 from training.learned import checkpoint
+
+LEARNED = {name: folder for name in rogues() if (folder := folder_of(name)) is not None}
+"""Folders of the included learned rogues, by name."""
 
 
 def rows() -> list[str]:
     """Return a row of the table for each included rogue and each policy that it was trained against."""
     found = []
-    for name in shipped_rogues():
-        for policy, times in checkpoint.read_contents(folder_of(name))["held_out_times"].items():
+    for name, folder in LEARNED.items():
+        contents = checkpoint.read_contents(folder)
+        for policy, times in contents["held_out_times"].items():
             learned = times.pop("learned")
             best = {each: max(of[each] for of in times.values()) for each in ("mean", "longest")}
             cells = [f"{of['mean']:.2f} ({of['longest']:.1f})" for of in (best, learned)]
-            found.append(f"| `{name}` | `{rogue_of(name).trained_on}`, `{policy}` | {' | '.join(cells)} |")
+            found.append(f"| `{name}` | `{contents['policy']['scenario']}`, `{policy}` | {' | '.join(cells)} |")
     return found
 
 

@@ -9,82 +9,38 @@ from lissajous_env.world import robots as _robots  # noqa: F401
 from lissajous_env.world import rogues as _rogues  # noqa: F401
 
 # isort: split
-from lissajous_env.envs.batch import Batch
-from lissajous_env.envs.gymnasium_env import LissajousEnv
-from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
-from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env
-from lissajous_env.episodes.evaluation import evaluate
-from lissajous_env.parameters.extensions import (
-    observation_entry,
-    reward_term,
-    score_column,
-    target_entry,
-    target_motion,
-)
-from lissajous_env.parameters.named import (
-    register_scenario,
-    register_scenario_space,
-    scenario,
-    scenario_space,
-    scenario_spaces,
-    scenarios,
-)
-from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
-from lissajous_env.parameters.rogues import Rogue, register_rogue, rogue, rogues
-from lissajous_env.parameters.scenario import (
-    Curve,
-    Faults,
-    Formation,
-    Messages,
-    Noise,
-    Robot,
-    Scenario,
-    Sensing,
-    Targets,
-    Task,
-)
-from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.world.simulation import Simulation
+from lissajous_env.envs.batch import Batch as Batch
+from lissajous_env.envs.gymnasium_env import LissajousEnv as LissajousEnv
+from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv as LissajousVectorEnv
+from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv as LissajousParallelEnv
+from lissajous_env.envs.pettingzoo_env import env as env
+from lissajous_env.episodes.evaluation import evaluate as evaluate
+from lissajous_env.parameters.extensions import observation_entry as observation_entry
+from lissajous_env.parameters.extensions import reward_term as reward_term
+from lissajous_env.parameters.extensions import score_column as score_column
+from lissajous_env.parameters.extensions import target_entry as target_entry
+from lissajous_env.parameters.extensions import target_motion as target_motion
+from lissajous_env.parameters.named import register_scenario as register_scenario
+from lissajous_env.parameters.named import scenario as scenario
+from lissajous_env.parameters.named import scenario_space as scenario_space
+from lissajous_env.parameters.named import scenario_spaces as scenario_spaces
+from lissajous_env.parameters.named import scenarios as scenarios
+from lissajous_env.parameters.robot_models import AsCar as AsCar
+from lissajous_env.parameters.robot_models import RobotModel as RobotModel
+from lissajous_env.parameters.robot_models import register_robot_model as register_robot_model
+from lissajous_env.parameters.rogues import rogue as rogue
+from lissajous_env.parameters.rogues import rogues as rogues
+from lissajous_env.parameters.scenario import Scenario as Scenario
+from lissajous_env.parameters.space import ScenarioSpace as ScenarioSpace
+from lissajous_env.settings.parts import Curve as Curve
+from lissajous_env.settings.parts import Faults as Faults
+from lissajous_env.settings.parts import Formation as Formation
+from lissajous_env.settings.parts import Messages as Messages
+from lissajous_env.settings.parts import Noise as Noise
+from lissajous_env.settings.parts import Robot as Robot
+from lissajous_env.settings.task import Sensing as Sensing
+from lissajous_env.settings.task import Targets as Targets
+from lissajous_env.settings.task import Task as Task
+from lissajous_env.world.simulation import Simulation as Simulation
 
-__all__ = [
-    "AsCar",
-    "Batch",
-    "Curve",
-    "Faults",
-    "Formation",
-    "LissajousEnv",
-    "LissajousParallelEnv",
-    "LissajousVectorEnv",
-    "Messages",
-    "Noise",
-    "Robot",
-    "RobotModel",
-    "Rogue",
-    "Scenario",
-    "ScenarioSpace",
-    "Sensing",
-    "Simulation",
-    "Targets",
-    "Task",
-    "env",
-    "evaluate",
-    "observation_entry",
-    "parallel_env",
-    "register_robot_model",
-    "register_rogue",
-    "register_scenario",
-    "register_scenario_space",
-    "reward_term",
-    "rogue",
-    "rogues",
-    "scenario",
-    "scenario_space",
-    "scenario_spaces",
-    "scenarios",
-    "score_column",
-    "target_entry",
-    "target_motion",
-    "vector_env",
-]
-
-parallel_env = LissajousParallelEnv
+parallel_env, vector_env = LissajousParallelEnv, LissajousVectorEnv

@@ -11,10 +11,10 @@ import re
 import sys
 import types
 import warnings
-from collections.abc import Callable, Container
+from collections.abc import Callable, Collection, Iterable
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cloudpickle
 
@@ -61,38 +61,69 @@ def search_current_folder() -> None:
             sys.path.append(os.getcwd())
 
 
-class EntryPoints:
-    """Objects of other packages in a group of entry points, loaded on first use.
-
-    An entry point that cannot be loaded causes a warning; the others are loaded all the same.
+class Registry(dict[str, Any]):
+    """Objects of one kind by name: those of this package, of its users, and of other packages.
 
     Args:
-        group: Name of the group.
-        things: Kind of the objects, for messages.
-        register: Function called with each object in the order of the names; modules are only imported.
+        thing: Kind of the objects, for messages.
+        names: Regular expression of valid names, and the rule in words.
+        is_included: Function that returns True for the objects of this package.
+        group: Group of the entry points by which other packages add objects; empty for none.
+        bring: Function called with the object of each entry point in the order of the names, unless it is a module,
+            which is only imported.
     """
 
-    def __init__(self, group: str, things: str, register: Callable[[Any], Any]):
-        self.group, self.things, self.register = group, things, register
+    def __init__(
+        self,
+        thing: str,
+        names: tuple[str, str],
+        is_included: Callable[[Any], bool],
+        group: str = "",
+        bring: Callable[[Any], Any] = lambda function: function(),
+    ):
+        super().__init__()
+        self.thing, self.is_included, self.group = thing, is_included, group
         self.broken: list[str] = []
         """Messages for entry points that could not be loaded."""
-        self._asked = False
+        self._names, self._bring, self._loaded = names, bring, not group
 
-    def load(self) -> None:
-        """Load the entry points, once."""
-        if self._asked:
-            return
-        self._asked = True  # at once, since loaded code may look up names
-        for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
+    def add(self, new: Any) -> Any:
+        """Add an object under its attribute `name`, and return it; in a notebook, it may replace another one.
+
+        Raises:
+            ValueError: the name is invalid, or a different object has it that cannot be replaced.
+        """
+        name, (pattern, rule) = new.name, self._names
+        is_name = isinstance(name, str) and re.fullmatch(pattern, name)
+        require(is_name, f"name of a {self.thing}", f"must be {rule}", name)
+        before = self.get(name, new)
+        if before != new and (not hasattr(sys, "ps1") or self.is_included(before)):  # IPython sets it too
+            raise ValueError(f"name of a {self.thing} must be new, got {shown(name)}, which another one has")
+        self[name] = new
+        return new
+
+    def load(self) -> Self:
+        """Load the entry points, once; one that cannot be loaded causes a warning. Return the registry."""
+        entries = [] if self._loaded else sorted(entry_points(group=self.group), key=lambda entry: entry.name)
+        self._loaded = True  # at once, since loaded code may look up names
+        for entry in entries:
             try:
                 brought = entry.load()
                 if not isinstance(brought, types.ModuleType):
-                    self.register(brought)
+                    self._bring(brought)
             except (Exception, SystemExit) as error:
                 words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-                named = f"the {self.things} of the entry point {entry.name} ({entry.value})"
-                self.broken.append(f"{named} cannot be loaded: {words}")
+                self.broken.append(f"the entry point {entry.name} ({entry.value}) cannot be loaded: {words}")
                 warnings.warn(self.broken[-1], RuntimeWarning, stacklevel=2)
+        return self
+
+    def unknown(self, name: Any, command: str, known: Collection[str], others: Iterable[str] = ()) -> ValueError:
+        """Return the error for a name that is not one of the known ones, which a command lists.
+
+        It suggests similar known names and `others`, and contains the entry points that could not be loaded.
+        """
+        rule = f"{self.thing} must be one of the {len(known)} that `lissajous {command}` lists"
+        return ValueError("; ".join([f"{rule}, got {shown(name)}{nearest(name, [*known, *others])}", *self.broken]))
 
 
 def beside(name: Any, suffix: str) -> list[str]:
@@ -102,40 +133,6 @@ def beside(name: Any, suffix: str) -> list[str]:
     except (OSError, ValueError, TypeError):  # missing or unreadable folder
         return []
     return [str(path) for path in paths if path.suffix == suffix and path.is_file()]
-
-
-def register(
-    registry: dict[str, Any],
-    thing: str,
-    new: Any,
-    names: tuple[str, str],
-    taken: Container[str] = (),
-    replaces: bool = False,
-) -> None:
-    """Add an object to a registry under its attribute `name`.
-
-    Args:
-        registry: Objects by name.
-        thing: Kind of the object, for messages.
-        new: The object.
-        names: Regular expression of valid names, and the rule in words.
-        taken: Names that are not in the registry but belong to other objects.
-        replaces: True if the object may replace a different one that has its name.
-
-    Raises:
-        ValueError: the name is invalid, or a different object has it.
-    """
-    name, (pattern, rule) = new.name, names
-    is_name = isinstance(name, str) and re.fullmatch(pattern, name)
-    require(is_name, f"name of a {thing}", f"must be {rule}", name)
-    if name in taken or (registry.get(name, new) != new and not replaces):
-        raise ValueError(f"name of a {thing} must be new, got {shown(name)}, which another one has")
-    registry[name] = new
-
-
-def is_notebook() -> bool:
-    """Return True in a notebook or at a prompt, where a cell that is run again registers its objects anew."""
-    return hasattr(sys, "ps1")  # IPython sets it too
 
 
 class ByValue:
@@ -149,15 +146,6 @@ class ByValue:
 
     def __reduce__(self) -> tuple:
         return cloudpickle.loads, (cloudpickle.dumps(self.value),)
-
-
-def replaces(new: Any, old: Any) -> bool:
-    """Return whether an object at a prompt, or in a notebook, is a new version of another: it has the same full name.
-
-    A cell that is run again defines its functions and classes anew.
-    """
-    names = [(getattr(version, "__module__", None), getattr(version, "__qualname__", None)) for version in (new, old)]
-    return names[0] == names[1] and names[0][0] in PROMPT and names[0][1] is not None
 
 
 class MissingExtraError(ValueError, ImportError):

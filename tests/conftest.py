@@ -14,8 +14,7 @@ from hypothesis import settings
 import baselines
 import lissajous_env
 from baselines.policies import registry
-from lissajous_env.parameters import robot_models, rogues
-from lissajous_env.parameters.named import SCENARIOS, SPACES
+from lissajous_env.parameters import named, robot_models, rogues
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["MPLBACKEND"] = "Agg"
@@ -37,15 +36,9 @@ def _own_registries(monkeypatch):
     # What one test registers, another must not see.
     baselines.names()
     lissajous_env.rogues()
-    for module, name in (
-        (registry, "_REGISTRY"),
-        (registry, "_FILTERS"),
-        (robot_models, "_MODELS"),
-        (rogues, "_ROGUES"),
-    ):
-        monkeypatch.setattr(module, name, dict(getattr(module, name)))
     monkeypatch.setattr(sys, "path", list(sys.path))  # to which the current folder is added
-    before = [(table, dict(table)) for table in (SCENARIOS, SPACES)]
+    tables = registry.POLICIES, registry._FILTERS, robot_models.MODELS, rogues.ROGUES, named.ENTRIES
+    before = [(table, dict(table)) for table in tables]
     yield
     for table, entries in before:
         table.clear()

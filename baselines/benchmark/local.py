@@ -21,7 +21,7 @@ from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.evaluation import episodes
-from lissajous_env.parameters.robot_models import is_shipped
+from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import extension_columns
 
@@ -70,7 +70,8 @@ def on_cores(jobs: Sequence[tuple[Callable[[threading.Event], None], bool]]) -> 
 
 def may_be_shared(cell: Cell, device: str) -> bool:
     """Return whether a cell may be played on any thread: all of its code is of this package, and runs on the CPU."""
-    ships = registry.is_included(cell.policy) and not cell.scenario.extensions and is_shipped(cell.scenario.robot.kind)
+    model = MODELS[cell.scenario.robot.kind]
+    ships = registry.is_included(cell.policy) and not cell.scenario.extensions and MODELS.is_included(model)
     return ships and device == "cpu"
 
 

@@ -18,7 +18,7 @@ from baselines.policies import registry
 from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import parts_of
-from lissajous_env.parameters.robot_models import is_shipped, model_of
+from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.parameters.rogues import folder_of
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.storage.files import Closing, read_json
@@ -167,12 +167,12 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
 
 def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     """Return digests of the code of each policy, each model of robots that is not included, and learned rogues."""
-    kinds = {cell.scenario.robot.kind for cell in cells}
-    models = {_ROBOTS + kind: parts_of(model_of(kind).move) for kind in sorted(kinds) if not is_shipped(kind)}
+    models = [MODELS[kind] for kind in sorted({cell.scenario.robot.kind for cell in cells})]
+    added = {_ROBOTS + model.name: parts_of(model.move) for model in models if not MODELS.is_included(model)}
     adversaries = sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""})
     folders = {name: folder_of(name) for name in adversaries}
     learned = {_ROGUES + name: registry.parts(str(folder)) for name, folder in folders.items() if folder is not None}
-    return {cell.policy: parts(cell.factory) for cell in cells} | models | learned
+    return {cell.policy: parts(cell.factory) for cell in cells} | added | learned
 
 
 def versions() -> dict[str, str]:

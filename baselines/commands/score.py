@@ -54,6 +54,7 @@ def score(
     from baselines.benchmark.table import Table
     from baselines.benchmark.written import as_csv
     from lissajous_env.logs.reading import read
+    from lissajous_env.logs.writing import save_mcap
 
     whole_number("episodes", episodes)
     for file in out:
@@ -68,7 +69,7 @@ def score(
         scored = score_log(log, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
     console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]
     lasts = scored.scenario.task.duration
-    words = f"{log.name}: {len(log.tracks)} robots, {lasts:g} s from {scored.start:.3f} s on"
+    words = f"{log.name}: {len(log.tracks)} robots, {lasts:g} s from {scored.log.start:.3f} s on"
     output.print(words)
     if episodes == 1:
         shown.print_row(console, scored.rows[0], scored.scenario)
@@ -81,7 +82,10 @@ def score(
     for file in out:
         if file.suffix.lower() == ".csv":
             write_atomically(file, as_csv(scored.rows))
-            output.print(f"wrote {file}")
+        elif file.suffix.lower() == ".mcap":
+            save_mcap(scored.log, file)
         else:
             show(scored.recording, file, output)
-    output.print_json({"log": log.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})
+            continue
+        output.print(f"wrote {file}")
+    output.print_json({"log": log.name, "start": scored.log.start, "notes": scored.notes, "episodes": scored.rows})

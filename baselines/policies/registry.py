@@ -16,11 +16,11 @@ from baselines.policies.safety.filter import Safe
 from baselines.policies.safety.proved import Proved
 from lissajous_env.identity import OURS, parts_of
 from lissajous_env.parameters.named import build as build_scenario
-from lissajous_env.parameters.robot_models import model_of, robot_kinds
+from lissajous_env.parameters.robot_models import MODELS, model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.plugins import ByValue, EntryPoints, replaces
+from lissajous_env.plugins import ByValue, Registry
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.wording import few_of, nearest, shown
+from lissajous_env.wording import few_of, nearest, require
 
 
 @dataclass(frozen=True)
@@ -96,12 +96,16 @@ class Loader(NamedTuple):
     """`parts(folder)` returns what identifies the policy, as `parts` does."""
 
 
-_REGISTRY: dict[str, Entry] = {}
+POLICIES = Registry(
+    "policy",
+    (r"(?s).+", "a word"),
+    lambda entry: getattr(_origin(entry.factory)[0], "__module__", "").partition(".")[0] in OURS,
+    "lissajous_env.policies",
+)
 _FILTERS: dict[str, type[Filter]] = {kind.suffix: kind for kind in (Safe, Proved)}
 """Filters, by the suffix that adds them to the name of a policy."""
 LOADERS: dict[str, Loader] = {}
 """Loaders of policies in folders, by the file by which they recognise a folder; the last one is for all others."""
-_PLUGINS = EntryPoints("lissajous_env.policies", "policies", lambda plugin: plugin())
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
 
@@ -132,30 +136,24 @@ def register(
         The factory.
 
     Raises:
-        ValueError: another policy has the name. The same factory may be registered again, and a cell of a notebook that
-            is run again replaces its policy.
+        ValueError: the name, the kind or the factory is invalid, or another policy has the name. The same factory may
+            be registered again, and a cell of a notebook that is run again replaces its policy.
     """
     if factory is None:
         options = {"made_for": made_for, "about": about, "learned": learned, "on_request": on_request}
         return partial(register, name, kind, **options)
-    if not isinstance(name, str) or not name:
-        raise ValueError(f"name of a policy must be a word, got {name!r}")
-    if ending := next(filter(name.endswith, _FILTERS), ""):
+    if ending := next(filter(str(name).endswith, _FILTERS), ""):
         raise ValueError(f"name of a policy must not end in {ending}, which adds a filter, got {name}")
-    origin = _origin(factory)
+    origin, kinds = _origin(factory), (*MODELS, _VELOCITY)
     kind = getattr(origin[0], "kind", None) if kind is None else kind
-    if kind not in (None, *robot_kinds(), _VELOCITY):
-        raise ValueError(
-            f"kind of {name} must be one of {few_of((*robot_kinds(), _VELOCITY), kind)}, or None, got {shown(kind)}"
-        )
-    if not callable(factory):
-        raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
-    before = _origin(_REGISTRY[name].factory) if name in _REGISTRY else origin
-    same = len(before) == len(origin) and all(a == b or replaces(a, b) for a, b in zip(origin, before, strict=True))
-    if not same:
-        raise ValueError(f"name of a policy must be new, got {name}, which {_REGISTRY[name].factory!r} has")
+    rule = f"must be one of {few_of(kinds, kind)}, or None"
+    require(kind in (None, *kinds), f"kind of {name}", rule, kind)
+    require(callable(factory), f"factory of {name}", "must be callable", factory)
+    before = POLICIES.get(str(name))
+    if before is not None and _origin(before.factory) == origin:
+        return factory
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
-    _REGISTRY[name] = Entry(name, kind, factory, tuple(made_for), about.partition("\n")[0], learned, on_request)
+    POLICIES.add(Entry(name, kind, factory, tuple(made_for), about.partition("\n")[0], learned, on_request))
     return factory
 
 
@@ -171,35 +169,35 @@ def split_suffix(name: str) -> tuple[str, str]:
     return (name, "") if os.path.isdir(name) else (name.removesuffix(suffix), suffix)
 
 
-def _entries() -> dict[str, Entry]:
-    _PLUGINS.load()
-    return _REGISTRY
-
-
 def entry_of(name: str) -> Entry | None:
     """Return the entry of a registered policy, with or without the suffix of a filter; None if there is none."""
     plain, suffix = split_suffix(name)
-    entry = _entries().get(plain)
+    entry = POLICIES.load().get(plain)
     return entry.filtered(suffix) if entry is not None and suffix else entry
 
 
 def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     """Return the names of the policies, those with filters last, or of those that can drive a scenario's robots."""
     kind = None if scenario is None else build_scenario(scenario).actuation
-    plain = [*_entries().values()]
+    plain = [*POLICIES.load().values()]
     every = [*plain, *(entry.filtered(suffix) for suffix in _FILTERS for entry in plain)]
     return tuple(entry.name for entry in every if entry.drives(kind))
 
 
-def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+def make(name: str, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
     """Make a policy from its name, or from the folder of a checkpoint or a plan; a suffix adds a filter.
 
+    The default scenario is that of the folder, or the first one for which a registered policy is made.
+
     Raises:
-        ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,
-            the number of worlds is below 1, or the device is not available.
+        ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario
+            or has none of its own, the number of worlds is below 1, or the device is not available.
     """
-    num_worlds = whole_number("num_worlds", num_worlds)
-    return find(name)(build_scenario(scenario), num_worlds, device)
+    num_worlds, entry = whole_number("num_worlds", num_worlds), find(name)
+    if scenario is None:
+        require(entry.made_for or is_folder(name), "scenario", f"must be given for {name}", scenario)
+        scenario = own_scenario(name) if is_folder(name) else entry.made_for[0]
+    return entry(build_scenario(scenario), num_worlds, device)
 
 
 def find(name: str) -> Entry:
@@ -208,17 +206,14 @@ def find(name: str) -> Entry:
     Raises:
         ValueError: the name is unknown; the message suggests the closest match.
     """
-    if not isinstance(name, (str, os.PathLike)):
-        raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
+    require(isinstance(name, (str, os.PathLike)), "policy", "must be a name or a folder", name)
     if (entry := entry_of(name)) is not None:
         return entry
     plain, suffix = split_suffix(name)
     if is_folder(name):
         kind = "car" if suffix else None
         return Entry(str(name), kind, partial(_loader_of(plain).make, plain), filter=_FILTERS.get(suffix))
-    known = names()
-    words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}"
-    raise ValueError("; ".join([words + nearest(name, known), *_PLUGINS.broken]))
+    raise POLICIES.unknown(name, "policies", names())
 
 
 def is_folder(name: str) -> bool:
@@ -244,7 +239,7 @@ def own_scenario(folder: str) -> Scenario:
 def parts(name: str) -> dict[str, str]:
     """Return the parts that identify a policy, its code or its file: `lissajous_env.identity.parts_of`."""
     plain, suffix = split_suffix(name)
-    of_policy = _loader_of(plain).parts(plain) if is_folder(name) else parts_of(_entries()[plain].factory)
+    of_policy = _loader_of(plain).parts(plain) if is_folder(name) else parts_of(POLICIES[plain].factory)
     of_filter = parts_of(_FILTERS[suffix]) if suffix else {}
     return of_policy | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
 
@@ -267,8 +262,7 @@ def is_default_on(name: str, scenario: str) -> bool:
 def is_included(name: str) -> bool:
     """Return whether this package registered a policy, and not a user or another package."""
     entry = entry_of(name)
-    origin = _origin(entry.factory)[0] if entry is not None else None
-    return getattr(origin, "__module__", "").partition(".")[0] in OURS
+    return entry is not None and POLICIES.is_included(entry)
 
 
 def is_classical(name: str) -> bool:

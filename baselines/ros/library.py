@@ -22,7 +22,7 @@ _NAMES = {
     "rclpy.logging": "LoggingSeverity",
     "rclpy.node": "Node",
     "rclpy.parameter": "Parameter",
-    "rclpy.qos": "DurabilityPolicy HistoryPolicy QoSProfile ReliabilityPolicy",
+    "rclpy.qos": "DurabilityPolicy QoSProfile ReliabilityPolicy",
     "rclpy.qos_overriding_options": "QoSOverridingOptions",
     "rclpy.signals": "SignalHandlerOptions",
     "rosgraph_msgs.msg": "Clock",
@@ -35,6 +35,12 @@ _NAMES = {
 _of_ros = partial(of_extra, what="a node of ROS 2", extra="ros")
 rclpy: Any = _of_ros("rclpy")
 _OFFERED = {name: getattr(_of_ros(module), name) for module, names in _NAMES.items() for name in names.split()}
+LATEST: Any = _OFFERED["QoSProfile"](depth=1, reliability=_OFFERED["ReliabilityPolicy"].BEST_EFFORT)
+"""Quality of service with which measurements are received: the latest one, without repetitions."""
+LASTING: Any = _OFFERED["QoSProfile"](depth=1, durability=_OFFERED["DurabilityPolicy"].TRANSIENT_LOCAL)
+"""Quality of service of states: a node that joins later receives the latest one."""
+RELIABLE = 10
+"""Depth of the queues of everything else, which is sent and received reliably, as ROS 2 does by default."""
 
 
 def __getattr__(name: str) -> Any:
@@ -49,30 +55,6 @@ def make_executor() -> Any:
         return import_module("rclpy.experimental.events_executor").EventsExecutor()
     except (ImportError, OSError):  # before Kilted, or where stderr is no file, as in notebooks
         return _OFFERED["SingleThreadedExecutor"]()
-
-
-def _quality(depth: int, reliability: str = "RELIABLE", durability: str = "VOLATILE") -> Any:
-    return _OFFERED["QoSProfile"](
-        history=_OFFERED["HistoryPolicy"].KEEP_LAST,
-        depth=depth,
-        reliability=_OFFERED["ReliabilityPolicy"][reliability],
-        durability=_OFFERED["DurabilityPolicy"][durability],
-    )
-
-
-def latest() -> Any:
-    """Return the quality of service with which measurements are received: the latest one, without repetitions."""
-    return _quality(1, reliability="BEST_EFFORT")
-
-
-def reliable(depth: int = 10) -> Any:
-    """Return the quality of service of everything that is sent, which receivers of every kind can have."""
-    return _quality(depth)
-
-
-def lasting() -> Any:
-    """Return the quality of service of states: a node that joins later receives the latest one."""
-    return _quality(1, durability="TRANSIENT_LOCAL")
 
 
 def steady_clock() -> Any:

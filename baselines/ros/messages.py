@@ -102,16 +102,16 @@ def cloud_rows(message: Any, width: int) -> np.ndarray:
     offsets = {field.name: field.offset for field in message.fields if field.datatype == ros.PointField.FLOAT32}
     if not {"x", "y"} <= offsets.keys():
         raise ValueError(f"a point cloud must have x and y as FLOAT32, got {[field.name for field in message.fields]}")
-    count, order = message.width * message.height, ">f4" if message.is_bigendian else "<f4"
-    data, names = bytes(message.data), [name for name in ("x", "y", "vx", "vy")[:width] if name in offsets]
-    # A point needs room for its fields, so the length of the data limits the number of points that are allocated.
-    if message.point_step < max(offsets[name] for name in names) + 4 or len(data) < count * message.point_step:
-        got = f"{len(data)} bytes for {count} points of {message.point_step} bytes"
-        raise ValueError(f"a point cloud must have room and data for the fields of its points, got {got}")
-    rows = np.zeros((count, width), dtype=np.float32)
-    for k, name in enumerate(("x", "y", "vx", "vy")[:width]):
-        if name in names and count:
-            rows[:, k] = np.ndarray(count, order, data, offsets[name], (message.point_step,))
+    columns = {name: k for k, name in enumerate(("x", "y", "vx", "vy")[:width]) if name in offsets}
+    point = {"names": [*columns], "formats": [">f4" if message.is_bigendian else "<f4"] * len(columns)}
+    point |= {"offsets": [offsets[name] for name in columns], "itemsize": message.point_step}
+    try:
+        points = np.frombuffer(bytes(message.data), np.dtype(point), message.width * message.height)
+    except (ValueError, OverflowError) as error:  # NumPy compares the sizes before it allocates
+        raise ValueError(f"a point cloud must have room and data for the fields of its points: {error}") from error
+    rows = np.zeros((len(points), width), dtype=np.float32)
+    for name, k in columns.items():
+        rows[:, k] = points[name]
     return rows
 
 

@@ -108,14 +108,14 @@ class RobotNode(ros.Node):
         self.onboard.reset()
 
     def _connect(self) -> None:
-        settings, measured = self.settings, ros.latest()
+        settings, measured = self.settings, ros.LATEST
         changes = {"qos_overriding_options": ros.QoSOverridingOptions.with_default_policies()}
-        self._send_message = self.create_publisher(ros.JointState, "message", ros.reliable(), **changes).publish
-        self._send_action = self.create_publisher(ros.JointState, "action", ros.reliable(), **changes).publish
-        self._send_phase = self.create_publisher(ros.Float64, "phase", ros.reliable(), **changes).publish
-        self._send_diagnostics = self.create_publisher(ros.DiagnosticArray, "/diagnostics", ros.reliable()).publish
+        self._send_message = self.create_publisher(ros.JointState, "message", ros.RELIABLE, **changes).publish
+        self._send_action = self.create_publisher(ros.JointState, "action", ros.RELIABLE, **changes).publish
+        self._send_phase = self.create_publisher(ros.Float64, "phase", ros.RELIABLE, **changes).publish
+        self._send_diagnostics = self.create_publisher(ros.DiagnosticArray, "/diagnostics", ros.RELIABLE).publish
         topics = self._command_topics.items()
-        senders = [self.create_publisher(getattr(ros, cls), name, ros.reliable(1), **changes) for name, cls in topics]
+        senders = [self.create_publisher(getattr(ros, cls), name, 1, **changes) for name, cls in topics]
         self._command_publishers = senders
         measurements: dict[str, tuple[Any, Callable[[Any], None]]] = {
             "robots": (ros.PointCloud2, partial(self._see, "robots", 4)),
@@ -128,7 +128,7 @@ class RobotNode(ros.Node):
             measurements["pose"] = ros.PoseStamped, lambda m: self._take(m.header, m.pose)
         for name, (cls, take) in measurements.items():
             self.create_subscription(cls, name, take, measured, **changes)
-        self.create_subscription(ros.UInt8, "status", self._take_status, ros.lasting())
+        self.create_subscription(ros.UInt8, "status", self._take_status, ros.LASTING)
         for name in ("start", "stop", "resume"):
             self.create_service(ros.Trigger, name, partial(self._serve, name))
         steady = ros.steady_clock()

@@ -1,5 +1,6 @@
 """The node of the simulation, in place of the hardware of all robots: poses and the clock out, commands in."""
 
+import json
 import math
 from collections.abc import Callable
 from functools import partial
@@ -17,7 +18,7 @@ from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.messages import seconds
 from lissajous_env.logs.reading import EPISODE
-from lissajous_env.logs.writing import FRAME, START, episode_text
+from lissajous_env.logs.writing import FRAME, START, episode_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
@@ -68,13 +69,13 @@ class WorldNode(ros.Node):
         watchdog = Limits().of(self.scenario).watchdog
         self._vehicles = [Vehicle(self.scenario, watchdog) for _ in range(count)]
         self._status = [-1] * count
-        self._is_there, self.awaited = [False] * count, [True] * count
+        self.awaited = [True] * count
         self._decided_at = [-math.inf] * count
         self.loop = ros.make_executor()
         self.loop.add_node(self)
         self._robots = [self._connect(k) for k in range(count)]
-        self._send_clock = self.create_publisher(ros.Clock, "/clock", ros.reliable(1)).publish
-        self._send_episode = self.create_publisher(ros.String, EPISODE, ros.lasting()).publish
+        self._send_clock = self.create_publisher(ros.Clock, "/clock", 1).publish
+        self._send_episode = self.create_publisher(ros.String, EPISODE, ros.LASTING).publish
 
     @property
     def now(self) -> float:
@@ -93,11 +94,13 @@ class WorldNode(ros.Node):
         """
         self._check = check
         self._await_robots()
-        self._call("start", self.settings.wait)
+        if not self._call("start", self.settings.wait):
+            raise CommandError(f"no answer of the robots to start within {self.settings.wait:g} s")
         self._start += self.scenario.task.step
         self._recorder.take()
         # A recorded log then contains all that `lissajous score` needs.
-        self._send_episode(ros.String(data=episode_text(self.scenario, self.settings.seed, "ros", self.now)))
+        episode = episode_of(self.scenario, self.settings.seed) | {"policy": "ros", "begin": self.now}
+        self._send_episode(ros.String(data=json.dumps(episode)))
         begins = monotonic()
         while not self.simulation.over[0]:
             begins = max(begins + self.scenario.task.step / self.settings.pace, monotonic())
@@ -120,22 +123,18 @@ class WorldNode(ros.Node):
 
     def _connect(self, robot: int) -> dict[str, Any]:
         """Listen to a robot, and return its services and the functions that publish its topics, by their names."""
-        names, reliable = f"/robot_{robot}/", ros.reliable()
+        names, reliable = f"/robot_{robot}/", ros.RELIABLE
         for topic, cls in self._command_topics.items():
             command = partial(self._command, robot, topic)
             self.create_subscription(getattr(ros, cls), names + topic, command, reliable)
         self.create_subscription(ros.JointState, names + "action", partial(self._decide, robot), reliable)
-        self.create_subscription(ros.JointState, names + "message", partial(self._meet, robot), reliable)
         outputs = {"odom": ros.Odometry, "pose": ros.PoseStamped, "robots": ros.PointCloud2, "targets": ros.PointCloud2}
         connected = {name: self.create_publisher(cls, names + name, reliable).publish for name, cls in outputs.items()}
-        connected["status"] = self.create_publisher(ros.UInt8, names + "status", ros.lasting()).publish
+        connected["status"] = self.create_publisher(ros.UInt8, names + "status", ros.LASTING).publish
         return connected | {name: self.create_client(ros.Trigger, names + name) for name in ("start", "stop")}
 
     def _command(self, robot: int, topic: str, message: Any) -> None:
         self._vehicles[robot].receive(self.now, topic, message)
-
-    def _meet(self, robot: int, _message: Any) -> None:
-        self._is_there[robot] = True
 
     def _decide(self, robot: int, message: Any) -> None:
         self._decided_at[robot], self.awaited[robot] = seconds(message.header.stamp), True
@@ -157,20 +156,6 @@ class WorldNode(ros.Node):
             self._spin(0.05)
         return True
 
-    def _await_robots(self) -> None:
-        """Publish the first state, at which the robots stand still, until all robots have sent a message."""
-
-        def stand() -> None:
-            self._start += self.scenario.task.step
-            self._publish()
-
-        def ready() -> bool:
-            return all(self._is_there) and monotonic() - self._begun >= self.discovery
-
-        if not self._spin_until(ready, max(self.settings.wait, self.discovery), stand):
-            missing = ", ".join(f"robot_{k}" for k, there in enumerate(self._is_there) if not there)
-            raise CommandError(f"no message of {missing} within {self.settings.wait:g} s")
-
     def _await_decisions(self) -> None:
         """Publish the state, and wait until every robot that is waited for has decided on its command."""
 
@@ -183,17 +168,27 @@ class WorldNode(ros.Node):
             for k in missing():
                 self.awaited[k] = False
 
-    def _call(self, name: str, limit: float) -> None:
-        """Call a service of every robot that has not been removed."""
-        clients = {k: robot[name] for k, robot in enumerate(self._robots) if self._status[k] != int(REMOVED)}
-        ready = self._spin_until(lambda: all(client.service_is_ready() for client in clients.values()), limit)
-        answers = {
-            k: client.call_async(ros.Trigger.Request()) for k, client in clients.items() if client.service_is_ready()
-        }
-        ready = ready and self._spin_until(lambda: all(answer.done() for answer in answers.values()), limit)
-        if not ready and name == "start":
-            silent = ", ".join(f"robot_{k}" for k in clients if k not in answers or not answers[k].done())
-            raise CommandError(f"the service {name} of {silent} does not answer")
+    def _await_robots(self) -> None:
+        """Publish the first state, at which the robots stand still, until every robot can be started."""
+
+        def stand() -> None:
+            self._start += self.scenario.task.step
+            self._publish()
+
+        def missing() -> list[str]:
+            return [f"robot_{k}" for k, robot in enumerate(self._robots) if not robot["start"].service_is_ready()]
+
+        def ready() -> bool:
+            return not missing() and monotonic() - self._begun >= self.discovery
+
+        if not self._spin_until(ready, max(self.settings.wait, self.discovery), stand):
+            raise CommandError(f"no node of {', '.join(missing())} within {self.settings.wait:g} s")
+
+    def _call(self, name: str, limit: float) -> bool:
+        """Call a service of every robot that is there; return False if one does not answer within a time [s]."""
+        clients = [robot[name] for k, robot in enumerate(self._robots) if self._status[k] != int(REMOVED)]
+        answers = [client.call_async(ros.Trigger.Request()) for client in clients if client.service_is_ready()]
+        return self._spin_until(lambda: all(answer.done() for answer in answers), limit)
 
     def _publish(self) -> None:
         """Publish the time, and the measurements and detections of each robot."""

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lissajous_env.logs.bags import Table
 from lissajous_env.logs.log import Log, runs
-from lissajous_env.logs.samples import Table
 
 SAME = 1e-4
 """Difference up to which two stamps of a robot's poses are the same [s]."""
@@ -54,11 +54,17 @@ class Clock:
         if np.concatenate(lacks).all():
             self.poses = [dataclasses.replace(own, stamp=own.logged) for own in self.poses]
             lacks = [~lack for lack in lacks]
-        stamped = {k: own.take(~lacks[k]) for k, own in enumerate(self.poses) if not lacks[k].all()}
-        for k, own in stamped.items():
-            self._refuse_breaks(k, own)
-        deviating = self._deviating(stamped)
-        self._pairs = _pairs_of([own for k, own in stamped.items() if k not in deviating])
+        self._pairs, counted = {}, []
+        for bag in np.unique(np.concatenate([own.bag for own in self.poses])).tolist():
+            of_file = [own.take((own.bag == bag) & ~lack) for own, lack in zip(self.poses, lacks, strict=True)]
+            stamped = {k: own for k, own in enumerate(of_file) if len(own)}
+            for k, own in stamped.items():
+                self._refuse_breaks(k, own)
+            deviating = self._deviating(stamped)
+            if agreeing := [own for k, own in stamped.items() if k not in deviating]:
+                self._pairs[bag] = _pairs_of(agreeing)
+                counted += agreeing
+        self._common = _pairs_of(counted)
         for k, own in enumerate(self.poses):
             stamp = np.where(lacks[k], self.times(own.bag, own.logged), own.stamp)
             self.poses[k] = dataclasses.replace(own, stamp=stamp)
@@ -67,7 +73,7 @@ class Clock:
         """Return times of the recorder of some files [s] as times of this clock [s]."""
         converted = np.array(logged, dtype=float)
         for number in np.unique(bag).tolist():
-            converted[bag == number] = _converted(logged[bag == number], *self._pairs.get(number, self._pairs[-1]))
+            converted[bag == number] = _converted(logged[bag == number], *self._pairs.get(number, self._common))
         return converted
 
     def differs(self, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> float:
@@ -77,41 +83,32 @@ class Clock:
         ahead = float(np.median(stamp - self.times(bag, logged)))
         return ahead if abs(ahead) > _LAG else 0.0
 
-    def _refuse_breaks(self, robot: int, stamped: Table) -> None:
-        """Refuse a log in which the clock of a robot's poses is set.
+    def _refuse_breaks(self, robot: int, poses: Table) -> None:
+        """Refuse a log in which the clock of a robot's poses is set within a file.
 
         Raises:
             ValueError: the stamps go back, or ahead without the recorder's times.
         """
-        for poses in _by_file(stamped).values():
-            row = _first_break(poses)
-            if row is not None:
-                jump = float(poses.stamp[row] - poses.stamp[row - 1])
-                got = f"{abs(jump):.3g} s {'back' if jump < 0 else 'ahead'}, recorded at {poses.logged[row]:.3f} s"
-                called = self._log.called([robot])
-                raise ValueError(
-                    f"the stamps of {called} must rise with the recorder's times in {self._log.name}, got a jump of "
-                    f"{got}: was a clock set, or a simulation reset? Cut the log there"
-                )
+        row = _first_break(poses)
+        if row is not None:
+            jump = float(poses.stamp[row] - poses.stamp[row - 1])
+            got = f"{abs(jump):.3g} s {'back' if jump < 0 else 'ahead'}, recorded at {poses.logged[row]:.3f} s"
+            raise ValueError(
+                f"the stamps of {self._log.called([robot])} must rise with the recorder's times in {self._log.name}, "
+                f"got a jump of {got}: was a clock set, or a simulation reset? Cut the log there"
+            )
 
     def _deviating(self, stamped: dict[int, Table]) -> set[int]:
-        """Return the robots whose clocks differ from those of the others by the recorder's times, and note them."""
-        files: dict[int, dict[int, Table]] = {}
-        for k, poses in stamped.items():
-            for bag, own in _by_file(poses).items():
-                files.setdefault(bag, {})[k] = own
-        deviating: set[int] = set()
-        for own in files.values():
-            pairs = _pairs_of([max(own.values(), key=len)])[-1]
-            lags = {k: np.median(poses.stamp - _converted(poses.logged, *pairs)) for k, poses in own.items()}
-            middle = np.median(list(lags.values()))
-            # Of two clocks, nobody knows which one is off.
-            for k, lag in lags.items() if len(own) > 2 else ():
-                if abs(lag - middle) > _LAG:
-                    deviating.add(k)
-                    ahead = f"{abs(lag - middle):.3g} s {'ahead of' if lag > middle else 'behind'}"
-                    words = f"by the recorder's times, the clock of {self._log.called([k])} is {ahead}"
-                    self.notes.append(f"{words} those of the others")
+        """Return the robots in a file whose clocks differ from those of the others, and note them."""
+        if len(stamped) < 3:  # of two clocks, nobody knows which one is off
+            return set()
+        pairs = _pairs_of([max(stamped.values(), key=len)])
+        lags = {k: np.median(own.stamp - _converted(own.logged, *pairs)) for k, own in stamped.items()}
+        ahead = {k: lag - np.median(list(lags.values())) for k, lag in lags.items()}
+        deviating = {k for k, time in ahead.items() if abs(time) > _LAG}
+        for k in deviating:
+            got = f"{abs(ahead[k]):.3g} s {'ahead of' if ahead[k] > 0 else 'behind'} those of the others"
+            self.notes.append(f"by the recorder's times, the clock of {self._log.called([k])} is {got}")
         return deviating
 
 
@@ -120,22 +117,12 @@ def _lacks_stamps(stamp: np.ndarray) -> np.ndarray:
     return (np.abs(stamp - np.median(stamp)) > _DAY) | (np.ptp(stamp) == 0)
 
 
-def _by_file(poses: Table) -> dict[int, Table]:
-    """Return the poses in each file."""
-    return {int(bag): poses.take(poses.bag == bag) for bag in np.unique(poses.bag)}
-
-
-def _pairs_of(poses: Sequence[Table]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Return increasing times of the recorder, and the latest stamp of a pose until then, by file; at -1 of all."""
-    bag, logged, stamp = (np.concatenate([getattr(own, name) for own in poses]) for name in ("bag", "logged", "stamp"))
-    pairs = {}
-    for number in (-1, *np.unique(bag).tolist()):
-        chosen = np.ones(len(bag), bool) if number < 0 else bag == number
-        order = np.lexsort((stamp[chosen], logged[chosen]))
-        in_order = logged[chosen][order]
-        last = np.append(np.diff(in_order) > 0, True)
-        pairs[number] = in_order[last], np.maximum.accumulate(stamp[chosen][order])[last]
-    return pairs
+def _pairs_of(poses: Sequence[Table]) -> tuple[np.ndarray, np.ndarray]:
+    """Return increasing times of the recorder, and the latest stamp of a pose until then."""
+    logged, stamp = (np.concatenate([getattr(own, name) for own in poses]) for name in ("logged", "stamp"))
+    order = np.lexsort((stamp, logged))
+    last = np.append(np.diff(logged[order]) > 0, True)
+    return logged[order][last], np.maximum.accumulate(stamp[order])[last]
 
 
 def _converted(given: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.ndarray:

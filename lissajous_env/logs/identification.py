@@ -3,13 +3,13 @@
 The log is cut into segments. Each is predicted by the model from a start that is fitted too, so that noise of the first
 pose does not matter, and the constants are those of the smallest sum of squared differences in x, y, heading and speed,
 each in units of its own deviation. The dead zone, on which a prediction does not depend smoothly, is the best of the
-values between the throttles of the log. A fit begins with given constants and, where a car does not move like the
-result, again with an estimate from the log.
+values between the throttles of the log. Fits begin with given constants and, for cars, with an estimate from the log.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,8 +91,10 @@ _NOISES, _SPREAD = 4.0, 0.05
 """Factors on the noise of the log and on the spread of the motion in a segment, up to which residuals are no misfit."""
 _CALM = 0.1
 """Quantile of the deviations from smooth motion that counts as noise: a robot that turns fast deviates, too."""
-_FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02, 0.1])
-"""First units of the residuals, and of the entries of a start."""
+_FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02])
+"""First units of the residuals, which are also those of a start."""
+_YAW_RATE_UNIT = 0.1
+"""Unit of the yaw rate of a start [rad/s]."""
 
 
 @wp.func
@@ -132,23 +134,18 @@ def roll_out(
     """Predict the states of a robot at the times of a segment of a log."""
     s = wp.tid()
     delay = wp.float64(constants[4])
-    last = command.shape[0] - 1
     state = starts[s]
     now = time[begin[s]]
-    k = int(wp.lower_bound(command_time, now - delay))
-    if k > last or command_time[wp.min(k, last)] + delay > now + _ON_TIME:
-        k = wp.max(k - 1, 0)
     predicted_out[begin[s]] = state
     for j in range(begin[s] + 1, begin[s + 1]):
         while now < time[j] - _ON_TIME:
             until = wp.min(time[j], now + _LONGEST)
-            if k < last:
-                until = wp.min(until, wp.max(command_time[k + 1] + delay, now))
-            state = advanced(robot, is_car, constants, state, command[k], float(until - now))
+            following = int(wp.lower_bound(command_time, now - delay + _ON_TIME))
+            if following < command.shape[0]:
+                until = wp.min(until, command_time[following] + delay)
+            given = command[wp.max(following - 1, 0)]
+            state = advanced(robot, is_car, constants, state, given, float(until - now))
             now = until
-            following = wp.min(k + 1, last)
-            if following > k and command_time[following] + delay <= now + _ON_TIME:
-                k = following
         predicted_out[j] = state
 
 
@@ -225,10 +222,7 @@ class _Fit:
         self._commands = commands
         self._begin = np.append(np.flatnonzero(np.diff(self._segment, prepend=-1)), len(self._segment))
         self._scale, begun = _FIRST_SCALE, self._begin[:-1]
-        after = np.minimum(begun + 1, len(self._time) - 1)
-        turned = self._measured[after, 2] - self._measured[begun, 2]
-        rate = turned / np.maximum(self._time[after] - self._time[begun], 1e-3)
-        self._starts = np.column_stack([self._measured[begun], rate])
+        self._starts = np.column_stack([self._measured[begun], 0 * begun])
         limits = {"acceleration_max": guess.top_acceleration, "yaw_acceleration_max": guess.top_yaw_acceleration}
         given = limits | {"speed_factor": 1.0, "yaw_factor": 1.0, "delay": 0.0}
         self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model.constants])
@@ -246,13 +240,36 @@ class _Fit:
         self._zones = np.concatenate([[self._throttles[0] - 1e-3], middles])
 
     def run(self) -> Identified:
-        """Fit from the guess and, if a car does not move like that, from constants that are estimated from the log."""
-        starts = self._starts.copy()
-        fits = [self._fitted(self._guess)]
-        if fits[0].misfits and "dead_zone" in self._model.constants:
-            self._scale, self._starts = _FIRST_SCALE, starts
-            fits.append(self._fitted(self._estimate()))
-        return min(fits, key=lambda fit: (len(fit.misfits), fit.residual["position"]))
+        """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
+        limits = np.isin(list(self._model.constants), self._model.limits)
+        constants, zone_error = self._best_of(self._begins(limits)), []
+        if "dead_zone" in self._model.constants:
+            constants, error = self._with_dead_zone(constants)
+            zone_error.append(error)
+        for _ in range(2):
+            constants, _ = self._fit(constants)
+            self._scale = self._deviations(constants)
+        constants, _ = self._fit(constants)
+        errors = np.append(self._errors(constants), zone_error)
+        unknown = np.isnan(errors) | (limits & (errors > _UNKNOWN * constants))
+        constants, errors = np.where(unknown, self._guess, constants), np.where(unknown, np.nan, errors)
+        place, _, heading, speed = map(float, self._deviations(constants))
+        residual = {"position": place, "heading": heading, "speed": speed if self._is_known[3] else math.nan}
+        values, deviations = (
+            dict(zip(self._model.constants, map(float, row), strict=True)) for row in (constants, errors)
+        )
+        return Identified(values, deviations, residual, len(self._time), self._misfits(residual))
+
+    def _begins(self, limits: np.ndarray) -> list[np.ndarray]:
+        """Return the constants with which fits begin: the guess, of cars also an estimate, each with some delays.
+
+        `limits` is True for the constants that limit changes, which also begin with shares of the guess.
+        """
+        begins, guesses = [], [self._guess, *([self._estimate()] if "dead_zone" in self._model.constants else [])]
+        for guess, delay, share in product(guesses, _DELAYS, _LIMITS if limits.any() else (1.0,)):
+            begins.append(np.where(limits, share, 1.0) * guess)
+            begins[-1][4:] = [delay, 0.0][: len(guess) - 4]
+        return begins
 
     def _estimate(self) -> np.ndarray:
         """Return constants of a car by linear regression on the changes of heading and speed between two poses."""
@@ -267,41 +284,15 @@ class _Fit:
         wheelbase = (turning**2).sum() / max((turning * heading).sum(), 1e-9)
         return np.array([*np.maximum([wheelbase, drag, drive, offset], 1e-3), *self._guess[4:]])
 
-    def _fitted(self, guess: np.ndarray) -> Identified:
-        """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
-        limits = np.isin(list(self._model.constants), self._model.limits)
-        begins = []
-        for delay, share in product(_DELAYS, _LIMITS if limits.any() else (1.0,)):
-            begins.append(np.where(limits, share, 1.0) * guess)
-            begins[-1][4:] = [delay, 0.0][: len(self._guess) - 4]
-        constants, zone_error = self._best_of(np.array(begins)), []
-        if "dead_zone" in self._model.constants:
-            constants, error = self._with_dead_zone(constants)
-            zone_error.append(error)
-        for _ in range(2):
-            constants, _ = self._fit(constants)
-            self._scale = self._deviations(constants)
-        constants, _ = self._fit(constants)
-        errors = np.append(self._errors(constants), zone_error)
-        unknown = np.isnan(errors) | (limits & (errors > _UNKNOWN * constants))
-        constants, errors = np.where(unknown, self._guess, constants), np.where(unknown, np.nan, errors)
-        place, _, heading, speed, _ = map(float, self._deviations(constants))
-        residual = {"position": place, "heading": heading, "speed": speed if self._is_known[3] else math.nan}
-        values, deviations = (
-            dict(zip(self._model.constants, map(float, row), strict=True)) for row in (constants, errors)
-        )
-        return Identified(values, deviations, residual, len(self._time), self._misfits(residual))
-
     def _misfits(self, residual: dict[str, float]) -> tuple[str, ...]:
         """Return the names of the residuals that the noise of the log does not explain."""
         names, counts = [], np.diff(self._begin)
         for name, columns in (("position", [0, 1]), ("heading", [2]), ("speed", [3])):
-            values, noise = self._measured[:, columns], []
-            for begin, end in pairwise(self._begin.tolist()):
-                noise.append(local_deviations(self._time[begin:end], values[begin:end]))
+            values = self._measured[:, columns]
+            noise = float(np.quantile(local_deviations(self._time, values), _CALM))
             middle = np.add.reduceat(values, self._begin[:-1]) / counts[:, None]
             spread = float((values - middle[self._segment]).std())
-            if residual[name] > max(_NOISES * float(np.quantile(np.concatenate(noise), _CALM)), _SPREAD * spread):
+            if residual[name] > max(_NOISES * noise, _SPREAD * spread):
                 names.append(name)
         return tuple(names)
 
@@ -316,23 +307,24 @@ class _Fit:
             wp.launch(roll_out, len(starts), [*self._robot, *given, *self._data], [predicted], device="cpu")
         away = predicted.numpy()[..., :4] - self._measured
         away[..., 2] = (away[..., 2] + np.pi) % (2 * np.pi) - np.pi
-        return np.where(self._is_known, away / self._scale[:4], 0.0).astype(np.float32)
+        return np.where(self._is_known, away / self._scale, 0.0).astype(np.float32)
 
     def _deviations(self, constants: np.ndarray) -> np.ndarray:
-        """Return the standard deviations of the log from the prediction, and the last entry of the scale."""
-        away = self._residuals(constants, self._starts) * self._scale[:4]
+        """Return the standard deviations (4,) of the log from the prediction; the scale where nothing is measured."""
+        away = self._residuals(constants, self._starts) * self._scale
         # A segment's start is fitted too, which costs one degree of freedom for each.
         square = np.maximum((away**2).sum(axis=0) / max(len(away) - len(self._starts), 1), 1e-12)
         square[:2] = square[:2].mean()
-        return np.append(np.where(self._is_known, np.sqrt(square), self._scale[:4]), self._scale[4])
+        return np.where(self._is_known, np.sqrt(square), self._scale)
 
     def _fit(self, constants: np.ndarray, evaluations: int = 40) -> tuple[np.ndarray, float]:
         """Fit the smooth constants and the starts together; return the constants and the cost."""
         unit, free, begun = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._model.free, self._starts
+        start_unit = _START_UNITS * np.append(self._scale, _YAW_RATE_UNIT)[:free]
 
         def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             starts = begun.copy()
-            starts[:, :free] += x[5:].reshape(-1, free) * _START_UNITS * self._scale[:free]
+            starts[:, :free] += x[5:].reshape(-1, free) * start_unit
             return np.append(x[:5] * unit, constants[5:]), starts
 
         least = np.array(self._model.least) / unit
@@ -384,7 +376,7 @@ class _Fit:
         place = int(np.searchsorted(self._throttles, constants[-1]))
         return constants, 0.5 * float(self._throttles[place] - self._throttles[place - 1])
 
-    def _best_of(self, sets: np.ndarray) -> np.ndarray:
+    def _best_of(self, sets: Iterable[np.ndarray]) -> np.ndarray:
         """Return the constants of the best of some fits that begin with sets of constants."""
         begun, fits = self._starts, []
         for constants in sets:

@@ -55,8 +55,6 @@ class Track:
     """(K,) float64 headings, not wrapped [rad]; NaN where the log has none."""
     speed: np.ndarray
     """(K,) float64 speeds over the ground, forwards [m/s]; NaN where the log has none."""
-    measured: bool = True
-    """False if the log says that its speeds are no measurements, by a first covariance of -1."""
 
     def __len__(self) -> int:
         return len(self.time)

@@ -9,8 +9,8 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from lissajous_env.logs.messages import Bags
-from lissajous_env.logs.samples import ARRAY, POSES, TRANSFORMS, Table, poses_of
+from lissajous_env.logs.bags import Bags, Table
+from lissajous_env.logs.samples import ARRAY, POSES, TRANSFORMS, poses_of
 from lissajous_env.wording import few_of, nearest
 
 TOPICS = ("/robot_{}/odom",)

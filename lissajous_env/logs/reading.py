@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.logs.bags import Bags, Decoder, Table
 from lissajous_env.logs.clocks import SAME, Clock
 from lissajous_env.logs.log import Log, Series, Track
-from lissajous_env.logs.messages import Bags
 from lissajous_env.logs.poses import FEWEST, TOPICS, robots_of
-from lissajous_env.logs.samples import COMMANDS, PHASES, STATUSES, Decoder, Table, finite, relative, tables_of
+from lissajous_env.logs.samples import COMMANDS, PHASES, STATUSES, TEXTS, relative
 from lissajous_env.settings.checks import is_finite, is_whole
 from lissajous_env.wording import shown
 
@@ -93,13 +93,13 @@ class _Reading:
         if len(poses) < FEWEST:
             rule = f"must have poses at {FEWEST} times at least in {self._name}"
             raise ValueError(f"{self._called([robot])} {rule}, got {len(poses)}")
-        position, (heading, speed, measured) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
+        position, (heading, speed) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
         if any(origin):
             position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
         known = np.isfinite(heading)
         heading[known] = np.unwrap(heading[known]) - origin[2]
         speed[~np.isfinite(speed)] = np.nan
-        return Track(poses.stamp, position, heading, speed, bool(measured.all()))
+        return Track(poses.stamp, position, heading, speed)
 
     def _check_times(self, tracks: Sequence[Track]) -> None:
         """Check that there is a time at which all robots have poses."""
@@ -118,8 +118,8 @@ class _Reading:
         for k, robot in enumerate(self._robots):
             topic = pattern.replace("{}", robot.label)
             # A topic without a number is that of one robot in each file.
-            tables = tables_of(self._bags, topic, decoders, None if "{}" in pattern else robot.bag)
-            if tables and len(table := finite(self._bags, topic, tables[""])):
+            tables = self._bags.tables(topic, decoders, None if "{}" in pattern else robot.bag)
+            if tables and len(table := self._bags.finite(topic, tables[""])):
                 time = self._times(topic, table)
                 order = np.argsort(time, kind="stable")
                 order = order[np.append(np.diff(time[order]) > 0, True)]
@@ -140,21 +140,20 @@ class _Reading:
 
     def _episode(self, tracks: Sequence[Track]) -> tuple[dict[str, Any] | None, float | None]:
         """Return what a simulation wrote about its episode, and when it began: with a pose."""
-        messages = list(self._bags.of(EPISODE, ("std_msgs/msg/String",)))
-        if not messages:
+        texts = self._bags.tables(EPISODE, TEXTS).get("")
+        if texts is None:
             first = np.array([track.time[0] for track in tracks])
             if np.ptp(first) > _LATE:
                 late, early = (self._called([int(which(first))]) for which in (np.argmax, np.argmin))
                 words = f"the episode begins with the first pose of {late}"
                 self._notes.append(f"{words}, {np.ptp(first):.3g} s after that of {early}")
             return None, None
-        if len({content.data for *_, content in messages}) > 1 or len(messages) > len(self._bags.paths):
-            self._notes.append(f"{len(messages)} episodes begin in {self._name}: the last of them counts")
-        *place, last = messages[-1]
-        bag, logged = (np.array([number]) for number in place)
-        episode = _checked_episode(last.data, self._name)
-        time = float(self._clock.times(bag, logged)[0])
-        if "begin" in episode and self._clock.differs(bag, logged, np.array([episode["begin"]])) == 0:
+        if len(set(texts.numbers[:, 0])) > 1 or len(texts) > len(self._bags.paths):
+            self._notes.append(f"{len(texts)} episodes begin in {self._name}: the last of them counts")
+        last = texts.take(slice(-1, None))
+        episode = _checked_episode(str(last.numbers[0, 0]), self._name)
+        time = float(self._clock.times(last.bag, last.logged)[0])
+        if "begin" in episode and self._clock.differs(last.bag, last.logged, np.array([episode["begin"]])) == 0:
             time = float(episode["begin"])
         stamps = np.concatenate([track.time for track in tracks])
         return episode, float(stamps[np.argmin(np.abs(stamps - time))])

@@ -1,19 +1,14 @@
-"""Numbers in the messages of a log, as tables: poses, commands, phases and statuses.
-
-A topic of one robot has one table. A topic of several has one for each part of it: "car_2" for a frame of /tf, "2" for
-the third pose of an array.
-"""
+"""Poses, commands, phases and statuses in the messages of a log."""
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from lissajous_env.logs.bags import Bags, Decoder, Sample, Table
 from lissajous_env.logs.inputs import INPUTS
-from lissajous_env.logs.messages import Bags, seconds
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 TRANSFORMS, ARRAY = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseArray"
@@ -21,81 +16,8 @@ _UNIT = 0.01
 """Difference from 1 up to which the square of a quaternion's length is rounded."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """Numbers of K messages."""
-
-    bag: np.ndarray
-    """(K,) number of the file."""
-    logged: np.ndarray
-    """(K,) time of the recorder [s]."""
-    stamp: np.ndarray
-    """(K,) time of the header [s]; NaN for messages without one."""
-    frame: np.ndarray
-    """(K,) name of the header's frame."""
-    numbers: np.ndarray
-    """(K, A) numbers."""
-    names: tuple[str, ...] = ()
-    """Names of the numbers, if the messages have any."""
-
-    def __len__(self) -> int:
-        return len(self.stamp)
-
-    def take(self, rows: Any) -> "Table":
-        """Return some rows, by a mask, numbers or a slice."""
-        columns = {name: value for name, value in vars(self).items() if name != "names"}
-        return dataclasses.replace(self, **{name: value[rows] for name, value in columns.items()})
-
-
-Sample = tuple[str, Any, tuple[str, ...], Sequence[float]]
-"""The part of a topic, the header or None, the names of some numbers, or (), and the numbers."""
-Decoder = Callable[[Any], list[Sample]]
-"""Function that returns the samples in a message, and raises a ValueError with the reason for one that says nothing."""
-
-
-def tables_of(bags: Bags, topic: str, decoders: dict[str, Decoder], held_by: int | None = None) -> dict[str, Table]:
-    """Return the tables of a topic by part.
-
-    Messages that say nothing, and those with other names or another number of numbers than the first, are ignored.
-
-    Args:
-        bags: The files.
-        topic: The topic.
-        decoders: Functions that decode its messages, by their types.
-        held_by: Number of the only file that counts; None for all.
-    """
-    rows: dict[str, list[tuple]] = {}
-    names: dict[str, tuple[str, ...]] = {}
-    for bag, logged, content in bags.of(topic, decoders):
-        if held_by not in (None, bag):
-            continue
-        try:
-            samples = decoders[content.__msgtype__](content)
-        except ValueError as error:
-            bags.ignore(topic, str(error))
-            continue
-        for part, header, own_names, numbers in samples:
-            own = rows.setdefault(part, [])
-            if own and (own_names, len(numbers)) != (names[part], len(own[0][-1])):
-                bags.ignore(topic, "they have other names or another length than the first")
-                continue
-            names[part] = own_names
-            about = (math.nan, "") if header is None else (seconds(header.stamp), header.frame_id.strip("/"))
-            own.append((bag, logged, *about, numbers))
-    columns = {part: list(map(np.array, zip(*own, strict=True))) for part, own in rows.items()}
-    return {part: Table(*own, names=names[part]) for part, own in columns.items()}
-
-
-def finite(bags: Bags, topic: str, table: Table, count: int | None = None) -> Table:
-    """Return the rows whose first numbers are finite, and remark that the others are ignored."""
-    sound = np.isfinite(table.numbers[:, :count]).all(axis=1)
-    if not sound.all():
-        bags.ignore(topic, "they have numbers that are not finite", int((~sound).sum()))
-    return table.take(sound)
-
-
 def poses_of(bags: Bags, topic: str) -> dict[str, Table]:
-    """Return the poses of a topic by part: x, y, z [m], heading [rad], speed [m/s], and 1 if it was measured.
+    """Return the poses of a topic by part: x, y, z [m], heading [rad], and speed [m/s].
 
     Unknown headings and speeds are NaN. Poses in frames that have parents in the same topic are those in the root of
     the tree, in the plane and in height.
@@ -103,16 +25,16 @@ def poses_of(bags: Bags, topic: str) -> dict[str, Table]:
     Raises:
         ValueError: an array has another number of poses than the first one.
     """
-    tables = tables_of(bags, topic, POSES)
+    tables = bags.tables(topic, POSES)
     if TRANSFORMS in bags.kinds[topic]:  # transforms that never change have a topic of their own
-        tables = tables_of(bags, f"{topic}_static", POSES) | tables
+        tables = bags.tables(f"{topic}_static", POSES) | tables
     counts = sorted({len(table) for table in tables.values()})
     if ARRAY in bags.kinds[topic] and len(counts) > 1:
         got = f"{len(tables)} in {counts[0]} and fewer in {counts[-1] - counts[0]}"
         raise ValueError(f"topic {topic} must have as many poses in every message, got {got}")
     poses = {}
     for part, whole in tables.items():
-        table = finite(bags, topic, whole, 7)
+        table = bags.finite(topic, whole, 7)
         heading, square = heading_of(*table.numbers[:, 3:7].T)
         if odd := int((np.abs(square - 1) > _UNIT).sum()):
             bags.remarks["have quaternions that are not of length 1", topic] += odd
@@ -147,18 +69,16 @@ def _in_root(child: str, tables: dict[str, Table]) -> Table:
         above.add(parent)
         outer = tables[parent].take(np.argsort(tables[parent].stamp, kind="stable"))
         outer = outer.take(np.maximum(np.searchsorted(outer.stamp, own.stamp, side="right") - 1, 0))
-        numbers = own.numbers + outer.numbers * (0, 0, 1, 1, 0, 0)
+        numbers = own.numbers + outer.numbers * (0, 0, 1, 1, 0)
         numbers[:, :2] = moved(own.numbers[:, :2], outer.numbers[:, [0, 1, 3]].T)
         own = dataclasses.replace(own, numbers=numbers, frame=outer.frame)
     return own
 
 
 def _pose(header: Any, place: Any, turn: Any, part: str = "", twist: Any = None) -> Sample:
-    """Return the sample of a pose: x, y, z, a quaternion, a speed, and 1 if it was measured."""
-    speed, measured = math.nan, 1.0
-    if twist is not None:
-        speed, measured = twist.twist.linear.x, float(twist.covariance[0] != -1)
-    return part, header, (), [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, speed, measured]
+    """Return the sample of a pose: x, y, z, a quaternion, and a speed."""
+    speed = math.nan if twist is None else twist.linear.x
+    return part, header, (), [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, speed]
 
 
 def _joints(message: Any) -> list[Sample]:
@@ -181,7 +101,9 @@ def _status(message: Any) -> list[Sample]:
 
 
 POSES: dict[str, Decoder] = {
-    "nav_msgs/msg/Odometry": lambda m: [_pose(m.header, m.pose.pose.position, m.pose.pose.orientation, twist=m.twist)],
+    "nav_msgs/msg/Odometry": lambda m: [
+        _pose(m.header, m.pose.pose.position, m.pose.pose.orientation, twist=m.twist.twist)
+    ],
     "geometry_msgs/msg/PoseStamped": lambda m: [_pose(m.header, m.pose.position, m.pose.orientation)],
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [
         _pose(m.header, m.pose.pose.position, m.pose.pose.orientation)
@@ -201,3 +123,4 @@ COMMANDS: dict[str, Decoder] = {
 }
 PHASES: dict[str, Decoder] = {"std_msgs/msg/Float64": lambda m: [("", None, (), [m.data])]}
 STATUSES: dict[str, Decoder] = {"std_msgs/msg/UInt8": _status}
+TEXTS: dict[str, Decoder] = {"std_msgs/msg/String": lambda m: [("", None, (), [m.data])]}

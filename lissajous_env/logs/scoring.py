@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.episodes.recording import Recorder, Recording, Unknown
+from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
 from lissajous_env.logs.log import Log, runs
 from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import COLLISION, EDGE, PrescribedSimulation
+from lissajous_env.logs.writing import episode_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
@@ -48,8 +49,8 @@ class Scored:
     """A score row for each seed of the virtual targets."""
     recording: Recording
     """The episode of the first of these seeds."""
-    start: float
-    """Time of the log at which the episode begins [s]."""
+    log: Log
+    """The log with this scenario, and without commands that do not fit it."""
     notes: tuple[str, ...]
     """Remarks for readers of the scores."""
 
@@ -138,21 +139,10 @@ def score(
         {"policy": name, "episode": k} | row | unknown for k, row in enumerate(simulation.score(np.arange(len(seeds))))
     ]
     recording = recorder.recording(name)
-    blanks = _unknown(motions, times, actions is None)
-    recording = dataclasses.replace(recording, scenario=scenario, score=recording.score | unknown, unknown=blanks)
-    return Scored(scenario, rows, recording, float(times[0]), tuple(notes))
-
-
-def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tuple[Unknown, ...]:
-    """Return the ranges of moments in which poses, speeds and commands are unknown."""
-    blanks, last = [], len(times) - 1
-    for robot, motion in enumerate(motions):
-        blanks += [("pose", robot, begin, end - 1) for begin, end in runs(motion.unknown(times, times))]
-        if motion.derived:
-            blanks.append(("speed", robot, 0, last))
-        if commands:
-            blanks.append(("command", robot, 0, last))
-    return tuple(blanks)
+    recording = dataclasses.replace(recording, scenario=scenario, score=recording.score | unknown)
+    episode = (log.episode or {"policy": ""}) | episode_of(scenario, int(seeds[0]))
+    scored = dataclasses.replace(log, episode=episode, begin=log.start, commands={} if unknown else log.commands)
+    return Scored(scenario, rows, recording, scored, tuple(notes))
 
 
 def _moments(log: Log, step: float, gap: float, own: Scenario | None) -> np.ndarray:
@@ -191,8 +181,8 @@ def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
     for track, speed in zip(log.tracks, speeds, strict=True):
         place = track.position * (1, 1, 0) if flat else track.position
         track = dataclasses.replace(track, position=place)
-        trusted = log.episode is not None and track.measured
-        motions.append(motion_of(track, gap, speed, scenario.robot.radius, trusted))
+        is_simulated = bool((log.episode or {}).get("policy"))
+        motions.append(motion_of(track, gap, speed, scenario.robot.radius, trusted=is_simulated))
     return motions
 
 
@@ -262,11 +252,8 @@ def _as_logged(
 
 def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, hidden: np.ndarray) -> Any:
     """Return the fields of `lissajous_env.logs.prescribed.Paths`: the motion of the robots at some moments."""
-    substeps, step = scenario.task.substeps, scenario.task.step
-    within = np.linspace(0, 1, substeps + 1) * step + (times - step)[:, None]
-    within[:, -1], within[1:, 0] = times, times[:-1]
-    within = np.maximum(within, times[0])
-    columns = []
+    shares, columns = np.linspace(0, 1, scenario.task.substeps + 1), []
+    within = np.linspace(np.append(times[0], times[:-1]), times, len(shares), axis=1)
     for robot, motion in enumerate(motions):
         places = motion.at(within.ravel())[0].reshape(*within.shape, 3)
         seen = ~motion.unknown(times, times)
@@ -278,7 +265,7 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
         phase = _phases(log, scenario, robot, times, pose, hidden[:, robot])
         if model_of(scenario.robot.kind).keeps_to_curve and robot in log.phases:
             turn = np.angle(np.exp(1j * np.diff(phase, prepend=phase[0])))
-            between = phase[:, None] + (np.linspace(0, 1, substeps + 1) - 1) * turn[:, None]
+            between = phase[:, None] + (shares - 1) * turn[:, None]
             places[:, 1:-1] = closed_forms.curve_point_3d(scenario.driven, scenario.alpha * between[:, 1:-1])
         columns.append((places, heading, speed, phase, hidden[:, robot].astype(int)))
     names = ("path", "heading", "speed", "phase", "hidden")

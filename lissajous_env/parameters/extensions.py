@@ -17,7 +17,7 @@ a world begins, unless a function `reset(world)` fills them.
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -61,6 +61,19 @@ class Extension(Checked):
             require(fits, f"state of {called}", "must map names to tuples of whole numbers above 0", {name: shape})
         require(self.reset is None or callable(self.reset), f"reset of {called}", "must be a function", self.reset)
         super().__post_init__()
+
+    @classmethod
+    def of(cls, run: Any = None, **settings: Any) -> Any:
+        """Make an extension of a function or kernel; without one, return a decorator that does.
+
+        Args:
+            run: Function or Warp kernel.
+            **settings: Settings of the kind, such as `weight`, and `state` and `reset`.
+
+        Raises:
+            ValueError: it is neither a function nor a kernel, or a setting is invalid.
+        """
+        return partial(cls.of, **settings) if run is None else cls(*_origin(run), **settings)
 
     @property
     def part(self) -> str:
@@ -152,31 +165,11 @@ class TargetEntry(Extension):
     """
 
 
-def reward_term(weight: float = 1.0, **memory: Any) -> Callable[[Any], RewardTerm]:
-    """Return a decorator that makes a function or kernel a `RewardTerm`; `memory` is `state` and `reset`."""
-    return lambda run: RewardTerm(*_origin(run), weight=weight, **memory)
-
-
-def score_column(reduce: str = "mean", **memory: Any) -> Callable[[Any], ScoreColumn]:
-    """Return a decorator that makes a function or kernel a `ScoreColumn`; `memory` is `state` and `reset`."""
-    return lambda run: ScoreColumn(*_origin(run), reduce=reduce, **memory)
-
-
-def observation_entry(
-    size: int = 1, low: float = -1.0, high: float = 1.0, **memory: Any
-) -> Callable[[Any], ObservationEntry]:
-    """Return a decorator that makes a function or kernel an `ObservationEntry`; `memory` is `state` and `reset`."""
-    return lambda run: ObservationEntry(*_origin(run), size=size, low=low, high=high, **memory)
-
-
-def target_motion(run: Any = None, **memory: Any) -> Any:
-    """Make a function or kernel a `TargetMotion`; with `state` and `reset` alone, return a decorator."""
-    return TargetMotion(*_origin(run), **memory) if run is not None else partial(target_motion, **memory)
-
-
-def target_entry(run: Any = None, **memory: Any) -> Any:
-    """Make a function or kernel a `TargetEntry`; with `state` and `reset` alone, return a decorator."""
-    return TargetEntry(*_origin(run), **memory) if run is not None else partial(target_entry, **memory)
+reward_term = RewardTerm.of
+score_column = ScoreColumn.of
+observation_entry = ObservationEntry.of
+target_motion = TargetMotion.of
+target_entry = TargetEntry.of
 
 
 def load_extension(place: str, settings: Mapping[str, Any] | None = None) -> Extension:

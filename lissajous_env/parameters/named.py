@@ -7,7 +7,7 @@ after `:` for a file: SEED or SHIFT-SEED is a scenario, SPLIT a split or a shift
 import itertools
 import os
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +30,11 @@ from lissajous_env.parameters.scenario_file import (
     scenario_from,
 )
 from lissajous_env.parameters.space import ScenarioSpace
+from lissajous_env.plugins import Registry
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.settings.task import MOST_STEPS
 from lissajous_env.wording import nearest, require, shown, where_raised
 
-SCENARIOS: dict[str, Any] = {}
-"""Scenarios of users and of other packages, by name."""
-SPACES: dict[str, Any] = {}
-"""Spaces of scenarios by name: those of users, and those of the package that were used."""
 _INCLUDED = included_scenarios()
 _INCLUDED_SPACES = {path.stem: str(path) for path in sorted(Path(__file__).parent.glob(f"*-v*{SUFFIX}"))}
 """Files of the included spaces, by name."""
@@ -53,49 +50,53 @@ _POLICY = "policy.toml"
 """Name of the file with the policy in such a folder."""
 
 
+def _register_brought(brought: Any) -> None:
+    """Register the object of an entry point: a scenario, a space, or a function that registers some."""
+    if isinstance(brought, (Scenario, ScenarioSpace)):
+        register_scenario(brought)
+    else:
+        brought()
+
+
+ENTRIES = Registry(
+    "scenario",
+    NAMES,
+    lambda entry: isinstance(entry, str) or entry.name in (*_INCLUDED, *_INCLUDED_SPACES),
+    "lissajous_env.scenarios",
+    _register_brought,
+)
+"""Scenarios and spaces by name; an included space that was not used yet is the path of its file."""
+ENTRIES.update(_INCLUDED | _INCLUDED_SPACES)
+
+
 def scenarios() -> tuple[str, ...]:
     """Return the names of the included scenarios, then those of the registered ones in alphabetical order."""
-    _PLUGINS.load()
-    return (*_INCLUDED, *sorted(SCENARIOS))
+    names = [name for name, entry in ENTRIES.load().items() if isinstance(entry, Scenario)]
+    return (*_INCLUDED, *sorted(set(names) - _INCLUDED.keys()))
 
 
 def scenario_spaces() -> tuple[str, ...]:
     """Return the names of the included and registered spaces of scenarios."""
-    return tuple(dict.fromkeys([*_INCLUDED_SPACES, *sorted(SPACES)]))
+    names = [name for name, entry in ENTRIES.load().items() if not isinstance(entry, Scenario)]
+    return (*_INCLUDED_SPACES, *sorted(set(names) - _INCLUDED_SPACES.keys()))
 
 
-def register_scenario(scenario: Scenario) -> Scenario:
+def register_scenario(entry: Scenario | ScenarioSpace) -> Scenario | ScenarioSpace:
     """Register a scenario, so that every command and environment accepts its name, and return it.
 
-    Gymnasium and PettingZoo then make it as `lissajous/NAME-v0`.
+    Gymnasium and PettingZoo then make it as `lissajous/NAME-v0`. The scenarios of a space that is registered have the
+    names NAME-SEED, and environments of the space draw them.
 
     Raises:
-        ValueError: the argument is no scenario, its name is invalid, or a different scenario has that name. In a
-            notebook, it replaces one that was registered before.
+        ValueError: the argument is neither a scenario nor a space, its name is invalid, or a different one has that
+            name. In a notebook, it replaces one that was registered before.
     """
-    if _INCLUDED.get(getattr(scenario, "name", "")) != scenario:
-        _register(SCENARIOS, "scenario", scenario, Scenario, _INCLUDED)
-        warn_of_violations(scenario)
-    return scenario
-
-
-def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
-    """Register a space, so that commands and environments accept its scenarios as NAME-SEED, and return it.
-
-    Gymnasium and PettingZoo then make environments of the space as `lissajous/NAME-v0`.
-
-    Raises:
-        ValueError: the argument is no space, its name is invalid, or a different space has that name. In a notebook, it
-            replaces one that was registered before.
-    """
-    _register(SPACES, "space", space, ScenarioSpace, _INCLUDED_SPACES)
-    return space
-
-
-def _register(registry: dict[str, Any], thing: str, new: Any, kind: type, included: Collection[str]) -> None:
-    require(isinstance(new, kind), thing, f"must be a {kind.__name__} to be registered", new)
-    plugins.register(registry, thing, new, NAMES, included, plugins.is_notebook())
-    register_ids(new.name, is_space=kind is ScenarioSpace)
+    fits = isinstance(entry, (Scenario, ScenarioSpace))
+    require(fits, "scenario", "must be a Scenario or a ScenarioSpace to be registered", entry)
+    register_ids(ENTRIES.add(entry).name, is_space=isinstance(entry, ScenarioSpace))
+    if isinstance(entry, Scenario):
+        warn_of_violations(entry)
+    return entry
 
 
 def register_ids(name: str, is_space: bool = False) -> None:
@@ -162,21 +163,15 @@ def unknown_scenario(name: Any) -> ValueError:
     if isinstance(name, str) and space_and_split(name) is not None:
         rule = f"scenario must be a single scenario, got the space {name}"
         return ValueError(f"{rule}; choose one of its scenarios, as {name}{':' if is_file(name) else '-'}0")
-    return _unregistered(name, plugins.beside(name, SUFFIX))
-
-
-def _unregistered(name: Any, others: Iterable[str] = ()) -> ValueError:
-    """Return the error for a name that no scenario has, without reading a file of that name."""
-    known = scenarios()
-    hint = nearest(name, [*known, *others])
-    words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
-    return ValueError("; ".join([words, *_PLUGINS.broken]))
+    return ENTRIES.unknown(name, "scenarios", scenarios(), plugins.beside(name, SUFFIX))
 
 
 def denotes_scenario(name: str) -> bool:
     """Return True for a registered name, also SPACE-SEED, and for FILE.toml and FILE.toml:SEED, which are not read."""
     part = _OF_FILE.fullmatch(name)
-    return is_file(name) or (part is not None and bool(_SEED.fullmatch(part[2]))) or _known(name) is not None
+    if is_file(name) or (part is not None and _SEED.fullmatch(part[2])):
+        return True
+    return isinstance(_denoted(name)[0], Scenario)
 
 
 def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
@@ -191,8 +186,8 @@ def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
     """
     if isinstance(name, ScenarioSpace):
         return name
-    space, part = _split(name)
-    if space is None or part not in ("", *space.shifts):
+    space, part = _denoted(name)
+    if not isinstance(space, ScenarioSpace) or part not in ("", *space.shifts):
         known = scenario_spaces()
         raise ValueError(f"space must be one of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
     return space.shifted(part) if part else space
@@ -208,8 +203,8 @@ def space_and_split(name: Any) -> tuple[ScenarioSpace, str] | None:
         return name, "train"
     if is_file(name) and not os.path.exists(name):
         return None  # a missing scenario
-    space, part = _split(name)
-    if space is None or _SEED.fullmatch(part):
+    space, part = _denoted(name)
+    if not isinstance(space, ScenarioSpace):
         return None
     if ":" in part:
         rule = "must be one scenario or a space, because only commands that play several take SPACE:SPLIT:COUNT"
@@ -228,9 +223,9 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
     """
     single: list[str] = []
     for name in names:
-        space, part = _split(name) if ":" in name else (None, "")
+        space, part = _denoted(name) if ":" in name else (None, "")
         split, _, count = part.partition(":")
-        if space is None or _SEED.fullmatch(split):
+        if not isinstance(space, ScenarioSpace):
             single.append(name)
             continue
         if count and not 1 <= (int(count) if count.isdecimal() else 0) <= _MOST:
@@ -241,19 +236,29 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(single)
 
 
-def _split(name: Any) -> tuple[ScenarioSpace | None, str]:
-    """Return the space with which a name begins and the part that follows; no space for the name of anything else."""
+def _denoted(name: Any) -> tuple[Scenario | ScenarioSpace | None, str]:
+    """Return the scenario that a name denotes; or a space and the rest of the name, such as `test:2`; or None.
+
+    Raises:
+        ValueError: the name begins with that of a file that cannot be read.
+    """
     text = os.fspath(name) if isinstance(name, (str, os.PathLike)) else ""
     path, part = match.groups() if (match := _OF_FILE.fullmatch(text)) else (text, "")
     if is_file(path):
-        return (found if isinstance(found := _in_file(path), ScenarioSpace) else None), part
-    known = [space for space in scenario_spaces() if re.match(rf"{re.escape(space)}([-:]|$)", text)]
-    if not known:
-        return None, ""
-    space = max(known, key=len)
-    if space not in SPACES:
-        SPACES[space] = _in_file(_INCLUDED_SPACES[space])
-    return SPACES[space], text[len(space) + 1 :]
+        entry = _in_file(path)
+    else:
+        if ":" not in text and text not in ENTRIES:
+            ENTRIES.load()  # scenarios of other packages, at last
+        spaces = [known for known, entry in ENTRIES.items() if not isinstance(entry, Scenario)]
+        begins = [known for known in spaces if text.startswith((f"{known}-", f"{known}:"))]
+        known = text if text in ENTRIES else max(begins, key=len, default="")
+        if isinstance(entry := ENTRIES.get(known), str):
+            entry = ENTRIES[known] = _in_file(entry)
+        part = text[len(known) + 1 :]
+    seed = _SEED.fullmatch(part)
+    if isinstance(entry, ScenarioSpace) and seed and (not seed[1] or seed[1] in entry.shifts):
+        return (entry.shifted(seed[1]) if seed[1] else entry).sample(int(seed[2])), ""
+    return (entry, part) if isinstance(entry, ScenarioSpace) or not part else (None, "")
 
 
 def _in_file(path: str) -> Scenario | ScenarioSpace:
@@ -271,36 +276,19 @@ def _in_file(path: str) -> Scenario | ScenarioSpace:
         raise type(error)(f"{path}: {error}") from error
 
 
-def _known(name: Any) -> Scenario | None:
-    """Return the scenario of a registered name, of SPACE-SEED or of FILE.toml:SEED; None for another name.
-
-    Raises:
-        ValueError: the file cannot be read.
-    """
-    if not isinstance(name, str) or is_file(name):
-        return None
-    if ":" not in name and name not in _INCLUDED and name not in SCENARIOS:
-        _PLUGINS.load()  # scenarios of other packages, at last
-    entry = _INCLUDED.get(name) or SCENARIOS.get(name)
-    space, part = (None, "") if entry else _split(name)
-    seed = _SEED.fullmatch(part)
-    if space is None or seed is None or (seed[1] and seed[1] not in space.shifts):
-        return entry
-    return (space.shifted(seed[1]) if seed[1] else space).sample(int(seed[2]))
-
-
 def _registered(name: str) -> Scenario:
     """Return the scenario of a registered name, such as the base in a file, which causes no import and no reading."""
-    if ":" in name or (entry := _known(name)) is None:
-        raise _unregistered(name)
-    return entry
+    entry = None if ":" in name or is_file(name) else _denoted(name)[0]
+    if isinstance(entry, Scenario):
+        return entry
+    raise ENTRIES.unknown(name, "scenarios", scenarios())
 
 
 def _loaded(name: Any) -> Scenario:
-    entry = _in_file(name) if is_file(name) else _known(name)
+    entry = _denoted(name)[0]
     if isinstance(entry, Scenario):
         return entry
-    if entry is None and isinstance(name, str) and ":" in name and space_and_split(name) is None:
+    if entry is None and isinstance(name, str) and ":" in name:
         return _imported(name)
     raise unknown_scenario(name)
 
@@ -317,14 +305,5 @@ def _imported(reference: str) -> Scenario:
     return attribute
 
 
-def _register_brought(brought: Any) -> None:
-    """Register the object of an entry point: a scenario, or a function that registers some."""
-    if isinstance(brought, Scenario):
-        register_scenario(brought)
-    else:
-        brought()
-
-
-_PLUGINS = plugins.EntryPoints("lissajous_env.scenarios", "scenarios", _register_brought)
 for _name in (*_INCLUDED, *_INCLUDED_SPACES):
     register_ids(_name, is_space=_name in _INCLUDED_SPACES)

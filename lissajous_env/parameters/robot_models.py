@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.warp_abi import names_of_arguments
-from lissajous_env.plugins import register, replaces
+from lissajous_env.plugins import Registry
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import few_of, require
@@ -84,10 +84,12 @@ class RobotModel:
         return (0.0,) * self.action_size if self.rest is None else self.rest(robot)
 
 
-_SHIPPED = ("car", "curve", "differential")
-_NAMES = r"\w[\w-]{0,62}", "of letters, digits, _ and -"
 _TO_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
-_MODELS: dict[str, RobotModel] = {}
+MODELS = Registry(
+    "robot model",
+    (r"\w[\w-]{0,62}", "of letters, digits, _ and -"),
+    lambda model: model.name in ("car", "curve", "differential"),
+)
 """Registered models by name; the included ones register themselves in `lissajous_env.world.robots`."""
 
 
@@ -118,9 +120,7 @@ def register_robot_model(model: RobotModel) -> RobotModel:
         arguments = names_of_arguments(as_car.act) if isinstance(as_car.act, wp.Kernel) else ()
         rule = f"must be a Warp kernel of {', '.join(_TO_ACT)}"
         require(tuple(arguments) == _TO_ACT, f"as_car.act of {called}", rule, arguments or as_car.act)
-    before = _MODELS.get(str(model.name), model)
-    register(_MODELS, "robot model", model, _NAMES, replaces=replaces(model.move.func, before.move.func))
-    return model
+    return MODELS.add(model)
 
 
 def _is_action(value: Any) -> bool:
@@ -133,8 +133,8 @@ def model_of(kind: str) -> RobotModel:
     Raises:
         ValueError: there is no such model.
     """
-    require(kind in _MODELS, "robot.kind", f"must be one of {few_of(_MODELS, kind)}", kind)
-    return _MODELS[kind]
+    require(kind in MODELS, "robot.kind", f"must be one of {few_of(MODELS, kind)}", kind)
+    return MODELS[kind]
 
 
 def driven_by_velocity(model: RobotModel) -> RobotModel:
@@ -150,13 +150,3 @@ def driven_by_velocity(model: RobotModel) -> RobotModel:
         driving=None,
         as_car=None,
     )
-
-
-def is_shipped(kind: str) -> bool:
-    """Return True if a model ships with the package."""
-    return kind in _SHIPPED
-
-
-def robot_kinds() -> tuple[str, ...]:
-    """Return the names of the models."""
-    return tuple(_MODELS)

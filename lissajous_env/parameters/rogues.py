@@ -3,7 +3,6 @@
 `targets.rogues` is the name of a script or of an included learned rogue, or the folder of a learned rogue.
 """
 
-import dataclasses
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,17 +11,18 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.compilation import OURS
-from lissajous_env.plugins import ByValue, register, replaces
+from lissajous_env.plugins import ByValue, Registry
 from lissajous_env.wording import few_of, nearest, require, shown
 
 AGENTS = "agents"
 """Value of `targets.rogues` where the caller of each step gives the rogues' actions."""
+CHECKPOINT = "checkpoint.json"
+"""File that marks the folder of a learned rogue."""
 
 
 @dataclass(frozen=True)
 class Rogue:
-    """A scripted or learned rogue; after `lissajous_env.register_rogue`, `targets.rogues` can name it."""
+    """A scripted or learned rogue."""
 
     name: str
     """Name, as in `targets.rogues`."""
@@ -32,49 +32,43 @@ class Rogue:
     that writes `rogues.action`, see `lissajous_env.world.stages`."""
     about: str = ""
     """Description of its motion in one line."""
-    trained_on: str = ""
-    """Scenario on which a learned rogue was trained."""
-    trained_against: str = ""
-    """Policy of the robots against which a learned rogue was trained."""
 
     def __deepcopy__(self, memo: dict) -> "Rogue":
         return self
 
     def __reduce__(self) -> tuple:
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return Rogue, tuple((values | {"decide": ByValue(self.decide)}).values())
+        return Rogue, (self.name, ByValue(self.decide), self.about)
 
 
-CHECKPOINT = "checkpoint.json"
-"""File that marks the folder of a learned rogue."""
-_SHIPPED = Path(__file__).resolve().parents[2] / "training" / "rogues"
-"""Folder of the included learned rogues."""
-_NAMES = r"[a-z][a-z0-9-]{0,62}", "of small letters, digits and -"
-_ROGUES: dict[str, Rogue] = {}
-"""Registered rogues by name; the included ones register themselves in `lissajous_env.world.rogues`."""
+ROGUES = Registry(
+    "rogue",
+    (rf"(?!{AGENTS}$)[a-z][a-z0-9-]{{0,62}}", f"of small letters, digits and -, and not {AGENTS}"),
+    lambda rogue: isinstance(rogue, Path) or rogue.name in ("wander", "flee", "shadow", "follow-gap"),
+)
+"""Rogues by name, of included learned ones the folder; `lissajous_env.world.rogues` registers the included scripts."""
+ROGUES.update({
+    path.parent.name: path.parent
+    for path in sorted(Path(__file__).resolve().parents[2].glob(f"training/rogues/*/{CHECKPOINT}"))
+})  # fmt: skip
 
 
-def register_rogue(rogue: Rogue) -> Rogue:
-    """Add a scripted rogue to those that `targets.rogues` can name, and return it.
+def rogue(name: str, about: str = "") -> Callable[[Any], Any]:
+    """Return a decorator that adds a rule to those that `targets.rogues` can name, and returns the rule.
+
+    Args:
+        name: Name of the rogue.
+        about: Description in one line; by default the first line of the rule's docstring.
 
     Raises:
-        ValueError: the name is taken or invalid, or the rule is neither a function nor a Warp kernel. A cell of a
-            notebook that is run again replaces its rogue.
+        ValueError: the name is taken or invalid, or the rule is neither a function nor a Warp kernel, as `Rogue.decide`
+            describes them. A cell of a notebook that is run again replaces its rogue.
     """
-    require(isinstance(rogue, Rogue), "rogue", "must be a Rogue", rogue)
-    decides = callable(rogue.decide) or isinstance(rogue.decide, wp.Kernel)
-    require(decides, f"rogue {rogue.name}", "must decide by a function or a Warp kernel", rogue.decide)
-    before = _ROGUES.get(str(rogue.name), rogue)
-    taken = (AGENTS, *shipped_rogues())
-    register(_ROGUES, "rogue", rogue, _NAMES, taken, replaces(rogue.decide, before.decide))
-    return rogue
 
-
-def rogue(name: str) -> Callable[[Callable[[Any], Any]], Callable[[Any], Any]]:
-    """Return a decorator that registers a function `decide(rows)` as a scripted rogue, and returns the function."""
-
-    def register(decide: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        register_rogue(Rogue(name, decide, (decide.__doc__ or "").strip().partition("\n")[0]))
+    def register(decide: Any) -> Any:
+        decides = callable(decide) or isinstance(decide, wp.Kernel)
+        require(decides, f"rogue {name}", "must decide by a function or a Warp kernel", decide)
+        words = about or (getattr(decide, "__doc__", None) or "").strip().partition("\n")[0]
+        ROGUES.add(Rogue(name, decide, words))
         return decide
 
     return register
@@ -86,25 +80,19 @@ class BringsRogues:
     targets: Any
 
     def __getstate__(self) -> dict[str, Any]:
-        name = self.targets.rogues
-        known = [_ROGUES[name]] if name in _ROGUES else []
-        custom = [rogue for rogue in known if getattr(rogue.decide, "__module__", "").partition(".")[0] not in OURS]
-        return {"rogues": [rogue for rogue in custom if not isinstance(rogue.decide, wp.Kernel)]} | self.__dict__
+        rogue = ROGUES.get(self.targets.rogues)
+        is_brought = isinstance(rogue, Rogue) and not isinstance(rogue.decide, wp.Kernel)
+        return {"rogues": [rogue] if is_brought else []} | self.__dict__
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for rogue in state.pop("rogues", ()):
-            _ROGUES.setdefault(rogue.name, rogue)
+            ROGUES.setdefault(rogue.name, rogue)
         self.__dict__.update(state)
 
 
 def rogues() -> tuple[str, ...]:
     """Return the names of the rogues: the scripted ones, then the included learned ones."""
-    return *_ROGUES, *shipped_rogues()
-
-
-def shipped_rogues() -> tuple[str, ...]:
-    """Return the names of the included learned rogues."""
-    return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{CHECKPOINT}")))
+    return tuple(sorted(ROGUES, key=lambda name: isinstance(ROGUES[name], Path)))
 
 
 def rogue_of(name: str) -> Rogue | None:
@@ -113,10 +101,8 @@ def rogue_of(name: str) -> Rogue | None:
     Raises:
         ValueError: there is no such rogue, or the checkpoint in the folder is damaged or not of a rogue.
     """
-    if name == AGENTS:
-        return None
-    if name in _ROGUES:
-        return _ROGUES[name]
+    if name == AGENTS or isinstance(ROGUES.get(name), Rogue):
+        return ROGUES.get(name)
     if (folder := folder_of(name)) is not None:
         return importlib.import_module("training.learned.rogue").open_rogue(folder, name)
     known = (AGENTS, *rogues())
@@ -126,9 +112,9 @@ def rogue_of(name: str) -> Rogue | None:
 
 def folder_of(name: str) -> Path | None:
     """Return the folder of a learned rogue, included or not; None for another name."""
-    if name in shipped_rogues():
-        return _SHIPPED / name
+    if name in ROGUES:
+        return ROGUES[name] if isinstance(ROGUES[name], Path) else None
     try:
-        return Path(name) if name not in _ROGUES and Path(name, CHECKPOINT).is_file() else None
+        return Path(name) if Path(name, CHECKPOINT).is_file() else None
     except (OSError, ValueError):  # not a possible name of a file
         return None

@@ -23,20 +23,6 @@ from lissajous_env.settings.task import Sensing, Targets, Task
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
 
-__all__ = [
-    "PARTS",
-    "Curve",
-    "Faults",
-    "Formation",
-    "Messages",
-    "Noise",
-    "Robot",
-    "Scenario",
-    "Sensing",
-    "Targets",
-    "Task",
-]
-
 PARTS = {
     part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Messages, Task)
 }

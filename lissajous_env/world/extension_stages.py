@@ -22,7 +22,7 @@ from lissajous_env.parameters.extensions import (
     TargetEntry,
     TargetMotion,
 )
-from lissajous_env.parameters.robot_models import RobotModel, is_shipped, model_of
+from lissajous_env.parameters.robot_models import MODELS, RobotModel, model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown, where_raised
 from lissajous_env.world.columns import NAMES
@@ -210,7 +210,7 @@ class ExtensionStages:
         """Stages of extensions in a step, by the name of the stage of the package that they follow."""
         self._after_reset: dict[str, list[Stage]] = {}
         model = model_of(scenario.robot.kind)
-        if self.device.is_cpu and not is_shipped(model.name):
+        if self.device.is_cpu and not MODELS.is_included(model):
             robots = structs["robots"]
             self._after["motion"] = [Stage("motion checked", lambda: _check_motion(model, robots))]
         shape, term, entry = observation.shape, len(TERMS), observation.shape[2]

@@ -15,7 +15,7 @@ from command_line import called
 import baselines
 import lissajous_env
 from lissajous_env.parameters import named
-from lissajous_env.parameters.robot_models import robot_kinds
+from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.world.columns import NAMES
 
 BENCHMARK = ("benchmark", "--scenarios", "failure", "--policies", "kuramoto", "still", "--episodes", 3, "--batch", 2)
@@ -216,7 +216,7 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     assert {each["name"] for each in everything if each["learned"]} >= {"learned-watch", "learned-intercept"}
     assert not listed["kuramoto"]["learned"]
     assert [each["name"] for each in everything] == list(baselines.names())
-    assert all(each["description"] and each["kind"] in (None, *robot_kinds(), "velocity") for each in everything)
+    assert all(each["description"] and each["kind"] in (None, *MODELS, "velocity") for each in everything)
     table = called(capsys, "policies")[1]
     for each in everything:
         assert re.search(rf"^{each['name']} +({each['kind'] or 'any'}) ", table, re.MULTILINE)

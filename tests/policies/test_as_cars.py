@@ -107,8 +107,7 @@ def mute(robot: RobotStruct, action_out: wp.array3d(dtype=float)):
     (lissajous_env.AsCar(ACT, lambda robot: 0.0, lambda robot: 6.0),
      "as_car.turning_radius of robot model odd must be above 0, got 0.0"),
 ])  # fmt: skip
-def test_what_does_not_say_how_to_move_like_a_car_is_refused(as_car, rule, monkeypatch):
-    monkeypatch.setattr(robot_models, "_MODELS", dict(robot_models._MODELS))
+def test_what_does_not_say_how_to_move_like_a_car_is_refused(as_car, rule):
     odd = dataclasses.replace(robot_models.model_of("differential"), name="odd", as_car=as_car)
 
     def make():

@@ -6,21 +6,15 @@ from importlib.metadata import EntryPoint
 import pytest
 
 import baselines
-import training
 from baselines.planning import portfolio
 from baselines.policies import registry
 from baselines.policies.patrol import Laps, Still
 from lissajous_env import plugins
-from training.learned.policy import register_shipped
-
-
-@pytest.fixture(autouse=True)
-def _own_registry(monkeypatch):
-    monkeypatch.setattr(registry._PLUGINS, "broken", [])
+from training.learned.policy import SHIPPED, register_shipped
 
 
 def test_a_name_that_is_taken_is_refused():
-    with pytest.raises(ValueError, match=r"name of a policy must be new, got still, which .*Still.* has"):
+    with pytest.raises(ValueError, match=r"name of a policy must be new, got 'still', which another one has"):
         baselines.register("still", None, Laps)
     assert type(baselines.make("still", "failure")) is Still
 
@@ -32,7 +26,7 @@ def test_the_same_policy_may_be_registered_again():
         baselines.register("mine", "car", partial(Laps, parameters=None))
     register_shipped()
     assert set(baselines.names()) == {*before, "mine", "mine-safe", "mine-proved"}
-    with pytest.raises(ValueError, match="must be new, got mine"):
+    with pytest.raises(ValueError, match="must be new, got 'mine'"):
         baselines.register("mine", "car", partial(Laps))
 
 
@@ -71,28 +65,27 @@ def takes_a_name():
 
 
 def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch):
-    group = registry._PLUGINS.group
+    group = registry.POLICIES.group
     broken = EntryPoint("broken", "no_such_module:register", group)
     thief = EntryPoint("thief", f"{__name__}:takes_a_name", group)
     entries = [broken, thief, EntryPoint("good", f"{__name__}:adds_one", group)]
     monkeypatch.setattr(plugins, "entry_points", lambda group: entries)
-    monkeypatch.setattr(registry._PLUGINS, "_asked", False)
+    monkeypatch.setattr(registry.POLICIES, "broken", [])
+    monkeypatch.setattr(registry.POLICIES, "_loaded", False)
     with pytest.warns(RuntimeWarning) as warned:
         names = baselines.names()
     words = [str(each.message) for each in warned]
-    assert words[0].startswith("the policies of the entry point broken (no_such_module:register) cannot be loaded: ")
+    assert words[0].startswith("the entry point broken (no_such_module:register) cannot be loaded: ")
     assert "ModuleNotFoundError: No module named 'no_such_module'" in words[0]
-    assert "the policies of the entry point thief" in words[1]
+    assert "the entry point thief" in words[1]
     assert {"added", "kuramoto", "still"} <= set(names)
     assert type(baselines.make("still", "failure")) is Still
-    with pytest.raises(
-        ValueError, match=r"got .from-the-broken-one.; the policies of the entry point broken .* cannot be"
-    ):
+    with pytest.raises(ValueError, match=r"got .from-the-broken-one.; the entry point broken .* cannot be"):
         baselines.make("from-the-broken-one", "failure")
 
 
 def test_learned_policies_are_told_from_classical_ones():
-    everything = {*training.names(), *portfolio.NAMES}
+    everything = {*SHIPPED, *portfolio.NAMES}
     learned = {name for name in baselines.names() if not registry.is_classical(name)}
     assert {name for name in learned if not registry.split_suffix(name)[1]} == everything
     assert {registry.split_suffix(name)[0] for name in learned} == everything

@@ -46,8 +46,8 @@ def constants_of(simulation, robot):
 
 
 def without_speeds(track, speed):
-    """The same log without measured speeds: NaN, never filled, or marked as no measurements."""
-    return Track(track.time, track.position, track.heading, speed, measured=False)
+    """The same log without measured speeds: NaN, or never filled."""
+    return Track(track.time, track.position, track.heading, speed)
 
 
 def check(found, true, rel, names=CONSTANTS[:4]):

@@ -33,7 +33,7 @@ class Recorder:
         self.writer.open()
         topics = {f"/robot_{k}/{name}": kind for k in range(ROBOTS) for name, kind in KINDS.items()}
         for topic, kind in (topics | {"/lissajous/episode": ros.String}).items():
-            quality = ros.lasting() if kind in (ros.UInt8, ros.String) else ros.reliable(100)
+            quality = ros.LASTING if kind in (ros.UInt8, ros.String) else 100
             self.node.create_subscription(kind, topic, self._writes(topic, kind), quality, raw=True)
 
     def _writes(self, topic, kind):

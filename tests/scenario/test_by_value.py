@@ -11,6 +11,8 @@ import pytest
 
 import baselines
 import lissajous_env
+from baselines.policies import registry
+from lissajous_env.parameters import rogues
 
 NOTEBOOK = """
 import linecache, sys
@@ -67,35 +69,32 @@ def test_other_processes_play_what_a_notebook_defines(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def of_a_cell(module, value):
-    """A function and a class as a cell, or a module, defines them anew with each run."""
-    names = {"__name__": module, "baselines": baselines, "np": __import__("numpy")}
+def of_a_cell(value):
+    """A function and a class as a cell defines them anew with each run."""
+    names = {"__name__": "__main__", "baselines": baselines}
     exec(f"def decide(rows):\n    return {value}\nclass Mine(baselines.Policy):\n    number = {value}\n", names)
     return names["decide"], names["Mine"]
 
 
-def test_a_cell_that_is_run_again_replaces_what_it_registered():
-    from baselines.policies import registry
-    from lissajous_env.parameters import rogues
+def test_a_cell_that_is_run_again_replaces_what_it_registered(monkeypatch):
+    # Story: a cell is edited and run again; a script, and a name of the package, are refused.
+    def register(value, name):
+        decide, mine = of_a_cell(value)
+        lissajous_env.rogue(name)(decide)
+        baselines.register(name)(mine)
+        return decide, mine
 
-    try:
-        for value in (1, 2):
-            decide, mine = of_a_cell("__main__", value)
-            lissajous_env.rogue("of-a-cell")(decide)
-            baselines.register("of-a-cell")(mine)
-        assert rogues.rogue_of("of-a-cell").decide is decide
-        assert registry.entry_of("of-a-cell").factory is mine
-        for module in ("another_module", "__main__"):
-            decide, mine = of_a_cell(module, 3)
-            if module == "__main__":
-                decide.__qualname__ = mine.__qualname__ = "of_another_name"
-            with pytest.raises(ValueError, match="must be new"):
-                lissajous_env.rogue("of-a-cell")(decide)
-            with pytest.raises(ValueError, match="must be new"):
-                baselines.register("of-a-cell")(mine)
-    finally:
-        rogues._ROGUES.pop("of-a-cell", None)
-        registry._REGISTRY.pop("of-a-cell", None)
+    register(1, "of-a-cell")
+    for add in (lissajous_env.rogue, baselines.register):
+        with pytest.raises(ValueError, match="must be new, got 'of-a-cell'"):
+            add("of-a-cell")(of_a_cell(2)[add is baselines.register])
+    monkeypatch.setattr(sys, "ps1", "In : ", raising=False)
+    decide, mine = register(2, "of-a-cell")
+    assert rogues.rogue_of("of-a-cell").decide is decide
+    assert registry.entry_of("of-a-cell").factory is mine
+    for add, name in ((lissajous_env.rogue, "flee"), (baselines.register, "still")):
+        with pytest.raises(ValueError, match=f"must be new, got '{name}'"):
+            add(name)(of_a_cell(3)[add is baselines.register])
 
 
 def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space(monkeypatch):
@@ -104,7 +103,7 @@ def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space(monkeypatc
         made = dataclasses.replace(lissajous_env.scenario("failure", **{"task.duration": duration}), name=name)
         lissajous_env.register_scenario(made)
         space = lissajous_env.ScenarioSpace("of-a-cell", made, {"targets": {"count": "choice(1, 2)"}})
-        lissajous_env.register_scenario_space(space)
+        lissajous_env.register_scenario(space)
 
     register("mine", 2.0)
     with pytest.raises(ValueError, match="name of a scenario must be new, got 'mine'"):

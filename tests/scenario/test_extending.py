@@ -252,7 +252,7 @@ def test_a_package_brings_both_by_name(home, tmp_path):
     ended = call("lissajous scenarios --json", elsewhere, PYTHONPATH=str(site))
     names = [each["name"] for each in json.loads(ended.stdout)]
     assert (ended.returncode, names) == (0, [*lissajous_env.scenarios(), "corridor"])
-    assert "the scenarios of the entry point broken (my_scenarios:gone) cannot be loaded: Attribute" in ended.stderr
+    assert "the entry point broken (my_scenarios:gone) cannot be loaded: Attribute" in ended.stderr
     assert "entry point thief (my_thief:take) cannot be loaded: ValueError: name of a scenario must be" in ended.stderr
     line = "lissajous evaluate corridor my-kuramoto --episodes 1 --json --quiet"
     ended = call(line, elsewhere, PYTHONPATH=str(site))

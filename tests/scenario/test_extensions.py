@@ -27,19 +27,19 @@ def near_wall_kernel(w, i, robots, value_out: wp.array2d(dtype=float)):
     value_out[w, i] = wp.where(wp.abs(robots.position[w, i][0]) > 1.6, 1.0, 0.0)
 
 
-@lissajous_env.score_column("mean")
+@lissajous_env.score_column(reduce="mean")
 def mean_speed(world):
     """Mean speed of the team [m/s]."""
     return world.robots.speed.mean(axis=1)
 
 
-@lissajous_env.score_column("last")
+@lissajous_env.score_column(reduce="last")
 def last_speed(world):
     """Mean speed of the team after the last step [m/s]."""
     return world.robots.speed.mean(axis=1)
 
 
-@lissajous_env.score_column("max")
+@lissajous_env.score_column(reduce="max")
 @stage(WORLD, writes="value_out")
 def steps_max(w, clock, value_out: wp.array(dtype=wp.float64)):
     """Largest number of steps."""
@@ -160,7 +160,7 @@ def numbered(name, size):
     """An entry of the observation of some size with a name."""
     wrong = returning(0.0)
     wrong.__name__ = name
-    return lissajous_env.observation_entry(size)(wrong)
+    return lissajous_env.observation_entry(size=size)(wrong)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,11 @@ def numbered(name, size):
         (lissajous_env.reward_term(), "text", "reward term wrong must return numbers"),
         (lissajous_env.reward_term(), np.full((2, 5), np.nan), "reward term wrong must return finite numbers"),
         (lissajous_env.score_column(), 1.0, r"score column wrong must return numbers of shape \(2,\), got"),
-        (lissajous_env.observation_entry(3), np.zeros((2, 5)), r"of shape \(2, 5, 3\), got float64 of shape \(2, 5\)"),
+        (
+            lissajous_env.observation_entry(size=3),
+            np.zeros((2, 5)),
+            r"of shape \(2, 5, 3\), got float64 of shape \(2, 5\)",
+        ),
         (lissajous_env.target_motion, np.zeros((2, 1, 2)), "target motion wrong must return numbers of shape"),
     ],
 )
@@ -187,11 +191,14 @@ def test_what_a_function_returns_is_checked(door, value, message):
         (lambda: made("os:getcwd"), "extension os:getcwd must be made by reward_term, score_column"),
         (lambda: made(near_wall, near_wall), "extensions must have different names, got near_wall twice"),
         (lambda: made(5), "extensions must be objects or module:name, got 5"),
-        (lambda: lissajous_env.score_column("median")(returning(1)), "wrong.reduce must be one of mean, sum, max"),
-        (lambda: lissajous_env.observation_entry(0)(returning(1)), "wrong.size must be a whole number"),
+        (
+            lambda: lissajous_env.score_column(reduce="median")(returning(1)),
+            "wrong.reduce must be one of mean, sum",
+        ),
+        (lambda: lissajous_env.observation_entry(size=0)(returning(1)), "wrong.size must be a whole number"),
         (lambda: lissajous_env.observation_entry(low=1.0)(returning(1)), "wrong.high must be above low = 1"),
         (lambda: lissajous_env.reward_term()(5), "reward term must be a function or a Warp kernel, got 5"),
-        (lambda: lissajous_env.reward_term(np.nan)(returning(1)), "wrong.weight must be from .*, got nan"),
+        (lambda: lissajous_env.reward_term(weight=np.nan)(returning(1)), "wrong.weight must be from .*, got nan"),
         (lambda: lissajous_env.observation_entry(low=-np.inf)(returning(1)), "wrong.low must be from .*, got -inf"),
         (lambda: made(gates), "targets.entry must be custom with the law of entry gates, got inside"),
         (lambda: made(**AT_GATES), "targets.entry must not be custom without a target_entry, got custom"),

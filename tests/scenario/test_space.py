@@ -9,7 +9,7 @@ import pytest
 
 import lissajous_env
 from baselines.policies.factories import split_scenarios_and_policy
-from lissajous_env import ScenarioSpace, register_scenario_space, scenario, scenario_space
+from lissajous_env import ScenarioSpace, register_scenario, scenario, scenario_space
 from lissajous_env.identity import digest_of
 from lissajous_env.parameters.named import expanded
 from lissajous_env.parameters.scenario_file import UnknownSettingError
@@ -224,13 +224,13 @@ def test_the_base_in_a_file_is_registered_and_no_other_file(tmp_path, monkeypatc
 
 
 def test_a_registered_space_is_known_by_name():
-    of = register_scenario_space(space("of-mine"))
+    of = register_scenario(space("of-mine"))
     assert scenario("of-mine-4") == of.sample(4)
     assert "of-mine" in lissajous_env.scenario_spaces()
-    longer = register_scenario_space(space("of-mine-4"))
+    longer = register_scenario(space("of-mine-4"))
     assert scenario("of-mine-4-2") == longer.sample(2)
-    with pytest.raises(ValueError, match="name of a space must be new, got 'of-mine'"):
-        register_scenario_space(space("of-mine", draw={}))
+    with pytest.raises(ValueError, match="name of a scenario must be new, got 'of-mine'"):
+        register_scenario(space("of-mine", draw={}))
     with pytest.raises(ValueError, match=r"space must be one of .*did you mean of-mine\?"):
         scenario_space("of-min")
 

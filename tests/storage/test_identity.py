@@ -38,7 +38,7 @@ class Mine:
     def act(self, observation):
         return np.full(self.shape, half(), dtype=np.float32)
 
-@lissajous_env.score_column("max")
+@lissajous_env.score_column(reduce="max")
 def fast(world):
     return half() * world.robots.speed.max(axis=1)
 """
@@ -110,7 +110,6 @@ def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatc
     settings = Benchmark(("failure",), (), 1, batch=1, out=tmp_path, replays=0)
     still = {"still": lambda observation: np.zeros((*observation.shape[:2], 1), dtype=np.float32)}
     scenario = lambda: lissajous_env.scenario("ideal", **{"robot.kind": "mine", "task.duration": 1.0})  # noqa: E731
-    monkeypatch.setattr(robot_models, "_MODELS", dict(robot_models._MODELS))
     robot_models.register_robot_model(dataclasses.replace(POINT, name="mine"))
     run(settings, still, [scenario()], QUIET)
     monkeypatch.setattr(results_folder, "parts_of", lambda kernel: {"code": "elsewhere:move"})

@@ -56,4 +56,4 @@ def as_rogue(name: str, network: RogueNetwork, card: Card) -> Rogue:
 
     against = str(card.settings.get("against") or "")
     words = f"learned on {card.scenario}" + (f" against {against}" if against else "")
-    return Rogue(name, decide, words, trained_on=card.scenario, trained_against=against)
+    return Rogue(name, decide, words)

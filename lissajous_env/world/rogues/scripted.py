@@ -9,7 +9,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import TWO_PI
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
-from lissajous_env.parameters.rogues import Rogue, register_rogue
+from lissajous_env.parameters.rogues import rogue
 from lissajous_env.world.rogues.acting import FIRST_ROBOT, ROBOT_SIZE
 from lissajous_env.world.targets.motion import inside
 
@@ -151,7 +151,7 @@ def _deciding(rule: Any) -> Any:
 
 WANDER, FLEE, SHADOW, FOLLOW_GAP = map(_deciding, (wander, flee, shadow, follow_gap))
 
-register_rogue(Rogue("wander", WANDER, "goes straight, turning at random"))
-register_rogue(Rogue("flee", FLEE, "goes away from the nearest working robot"))
-register_rogue(Rogue("shadow", SHADOW, "stays just outside the nearest disc"))
-register_rogue(Rogue("follow-gap", FOLLOW_GAP, "stays in the largest gap between discs"))
+rogue("wander", "goes straight, turning at random")(WANDER)
+rogue("flee", "goes away from the nearest working robot")(FLEE)
+rogue("shadow", "stays just outside the nearest disc")(SHADOW)
+rogue("follow-gap", "stays in the largest gap between discs")(FOLLOW_GAP)

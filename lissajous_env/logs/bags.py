@@ -1,0 +1,186 @@
+"""The files of a log, rosbag2 files (MCAP), and the numbers in their messages as tables, by topic.
+
+A topic of one robot has one table. A topic of several has one for each part of it: "car_2" for a frame of /tf, "2" for
+the third pose of an array.
+"""
+
+import contextlib
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lissajous_env.logs.messages import rosbags, seconds, type_store
+from lissajous_env.storage.files import undamaged
+from lissajous_env.wording import few_of
+
+_LOG = "rosbag2 file (.mcap) or folder"
+
+Sample = tuple[str, Any, tuple[str, ...], Sequence[Any]]
+"""The part of a topic, the header or None, the names of some numbers, or (), and the numbers."""
+Decoder = Callable[[Any], list[Sample]]
+"""Function that returns the samples in a message, and raises a ValueError with the reason for one that says nothing."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers of K messages."""
+
+    bag: np.ndarray
+    """(K,) number of the file."""
+    logged: np.ndarray
+    """(K,) time of the recorder [s]."""
+    stamp: np.ndarray
+    """(K,) time of the header [s]; NaN for messages without one."""
+    frame: np.ndarray
+    """(K,) name of the header's frame."""
+    numbers: np.ndarray
+    """(K, A) numbers, or texts."""
+    names: tuple[str, ...] = ()
+    """Names of the numbers, if the messages have any."""
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+    def take(self, rows: Any) -> "Table":
+        """Return some rows, by a mask, numbers or a slice."""
+        columns = {name: value for name, value in vars(self).items() if name != "names"}
+        return dataclasses.replace(self, **{name: value[rows] for name, value in columns.items()})
+
+
+class Bags(contextlib.ExitStack):
+    """The files of a log, open until this is left.
+
+    Args:
+        paths: Files (.mcap) or folders of rosbag2.
+
+    Attributes:
+        kinds: Types of each topic's messages; a topic may have several. A type of another encoding than that of ROS 2
+            has it in its name.
+        remarks: Number of messages of which something is to be said, by remark and topic.
+
+    Raises:
+        MissingExtraError: rosbags, of the extra `logs`, is not installed.
+        ValueError: a file is damaged or no log.
+        OSError: a file cannot be read.
+    """
+
+    def __init__(self, paths: Sequence[Path]):
+        super().__init__()
+        self.paths = tuple(paths)
+        self._store = type_store()  # of ROS alone: the types that a file defines are not compiled
+        self.kinds: dict[str, set[str]] = {}
+        self.remarks: Counter[tuple[str, str]] = Counter()
+        self._readers = [(bag, reader) for bag, path in enumerate(paths) for reader in self._opened(path)]
+        for connection in (connection for _, reader in self._readers for connection in reader.connections):
+            kind = _kind_of(connection)
+            self.kinds.setdefault(connection.topic, set()).add(kind)
+            if kind != connection.msgtype and connection.msgcount:
+                self.ignore(connection.topic, f"type {kind} is not understood", connection.msgcount)
+
+    def _opened(self, path: Path) -> list[Any]:
+        """Return the readers of a file, or of those of a folder: its list of topics may have types that are refused."""
+        if not path.exists():
+            raise FileNotFoundError(2, "there is no such log", str(path))
+        files = sorted(path.glob("*.mcap")) if path.is_dir() else []
+        with undamaged(path, _LOG), _any_encoding():
+            return [self.enter_context(rosbags().Reader(file)) for file in files or [path]]
+
+    def ignore(self, topic: str, reason: str, count: int = 1) -> None:
+        """Remark that messages of a topic are ignored."""
+        self.remarks[f"are ignored: {reason}", topic] += count
+
+    def notes(self) -> list[str]:
+        """Return the remarks, one for all topics of which the same is said."""
+        remarks: dict[str, Counter[str]] = {}
+        for (remark, topic), count in sorted(self.remarks.items()):
+            remarks.setdefault(remark, Counter())[topic] += count
+        return [f"{topics.total()} messages of {few_of(topics)} {remark}" for remark, topics in remarks.items()]
+
+    def holders(self, topic: str) -> list[int]:
+        """Return the numbers of the files that contain a topic."""
+        return sorted({bag for bag, reader in self._readers if any(c.topic == topic for c in reader.connections)})
+
+    def tables(self, topic: str, decoders: dict[str, Decoder], bag: int | None = None) -> dict[str, Table]:
+        """Return the tables of a topic by part, file by file in the order of the recording.
+
+        Messages of other types, those that are damaged or say nothing, and samples with other names or another number
+        of numbers than the first, are ignored and counted in `remarks`.
+
+        Args:
+            topic: The topic.
+            decoders: Functions that decode its messages, by their types.
+            bag: Number of the only file that counts; None for all.
+        """
+        rows: dict[str, list[tuple]] = {}
+        names: dict[str, tuple[str, ...]] = {}
+        for number, logged, (part, header, own_names, numbers) in self._samples(topic, decoders, bag):
+            own = rows.setdefault(part, [])
+            if own and (own_names, len(numbers)) != (names[part], len(own[0][-1])):
+                self.ignore(topic, "they have other names or another length than the first")
+                continue
+            names[part] = own_names
+            about = (math.nan, "") if header is None else (seconds(header.stamp), header.frame_id.strip("/"))
+            own.append((number, logged, *about, numbers))
+        columns = {part: list(map(np.array, zip(*own, strict=True))) for part, own in rows.items()}
+        return {part: Table(*own, names=names[part]) for part, own in columns.items()}
+
+    def finite(self, topic: str, table: Table, count: int | None = None) -> Table:
+        """Return the rows of a topic whose first numbers are finite, and remark that the others are ignored."""
+        sound = np.isfinite(table.numbers[:, :count]).all(axis=1)
+        if not sound.all():
+            self.ignore(topic, "they have numbers that are not finite", int((~sound).sum()))
+        return table.take(sound)
+
+    def _samples(
+        self, topic: str, decoders: dict[str, Decoder], bag: int | None
+    ) -> Iterator[tuple[int, float, Sample]]:
+        """Yield the number of the file, the time of the recorder [s] and the sample of all that is understood."""
+        for number, reader in self._readers:
+            channels = [c for c in reader.connections if c.topic == topic and _kind_of(c) == c.msgtype and c.msgcount]
+            for connection in channels:
+                if connection.msgtype not in decoders:
+                    self.ignore(topic, f"type {connection.msgtype} is not understood there", connection.msgcount)
+            known = [connection for connection in channels if connection.msgtype in decoders and bag in (None, number)]
+            with undamaged(self.paths[number], _LOG):
+                for connection, logged, raw in reader.messages(known) if known else ():
+                    try:
+                        content = self._store.deserialize_cdr(raw, connection.msgtype)
+                    except Exception:  # damaged bytes make the library raise almost any
+                        self.ignore(topic, f"they are cut off or damaged messages of type {connection.msgtype}")
+                        continue
+                    try:
+                        samples = decoders[connection.msgtype](content)
+                    except ValueError as error:
+                        self.ignore(topic, str(error))
+                        continue
+                    yield from ((number, logged / 1e9, sample) for sample in samples)
+
+
+def _kind_of(connection: Any) -> str:
+    """Return the type of a channel's messages, with their encoding if it is not that of ROS 2."""
+    encoding = connection.ext.serialization_format
+    return connection.msgtype if encoding == "cdr" else f"{connection.msgtype} in the encoding {encoding}"
+
+
+@contextlib.contextmanager
+def _any_encoding() -> Iterator[None]:
+    """Let the library open files in which some channels have another encoding than those of ROS 2.
+
+    It would refuse the whole file because of the schema of such a channel. No schema is needed here.
+    """
+    from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+    from rosbags.rosbag2 import storage_mcap as storage
+
+    before = storage.read_string, storage.get_msgdef
+    storage.read_string = lambda bio: storage.read_bytes(bio).decode(errors="replace")
+    storage.get_msgdef = lambda _schema: MessageDefinition(MessageDefinitionFormat.NONE, "")
+    try:
+        yield
+    finally:
+        storage.read_string, storage.get_msgdef = before
