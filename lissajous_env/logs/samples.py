@@ -67,7 +67,7 @@ def _in_root(child: str, tables: dict[str, Table]) -> Table:
     own, above = tables[child], {child}
     while len(set(own.frame)) == 1 and (parent := own.frame[0]) in tables.keys() - above:
         above.add(parent)
-        outer = tables[parent].take(np.argsort(tables[parent].stamp, kind="stable"))
+        outer = tables[parent].in_order()
         outer = outer.take(np.maximum(np.searchsorted(outer.stamp, own.stamp, side="right") - 1, 0))
         numbers = own.numbers + outer.numbers * (0, 0, 1, 1, 0)
         numbers[:, :2] = moved(own.numbers[:, :2], outer.numbers[:, [0, 1, 3]].T)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording
-from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
+from lissajous_env.logs.inputs import INPUTS, actions_of, commands_of
 from lissajous_env.logs.log import Log, runs
 from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import COLLISION, EDGE, PrescribedSimulation
@@ -20,7 +20,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import locate
-from lissajous_env.wording import few_of, shown
+from lissajous_env.wording import shown
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
@@ -138,8 +138,7 @@ def score(
     rows = [
         {"policy": name, "episode": k} | row | unknown for k, row in enumerate(simulation.score(np.arange(len(seeds))))
     ]
-    recording = recorder.recording(name)
-    recording = dataclasses.replace(recording, scenario=scenario, score=recording.score | unknown)
+    recording = dataclasses.replace(recorder.recording(name), scenario=scenario, score=rows[0])
     episode = (log.episode or {"policy": ""}) | episode_of(scenario, int(seeds[0]))
     scored = dataclasses.replace(log, episode=episode, begin=log.start, commands={} if unknown else log.commands)
     return Scored(scenario, rows, recording, scored, tuple(notes))
@@ -296,21 +295,15 @@ def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> tuple[np.ndarra
     """Return the actions (M - 1, N, A) of a log with the commands of every robot, or None, and notes."""
     if len(log.commands) < scenario.num_robots:
         return None, []
-    names, commands = scenario.action_names, []
+    commands = []
     for robot, series in sorted(log.commands.items()):
-        columns = series.columns(names)
-        if columns is None:
-            got = few_of(series.names) or f"{series.value.shape[1]} numbers"
-            return None, [f"the commands are ignored, because those of {log.called([robot])} are {got}, "
-                          f"not {few_of(names)}"]  # fmt: skip
+        try:
+            own = dataclasses.replace(series, value=commands_of(series, scenario.action_names))
+        except ValueError as error:
+            return None, [f"the commands are ignored, because of {log.called([robot])}: {error}"]
         # A command that arrives in the first half of a step is the one in force for most of it.
-        in_force = dataclasses.replace(series, value=columns).before(times[:-1], 0.499 * scenario.task.step)
-        commands.append(in_force)
+        commands.append(own.before(times[:-1], 0.499 * scenario.task.step))
     actions = np.stack(commands, axis=1)
-    if scenario.robot.kind == "car":
-        beyond = np.abs(actions[..., 0]).max()
-        if beyond > LARGEST_STEERING:
-            return None, [f"the commands are ignored, because steering angles of {beyond:.3g} are not in radians"]
     if scenario.robot.kind in INPUTS:
         actions[..., :2] = actions_of(scenario.robot, np.ascontiguousarray(actions[..., :2]))
     return np.clip(actions, -1, 1), []
