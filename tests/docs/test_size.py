@@ -5,19 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-<<<<<<< HEAD
 LINES = 42_397
 """Lines of the packages."""
 MODULES = 259
 """Files of the packages."""
-TESTS = 25_899
-=======
-LINES = 42_397
-"""Lines of the packages."""
-MODULES = 259
-"""Files of the packages."""
-TESTS = 25_899
->>>>>>> main
+TESTS = 25_891
 """Lines of the tests."""
 
 
