@@ -24,10 +24,11 @@ import numpy as np
 
 import baselines
 import lissajous_env
+import training
 from lissajous_env.world.columns import task_score
 from training.learned import checkpoint
 from training.learned.networks import TeamNetwork
-from training.learned.policy import SHIPPED, LearnedTeam
+from training.learned.policy import LearnedTeam, find
 from training.settings import TrainingSettings
 from training.validation import limit_of, rating_of
 
@@ -91,13 +92,13 @@ def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
     names, count = POLICIES[scenario], len(SEEDS)
     played = {f"`{name}`": play(baselines.make(name, scenario, count), scenario, SEEDS)[:, None] for name in names}
     base = played[f"`{names[1]}`"][0, 0]
-    network, card, _ = checkpoint.read(SHIPPED.get(names[0], names[0]))
+    network, card, _ = checkpoint.read(find(names[0]))
     zeros = TeamNetwork.from_arrays({name: 0 * array for name, array in network.to_arrays().items()})
     begun = play(LearnedTeam(zeros, card, scenario, count), scenario, SEEDS)[:, None]
     played = {f"`{names[0]}`": played.pop(f"`{names[0]}`"), "the same before its training": begun} | played
     if trainings:
         folders = [Path(folder) / checkpoint.BEST for folder in trainings]
-        each = [play(baselines.make(folder, scenario, count), scenario, SEEDS) for folder in folders]
+        each = [play(training.load(folder, scenario, count), scenario, SEEDS) for folder in folders]
         for folder, of in zip(trainings, each, strict=True):
             print(folder, of.mean(axis=1).round(4), gain(of[None, 0], base), flush=True)
         played = {f"the best of each of {len(each)} trainings": np.stack(each, axis=1)} | played
@@ -117,7 +118,7 @@ def on_space(name: str, trainings: list[str]) -> figures.Table:
         for scenario in itertools.islice(space.scenarios(split), SCENARIOS):
             seeds = range(SEEDS[0], SEEDS[0] + EPISODES)
             scores.append([play(baselines.make(of, scenario, EPISODES), scenario, seeds) for of in (ours, rival)])
-            loaded = (baselines.make(Path(folder) / checkpoint.BEST, scenario, EPISODES) for folder in trainings)
+            loaded = (training.load(Path(folder) / checkpoint.BEST, scenario, EPISODES) for folder in trainings)
             learned.append([play(policy, scenario, seeds).mean(axis=1) for policy in loaded])
         # Scenarios are drawn as trainings are above.
         both = np.moveaxis(np.array(scores), (1, 2), (0, 1))
@@ -141,7 +142,7 @@ def on_ablations(trainings: list[str]) -> figures.Table:
         scenario = lissajous_env.scenario(settings["scenario"], **settings["overrides"])
         if scenario not in rules:
             rules[scenario] = play(baselines.make(rule, scenario, len(FEWER_SEEDS)), scenario, FEWER_SEEDS)
-        loaded = (baselines.make(folder, scenario, len(FEWER_SEEDS)) for folder, _ in members)
+        loaded = (training.load(folder, scenario, len(FEWER_SEEDS)) for folder, _ in members)
         of, base = np.stack([play(policy, scenario, FEWER_SEEDS) for policy in loaded], axis=1), rules[scenario]
         print(options, (of[0].mean(axis=1) / base[0].mean()).round(3), of[1].mean(axis=1).round(2), flush=True)
         numbers = interval(of[0], 3), gain(of[0], base[0]), f"{of[1].mean():.2f}", f"{base[1].mean():.2f}"

@@ -10,12 +10,12 @@ import argparse
 from sb3_contrib import RecurrentPPO
 
 import lissajous_env
-from training.sb3 import LissajousVecEnv, ModelPolicy
+from training.sb3 import ModelPolicy, RobotVecEnv
 
 
 def train(scenario: str, steps: int, worlds: int = 32, horizon: int = 50) -> RecurrentPPO:
     """Return a model that was trained for so many robot steps, in rollouts of `horizon` steps of each world."""
-    env = LissajousVecEnv(scenario, worlds, seed=0)
+    env = RobotVecEnv(scenario, worlds, seed=0)
     model = RecurrentPPO(
         "MlpLstmPolicy", env, n_steps=horizon, batch_size=env.num_envs * horizon // 4, n_epochs=4, gamma=0.99,
         learning_rate=3e-4, policy_kwargs={"lstm_hidden_size": 64, "enable_critic_lstm": False, "shared_lstm": True},

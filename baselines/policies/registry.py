@@ -184,20 +184,15 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     return tuple(entry.name for entry in every if entry.drives(kind))
 
 
-def make(name: str, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
     """Make a policy from its name, or from the folder of a checkpoint or a plan; a suffix adds a filter.
 
-    The default scenario is that of the folder, or the first one for which a registered policy is made.
-
     Raises:
-        ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario
-            or has none of its own, the number of worlds is below 1, or the device is not available.
+        ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,
+            the number of worlds is below 1, or the device is not available.
     """
-    num_worlds, entry = whole_number("num_worlds", num_worlds), find(name)
-    if scenario is None:
-        require(entry.made_for or is_folder(name), "scenario", f"must be given for {name}", scenario)
-        scenario = own_scenario(name) if is_folder(name) else entry.made_for[0]
-    return entry(build_scenario(scenario), num_worlds, device)
+    num_worlds = whole_number("num_worlds", num_worlds)
+    return find(name)(build_scenario(scenario), num_worlds, device)
 
 
 def find(name: str) -> Entry:

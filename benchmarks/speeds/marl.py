@@ -83,9 +83,9 @@ def stable_baselines(case: Case) -> tuple[float, float]:
     """Return the same of an iteration of PPO of Stable-Baselines3, with as many robot steps in a minibatch."""
     from stable_baselines3 import PPO
 
-    from training.sb3 import LissajousVecEnv
+    from training.sb3 import RobotVecEnv
 
-    worlds = LissajousVecEnv(SCENARIO, case.worlds, seed=0, threads=1)
+    worlds = RobotVecEnv(SCENARIO, case.worlds, seed=0, threads=1)
     model = PPO("MlpPolicy", worlds, n_steps=case.steps, batch_size=ROBOTS * case.minibatch, n_epochs=case.epochs,
                 policy_kwargs={"net_arch": list(case.layers)}, device="cpu")  # fmt: skip
     _, callback = model._setup_learn(2 * ROBOTS * case.worlds * case.steps)

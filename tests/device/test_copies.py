@@ -16,7 +16,7 @@ import lissajous_env
 
 pytest.importorskip("stable_baselines3")
 
-from training.sb3.vec_env import LissajousVecEnv
+from training.sb3.vec_env import RobotVecEnv
 
 SHORT = {"task.duration": 1.5}
 SPACE = "monitoring-v1"
@@ -31,7 +31,7 @@ MADE: dict[str, Callable[[int], Any]] = {
     "crowd": lambda threads: simulation("swarm", 1, threads),
     "batch": lambda threads: lissajous_env.Batch(SPACE, 6, num_groups=3, seed=2, threads=threads),
     "batch of one group": lambda threads: lissajous_env.Batch(SPACE, 2, seed=2, threads=threads),
-    "rows": lambda threads: LissajousVecEnv("intruders", 3, threads=threads, **SHORT),
+    "rows": lambda threads: RobotVecEnv("intruders", 3, threads=threads, **SHORT),
 }  # fmt: skip
 
 

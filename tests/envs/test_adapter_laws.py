@@ -147,10 +147,10 @@ class Rows:
 
     def __init__(self, name, scenario, **settings):
         pytest.importorskip("stable_baselines3")
-        from training.sb3 import LissajousVecEnv
+        from training.sb3 import RobotVecEnv, RogueVecEnv
 
         self.side = "rogue" if "robots" in settings else "robot"
-        self.env = LissajousVecEnv(scenario, 2, **settings)
+        self.env = (RogueVecEnv if "robots" in settings else RobotVecEnv)(scenario, 2, **settings)
 
     def reset(self, seed=None):
         n = self.env.num_envs // 2

@@ -6,11 +6,12 @@ from importlib.metadata import EntryPoint
 import pytest
 
 import baselines
+import training
 from baselines.planning import portfolio
 from baselines.policies import registry
 from baselines.policies.patrol import Laps, Still
 from lissajous_env import plugins
-from training.learned.policy import SHIPPED, register_shipped
+from training.learned.policy import register_shipped
 
 
 def test_a_name_that_is_taken_is_refused():
@@ -85,7 +86,7 @@ def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch
 
 
 def test_learned_policies_are_told_from_classical_ones():
-    everything = {*SHIPPED, *portfolio.NAMES}
+    everything = {*training.names(), *portfolio.NAMES}
     learned = {name for name in baselines.names() if not registry.is_classical(name)}
     assert {name for name in learned if not registry.split_suffix(name)[1]} == everything
     assert {registry.split_suffix(name)[0] for name in learned} == everything

@@ -16,6 +16,7 @@ from test_network import make_team
 
 import baselines
 import lissajous_env
+import training
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from lissajous_env.parameters import named, robot_models
@@ -211,7 +212,7 @@ def test_what_a_file_names_is_looked_up_and_never_loaded(here):
         (folder / "checkpoint.json").write_text(json.dumps(text))
         (here / "evil.toml").write_text("base = 'evil:scenario'")
         with pytest.raises(ValueError, match="no module is imported because a folder names it"):
-            baselines.make(folder)
+            training.load(folder)
         with pytest.raises(ValueError, match="scenario must be one of"):
             lissajous_env.scenario("evil.toml")
     assert not (here / "done").exists()

@@ -70,7 +70,7 @@ def test_a_file_will_do_wherever_a_scenario_is_taken(name, tmp_path):
 
 
 def test_overrides_wherever_worlds_are_made():
-    # Story: `LissajousVecEnv("failure", **{"task.duration": 5.0})` was a TypeError. Oracle: the length of the episode.
+    # Story: `RobotVecEnv("failure", **{"task.duration": 5.0})` was a TypeError. Oracle: the length of the episode.
     assert lissajous_env.Simulation("failure", 2, **SHORT).scenario.task.steps == 10
     policy = baselines.make("kuramoto", "failure")
     made = lissajous_env.scenario("failure", **SHORT)

@@ -78,7 +78,7 @@ def test_a_folder_of_a_training(attacked, tmp_path, marker, capsys):
 
 @pytest.mark.parametrize("command", ["run", "benchmark"])
 def test_a_folder_of_a_policy(attacked, tmp_path, command):
-    shipped = policy.SHIPPED["learned-watch"]
+    shipped = policy.find("learned-watch")
 
     def play(folder):
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
@@ -117,7 +117,7 @@ def test_a_recording(attacked, tmp_path, capsys):
 def test_what_a_checkpoint_names_stays_in_its_folder(tmp_path, capsys):
     # Story: the manifest names a file elsewhere, by a path; only its last part counts.
     folder = tmp_path / "policy"
-    shutil.copytree(policy.SHIPPED["learned-watch"], folder)
+    shutil.copytree(policy.find("learned-watch"), folder)
     text = json.loads((folder / "checkpoint.json").read_text())
     (weights,) = folder.glob("weights-*")
     weights.rename(tmp_path / weights.name)

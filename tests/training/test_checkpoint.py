@@ -9,8 +9,8 @@ import pytest
 from safetensors.numpy import save as to_safetensors
 from test_network import make_team
 
-import baselines
 import lissajous_env
+import training
 from lissajous_env import Simulation
 from training.learned import checkpoint
 from training.learned.card import Card
@@ -47,7 +47,7 @@ def play(folder):
     _, _, text = checkpoint.read(folder)
     if "state" in text["files"]:
         checkpoint.read_state(folder, text)
-    policy = baselines.make(folder)
+    policy = training.load(folder)
     action = policy.act(Simulation(policy.scenario).observation.numpy())
     assert np.isfinite(action).all()
     assert (np.abs(action) <= 1).all()

@@ -9,17 +9,18 @@ from test_network import make_team
 
 import baselines
 import lissajous_env
+import training
 from baselines.policies import registry
 from lissajous_env import Simulation
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import TeamNetwork
-from training.learned.policy import SHIPPED, LearnedTeam
+from training.learned.policy import LearnedTeam
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", training.names())
 def test_shipped_policies_are_small_and_say_where_they_come_from(name):
-    folder = SHIPPED[name]
+    folder = training.learned.policy.find(name)
     assert sum(path.stat().st_size for path in folder.iterdir()) < 1_000_000
     _, card, text = checkpoint.read(folder)
     assert text["command"].startswith("lissajous train")
@@ -76,10 +77,10 @@ def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):
     settings = {"overrides": {"sensing.targets_seen": 2}}
     card = Card.of(lissajous_env.scenario("intruders", **settings["overrides"]), settings=settings)
     checkpoint.save(tmp_path, make_team(), card)
-    policy = baselines.make(tmp_path)
+    policy = training.load(tmp_path)
     assert policy.scenario.sensing.targets_seen == 2
     with pytest.raises(ValueError, match="must drive robots of kind car"):
-        baselines.make(tmp_path, "failure")
+        training.load(tmp_path, "failure")
 
 
 def test_the_commands_take_a_folder_for_a_name(tmp_path):
@@ -91,13 +92,19 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
     assert {cell.policy for cell in cells} == {str(tmp_path), "still"}
     assert isinstance(cells[-1].factory(cells[-1].scenario, 2, "cpu"), LearnedTeam)
     (tmp_path / "nothing").mkdir()
-    with pytest.raises(ValueError, match=r"must be a folder with checkpoint.json, got .*nothing"):
+    with pytest.raises(ValueError, match=r"or a folder with checkpoint.json, got .*nothing"):
         baselines.make(str(tmp_path / "nothing"), "rough")
+
+
+@pytest.mark.parametrize("name", ["learned-nothing", "", "/nowhere/at/all"])
+def test_an_unknown_name_is_refused_with_what_there_is(name):
+    with pytest.raises(ValueError, match=r"policy must be one of learned-.*, or a folder with checkpoint.json"):
+        training.load(name)
 
 
 def test_no_torch_is_needed(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    policy = baselines.make("learned-watch", num_worlds=3)
+    policy = training.load("learned-watch", num_worlds=3)
     assert policy.act(Simulation("watch", 3).observation.numpy()).shape == (3, 5, 2)
 
 
@@ -117,7 +124,7 @@ def test_a_network_that_does_not_fit_its_card_is_refused():
 
 
 def test_a_folder_is_opened_by_a_program_that_imports_baselines_alone():
-    folder = SHIPPED["learned-watch"]
+    folder = training.learned.policy.find("learned-watch")
     program = f"import baselines; print(baselines.make({str(folder)!r}, 'watch').name)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(folder)

@@ -15,7 +15,7 @@ import lissajous_env
 from tests.command_line import called
 from training.learned import checkpoint
 from training.learned.networks import RogueNetwork
-from training.learned.policy import SHIPPED
+from training.learned.policy import find
 from training.learned.rogue import as_rogue, open_rogue, rogue_card
 from training.rogue_trainer import train_rogues, undetected_times
 from training.settings import RogueTraining
@@ -172,7 +172,7 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     with pytest.raises(ValueError, match=r"targets.rogues must be one of .* or a folder with checkpoint.json, got"):
         lissajous_env.scenario("evaders", rogues=str(tmp_path))
     with pytest.raises(ValueError, match=r"rogues must be the folder of a rogue, got .*, which drives robots of kind"):
-        lissajous_env.scenario("evaders", rogues=str(SHIPPED["learned-watch"]))
+        lissajous_env.scenario("evaders", rogues=str(find("learned-watch")))
     with pytest.raises(ValueError, match=r"policy must drive robots, got .*, which drives rogues"):
         baselines.make(str(folder), "experiment")
     damaged = tmp_path / "damaged"

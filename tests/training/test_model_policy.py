@@ -26,7 +26,7 @@ def made(name="experiment", **overrides):
 
 
 def played_by_hand(model, env, worlds):
-    """Score rows of an episode in each world of a `LissajousVecEnv`, as Stable-Baselines3 itself plays a model."""
+    """Score rows of an episode in each world of a `RobotVecEnv`, as Stable-Baselines3 itself plays a model."""
     env.seed(4)
     rows = env.reset()
     for _ in range(env.get_attr("scenario")[0].task.steps):
@@ -50,7 +50,7 @@ def same(rows, scores):
 def test_a_model_of_rows_scores_as_where_it_was_trained(name):
     # Oracle: the environment that it was trained on, stepped with the model's own predict, on the same seeds. The
     # number of worlds is the same too: the last bit of a matrix product may depend on the number of its rows.
-    env = training.sb3.LissajousVecEnv(made(name), 3)
+    env = training.sb3.RobotVecEnv(made(name), 3)
     model = PPO("MlpPolicy", env, seed=1, **FAST).learn(200)
     scores = played_by_hand(model, env, 3)
     policy = training.sb3.ModelPolicy(model, made(name), num_worlds=3)
@@ -63,7 +63,7 @@ def test_a_model_of_rows_scores_as_where_it_was_trained(name):
 def test_normalised_rows_are_normalised_again():
     # Oracle: as above, behind the `VecNormalize` that the model was trained behind; and without it, another score.
     scenario = made()
-    env = VecNormalize(training.sb3.LissajousVecEnv(scenario, 3))
+    env = VecNormalize(training.sb3.RobotVecEnv(scenario, 3))
     model = PPO("MlpPolicy", env, seed=1, **FAST).learn(400)
     env.training = False
     scores = played_by_hand(model, env, 3)
@@ -120,7 +120,7 @@ def test_a_recurrent_model_of_rows_of_the_action_table():
 
 
 def test_a_drawn_action_is_asked_for():
-    env = training.sb3.LissajousVecEnv("experiment", 2, seed=0)
+    env = training.sb3.RobotVecEnv("experiment", 2, seed=0)
     model = PPO("MlpPolicy", env, **FAST)
     seen = env.simulation.observation.numpy()
     drawn = training.sb3.ModelPolicy(model, "experiment", 2, deterministic=False)
@@ -176,7 +176,7 @@ def told_as(value):
 
 def test_the_commands_play_a_model_of_ones_own(tmp_path, monkeypatch, capsys):
     # Oracle: the same model in Python; the command is called in the folder of the module and the model alone.
-    model = PPO("MlpPolicy", training.sb3.LissajousVecEnv("experiment", 2, seed=0), seed=1, **FAST).learn(80)
+    model = PPO("MlpPolicy", training.sb3.RobotVecEnv("experiment", 2, seed=0), seed=1, **FAST).learn(80)
     model.save(tmp_path / "mine.zip")
     (tmp_path / "my_module.py").write_text(MODULE)
     monkeypatch.chdir(tmp_path)

@@ -11,8 +11,8 @@ pytest.importorskip("torch")
 from publish import publish
 from test_trainer import QUIET, SMALL
 
-import baselines
 import lissajous_env
+import training
 from lissajous_env.console import cli
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.scenario_file import scenario_of
@@ -69,7 +69,7 @@ def test_a_folder_holds_the_scenario(here):
     wanted = trained()
     (here / "mine.toml").unlink()
     for folder in ("run", "run/best"):
-        policy = baselines.make(folder)
+        policy = training.load(folder)
         assert policy.scenario == wanted
     assert lissajous_env.evaluate(policy, policy.scenario, seeds=[3])[0]["scenario"] == "mine"
 
@@ -87,7 +87,7 @@ def test_every_command_plays_it(here, capsys):
     publish(here / "run" / "best", "published", "how", folder=here)
     text = checkpoint.read_contents(here / "policies" / "published")
     assert text["made_for"] == ["mine"]
-    assert baselines.make(here / "policies" / "published").scenario == wanted
+    assert training.load(here / "policies" / "published").scenario == wanted
 
 
 def test_a_benchmark_leaves_out_scenarios_of_other_robots(here, capsys):
@@ -108,17 +108,17 @@ def test_a_scenario_that_has_changed_is_not_trained_on(here):
 def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, monkeypatch):
     (here / "my_extras.py").write_text(EXTRAS)
     wanted = trained(overrides={"extensions": "my_extras:doubled"})
-    assert baselines.make("run").scenario == wanted
+    assert training.load("run").scenario == wanted
     # An extension that is given as an object is recorded as in any other process, so that a training resumes there.
     given = settings(overrides={"extensions": [sys.modules["my_extras"].doubled]})
     assert " at 0x" not in str(given.to_dict())
     # Story: another process, which has not imported it; a stranger's folder cannot make it.
     monkeypatch.delitem(sys.modules, "my_extras")
     with pytest.raises(ValueError, match="scenario mine uses my_extras:doubled: import my_extras before"):
-        baselines.make("run")
+        training.load("run")
     assert "my_extras" not in sys.modules
     __import__("my_extras")
-    assert baselines.make("run").scenario.digest() == wanted.digest()
+    assert training.load("run").scenario.digest() == wanted.digest()
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_a_damaged_scenario_is_refused(here, part, value, words):
     text["scenario"][part] = value
     path.write_text(json.dumps(text))
     with pytest.raises(ValueError, match=words):
-        baselines.make("run")
+        training.load("run")
 
 
 @pytest.mark.parametrize("name", lissajous_env.scenarios())

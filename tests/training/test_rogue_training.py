@@ -14,7 +14,7 @@ from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor
 
 from lissajous_env.envs.sides import rogue_table
-from training.sb3 import LissajousVecEnv
+from training.sb3 import RobotVecEnv, RogueVecEnv
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 FEW = {"targets.count": 3, "targets.arrival_rate": 0.0, "targets.entry": "unseen", "sensing.radius": 0.4}
@@ -23,8 +23,8 @@ SHORT = FEW | {"task.duration": 4.0}
 
 def test_discrete_actions_are_rows_of_the_table():
     # Oracle: the same environments with the actions of the table. Story: DQN learns from these rows.
-    chosen = LissajousVecEnv("experiment", 2, robots="still", seed=5, discrete_actions=True, **SHORT)
-    plain, draw = LissajousVecEnv("experiment", 2, robots="still", seed=5, **SHORT), np.random.default_rng(0)
+    chosen = RogueVecEnv("experiment", 2, "still", seed=5, discrete_actions=True, **SHORT)
+    plain, draw = RogueVecEnv("experiment", 2, "still", seed=5, **SHORT), np.random.default_rng(0)
     assert chosen.action_space.n == len(rogue_table()) == 9
     assert (chosen.reset() == plain.reset()).all()
     for _ in range(50):
@@ -42,7 +42,7 @@ def test_discrete_actions_are_rows_of_the_table():
 
 def test_returns_are_detection_times():
     # Oracle: the score of the simulation, over the rogues that acted.
-    env = LissajousVecEnv("experiment", 1, robots="still", seed=1, **SHORT)
+    env = RogueVecEnv("experiment", 1, "still", seed=1, **SHORT)
     env.reset()
     returns = []
     while not env.scores:
@@ -54,7 +54,7 @@ def test_returns_are_detection_times():
 def test_ppo_trains_both_sides_in_turn_within_the_proved_bound():
     # Story: rogues learn against robots, then robots against these rogues; no rogue outlasts the proved bound.
     bounded = SHORT | {"task.contamination": (36, 16), "task.conservative": True}
-    rogues = LissajousVecEnv("experiment", 8, robots="sweep", seed=0, **bounded)
+    rogues = RogueVecEnv("experiment", 8, "sweep", seed=0, **bounded)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "The environment is already wrapped")
         model = PPO("MlpPolicy", VecCheckNan(VecMonitor(rogues), raise_exception=True), n_steps=40, batch_size=240)
@@ -66,7 +66,7 @@ def test_ppo_trains_both_sides_in_turn_within_the_proved_bound():
     def act(rows):
         return model.predict(rows.reshape(-1, rows.shape[-1]), deterministic=True)[0].reshape(*rows.shape[:2], 2)
 
-    robots = LissajousVecEnv("experiment", 4, seed=0, rogues="learned-here", **SHORT)
+    robots = RobotVecEnv("experiment", 4, seed=0, rogues="learned-here", **SHORT)
     PPO("MlpPolicy", robots, n_steps=20, batch_size=100).learn(2 * 20 * robots.num_envs)
     scenario = lissajous_env.scenario("experiment", rogues="learned-here", **bounded)
     scores = lissajous_env.evaluate(baselines.make("sweep", scenario, 8), scenario, seeds=range(8))

@@ -10,6 +10,7 @@ from rich.console import Console
 
 import baselines
 import lissajous_env
+import training
 from lissajous_env.world.observation import layout
 from training.learned import checkpoint
 from training.learned.perception import OWN, TOKEN, Perception, axes_of, base_action, commanded_velocity, perceive
@@ -55,7 +56,7 @@ def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     assert history["curve"][-1]["steps"] >= 640
     limit = limit_of(None, history["rivals"])
     assert rating_of(history["best"], limit) >= rating_of(history["curve"][0], limit), "the rule is the first candidate"
-    policy = baselines.make(tmp_path / "run" / "best", num_worlds=2)
+    policy = training.load(tmp_path / "run" / "best", num_worlds=2)
     rows = lissajous_env.evaluate(policy, policy.scenario, seeds=[1, 2])
     assert all(np.isfinite(row["return_mean"]) for row in rows)
     assert train(small(tmp_path, **changes, steps=1200), QUIET)["curve"][-1]["steps"] >= 1200, "it goes on"

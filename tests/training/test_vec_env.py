@@ -1,4 +1,4 @@
-"""`LissajousVecEnv` for Stable-Baselines3: rows are robots, and a time limit is not a terminal state."""
+"""`RobotVecEnv` for Stable-Baselines3: rows are robots, and a time limit is not a terminal state."""
 
 import warnings
 
@@ -15,11 +15,11 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
 
 from lissajous_env.envs.sides import action_table
-from training.sb3 import LissajousVecEnv, ModelPolicy
+from training.sb3 import ModelPolicy, RobotVecEnv
 
 
 def make_env(name="intruders", worlds=3, **overrides):
-    return LissajousVecEnv(name, worlds, seed=0, **overrides)
+    return RobotVecEnv(name, worlds, seed=0, **overrides)
 
 
 def test_stable_baselines_checks_and_wrappers_pass():
@@ -56,7 +56,7 @@ def test_episodes_are_reported_as_a_monitor_reports_them(tmp_path):
     # Oracle: the library's own VecMonitor around a batch of the same seed; cars are removed where they collide.
     changes = {"task.duration": 2.0, "task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
     scenario = lissajous_env.scenario("failure", **changes)
-    ours, theirs = (LissajousVecEnv(scenario, 6, seed=1) for _ in range(2))
+    ours, theirs = (RobotVecEnv(scenario, 6, seed=1) for _ in range(2))
     theirs = VecMonitor(theirs)
     draw, ended, early = np.random.default_rng(0), 0, 0
     rows = [ours.reset(), theirs.reset()]
@@ -83,7 +83,7 @@ def test_episodes_are_reported_as_a_monitor_reports_them(tmp_path):
 def test_dqn_learns_on_the_rows_of_a_batch():
     # Oracle: the same actions as numbers.
     short = lissajous_env.scenario("experiment", **{"task.duration": 0.8})
-    env = LissajousVecEnv(short, 2, seed=0, discrete_actions=True)
+    env = RobotVecEnv(short, 2, seed=0, discrete_actions=True)
     model = DQN("MlpPolicy", env, learning_starts=20, train_freq=2, seed=1).learn(100)
     env.seed(0)
     chosen, _ = model.predict(env.reset())
@@ -91,7 +91,7 @@ def test_dqn_learns_on_the_rows_of_a_batch():
     for wrong in (chosen + 100, chosen.astype(float), chosen[:-1], chosen.astype(bool)):
         with pytest.raises(ValueError, match="action"):
             env.step(wrong)
-    numbers = LissajousVecEnv(short, 2, seed=0)
+    numbers = RobotVecEnv(short, 2, seed=0)
     env.seed(0)
     numbers.seed(0)
     assert env.reset().tobytes() == numbers.reset().tobytes()

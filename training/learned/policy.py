@@ -1,4 +1,4 @@
-"""Learned policies of robots, with the interface of the classical ones: `baselines.make` makes them."""
+"""Learned policies of robots, with the interface of the classical ones: load, register and play them."""
 
 import json
 from functools import partial
@@ -11,37 +11,50 @@ import baselines
 from baselines.policies.base import Policy
 from baselines.policies.registry import LOADERS, Loader
 from lissajous_env import Scenario
+from lissajous_env.wording import few_of, nearest
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import TeamNetwork
 from training.learned.perception import axes_of, base_action, commanded_velocity, perceive
 
-SHIPPED = {
-    path.parent.name: path.parent
-    for path in sorted((Path(__file__).parent.parent / "policies").glob(f"*/{checkpoint.FILE}"))
-}
-"""Folders of the included policies, by name."""
 
-
-def load(folder: str | Path, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    """Make the policy of a checkpoint.
+def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+    """Load an included network by name, or a checkpoint from its folder; by default for the scenario of its training.
 
     Raises:
-        ValueError: there is none, it is damaged, or the policy does not fit the scenario.
+        ValueError: there is no such name or folder, the checkpoint is damaged, or the policy does not fit the scenario.
     """
-    network, card, _ = checkpoint.read(folder)
+    network, card, _ = checkpoint.read(find(name))
     if not isinstance(network, TeamNetwork):
-        raise ValueError(f"policy must drive robots, got {folder}, which drives rogues")
-    return LearnedTeam(network, card, scenario, num_worlds, device)
+        raise ValueError(f"policy must drive robots, got {name}, which drives rogues")
+    task = checkpoint.own_scenario(card) if scenario is None else scenario
+    policy = LearnedTeam(network, card, task, num_worlds, device)
+    policy.name = str(name)
+    return policy
 
 
-def own_scenario(folder: str | Path) -> Scenario:
-    """Return the scenario on which the policy of a checkpoint was trained.
+def own_scenario(name: str | Path) -> Scenario:
+    """Return the scenario on which an included policy, or the policy in a folder, was trained.
 
     Raises:
-        ValueError: there is none, it is damaged, or the scenario is invalid.
+        ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
     """
-    return checkpoint.own_scenario(checkpoint.read(folder)[1])
+    return checkpoint.own_scenario(checkpoint.read(find(name))[1])
+
+
+def find(name: str | Path) -> Path:
+    """Return the folder of an included policy, or the given folder if it contains a checkpoint.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    shipped = _SHIPPED / str(name)
+    if str(name) in names():
+        return shipped
+    if (Path(name) / checkpoint.FILE).is_file():
+        return Path(name)
+    rule = f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder with {checkpoint.FILE}"
+    raise ValueError(f"{rule}, got {str(name)!r}{nearest(name, names())}")
 
 
 def register_shipped() -> None:
@@ -50,12 +63,19 @@ def register_shipped() -> None:
     Weights are read when a policy is made.
     """
     LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.parts)
-    for name, folder in SHIPPED.items():
-        contents = json.loads((folder / checkpoint.FILE).read_text(encoding="utf-8"))
+    for name in names():
+        contents = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = contents["policy"], contents["settings"].get("scenario", contents["policy"]["scenario"])
         about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
-        made_for = tuple(contents["made_for"])
-        baselines.register(name, policy["kind"], partial(load, folder), made_for, about, learned=True)
+        baselines.register(name, policy["kind"], partial(load, name), tuple(contents["made_for"]), about, learned=True)
+
+
+_SHIPPED = Path(__file__).parent.parent / "policies"
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of the included learned policies."""
+    return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{checkpoint.FILE}")))
 
 
 class LearnedTeam(Policy):

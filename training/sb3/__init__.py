@@ -1,6 +1,6 @@
 """Stable-Baselines3: the batch of worlds as a `VecEnv`, and its models as policies."""
 
 from training.sb3.model_policy import ModelPolicy
-from training.sb3.vec_env import LissajousVecEnv
+from training.sb3.vec_env import RobotVecEnv, RogueVecEnv
 
-__all__ = ["LissajousVecEnv", "ModelPolicy"]
+__all__ = ["ModelPolicy", "RobotVecEnv", "RogueVecEnv"]

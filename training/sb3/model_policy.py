@@ -29,7 +29,7 @@ from lissajous_env.wording import require
 class ModelPolicy(Policy):
     """Policy whose actions are those of `model.predict`, for each robot's row or for the team's rows at once.
 
-    A model trained on rows, as those of `LissajousVecEnv`, maps (inputs,) to (action_size,) or to a row of the action
+    A model trained on rows, such as those of `RobotVecEnv`, maps (inputs,) to (action_size,) or to a row of the action
     table. A model trained on the team, such as on `lissajous_env.LissajousEnv`, maps (N, inputs) to (N, action_size) or
     to N rows of the table. The state of a recurrent model is preserved from step to step.
 

@@ -14,21 +14,19 @@ RECENT = 256
 """Number of latest episodes whose scores are stored."""
 
 
-class LissajousVecEnv(VecEnv):
-    """`VecEnv` of a batch: row k N + i is robot i of world k, or with `robots` the rogue in target slot i.
+class BatchVecEnv(VecEnv):
+    """`VecEnv` of a batch of one side of a scenario: row k N + i is agent i of world k.
 
     Several rows share a world, and rows have no attributes or methods of their own. A world whose episode is over is
     reset in the same step, and all of its rows are done. The row of an agent that ended earlier is done in that step,
     too; afterwards it is constant, with reward 0 and actions without effect. Infos contain `TimeLimit.truncated` and,
     where a row is done, `terminal_observation`; they report the episodes of agents as `Monitor` does.
 
-    The row of a slot without a live rogue is zero. A world whose rogues are all detected is over, and the return of a
-    rogue is the time for which it was undetected [s].
-
     Args:
         scenario: Scenario, or its name.
         num_worlds: W; there are W N rows.
-        robots: Policy that drives the robots, so that rogues learn: a name, a policy for W worlds, or a function.
+        roles: The side that learns, `robots` or `rogues`.
+        robots: Policy that drives the robots if rogues learn: a name, a policy for W worlds, or a function.
         device: Warp device.
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
             `seed`, the first reset draws seeds from the operating system.
@@ -41,12 +39,11 @@ class LissajousVecEnv(VecEnv):
     """
 
     def __init__(
-        self, scenario: str | Scenario, num_worlds: int = 1, *, robots: Any = None, device: Any = "cpu",
+        self, scenario: str | Scenario, num_worlds: int, *, roles: str, robots: Any = None, device: Any = "cpu",
         seed: int | None = None, threads: int | None = None, discrete_actions: bool = False, **overrides: Any,
     ):  # fmt: skip
         settings: dict[str, Any] = {"discrete_actions": discrete_actions, "device": device, "threads": threads}
-        settings |= {"roles": "robots" if robots is None else "rogues", "robots": robots, "seed": seed}
-        batch = Batch(scenario, num_worlds, overrides=overrides, **settings)
+        batch = Batch(scenario, num_worlds, roles=roles, robots=robots, seed=seed, overrides=overrides, **settings)
         self.batch, self.simulation, self.scenario = batch, batch.simulation, batch.scenario
         (self._side,) = batch.sides
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
@@ -137,3 +134,24 @@ class LissajousVecEnv(VecEnv):
         rows = self.batch.rows(self._side)
         self._is_acting = (rows.mask & ~rows.terminated).reshape(-1)
         return rows.observation.reshape(self.num_envs, -1).copy()
+
+
+class RogueVecEnv(BatchVecEnv):
+    """Rogues against robots of any policy: row k N + t is the rogue in target slot t of world k; see `BatchVecEnv`.
+
+    The episode of a row ends when its rogue is detected, or at the time limit. A row without a live rogue is zero. A
+    world whose rogues are all detected, or whose time is over, is reset in the same step. Returns are in seconds.
+    """
+
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, robots: Any = "kuramoto-mpcc", **settings: Any):
+        super().__init__(scenario, num_worlds, roles="rogues", robots=robots, **settings)
+
+
+class RobotVecEnv(BatchVecEnv):
+    """Robots with shared parameters: row k N + i is robot i of world k; see `BatchVecEnv`.
+
+    A removed robot terminates, and its row is constant until its world is reset.
+    """
+
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, **settings: Any):
+        super().__init__(scenario, num_worlds, roles="robots", **settings)
