@@ -12,7 +12,7 @@ from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.inputs import INPUTS, actions_of, commands_of
 from lissajous_env.logs.log import Log, runs
 from lissajous_env.logs.motion import Motion, motion_of
-from lissajous_env.logs.prescribed import COLLISION, EDGE, PrescribedSimulation
+from lissajous_env.logs.prescribed import COLLISION, EDGE, HIDDEN, PrescribedSimulation
 from lissajous_env.logs.writing import episode_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
@@ -43,12 +43,10 @@ OF_ACTIONS = ("return_mean", "smoothness", "blocked_time")
 class Scored:
     """A log that has been scored."""
 
-    scenario: Scenario
-    """The scenario that was scored: that of the log or a given one, with the faults and the duration of the log."""
     rows: list[dict[str, Any]]
     """A score row for each seed of the virtual targets."""
     recording: Recording
-    """The episode of the first of these seeds."""
+    """The episode of the first of these seeds, in the scenario with the faults and the duration of the log."""
     log: Log
     """The log with this scenario, and without commands that do not fit it."""
     notes: tuple[str, ...]
@@ -116,7 +114,7 @@ def score(
     scenario = _as_logged(scenario, times, status, ended, places)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    paths = _paths(log, scenario, motions, times, hidden) | {"ended": ended}
+    paths = _paths(log, scenario, motions, times, hidden) | {"event": np.where(hidden, HIDDEN, ended)}
     simulation = PrescribedSimulation(scenario, paths, len(seeds))
     simulation.reset(seeds=np.array(list(seeds)))
     actions, refused = _actions(log, scenario, times)
@@ -141,7 +139,7 @@ def score(
     recording = dataclasses.replace(recorder.recording(name), scenario=scenario, score=rows[0])
     episode = (log.episode or {"policy": ""}) | episode_of(scenario, int(seeds[0]))
     scored = dataclasses.replace(log, episode=episode, begin=log.start, commands={} if unknown else log.commands)
-    return Scored(scenario, rows, recording, scored, tuple(notes))
+    return Scored(rows, recording, scored, tuple(notes))
 
 
 def _moments(log: Log, step: float, gap: float, own: Scenario | None) -> np.ndarray:
@@ -250,7 +248,7 @@ def _as_logged(
 
 
 def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, hidden: np.ndarray) -> Any:
-    """Return the fields of `lissajous_env.logs.prescribed.Paths`: the motion of the robots at some moments."""
+    """Return the fields of `lissajous_env.logs.prescribed.Paths` but the events: the motion of the robots."""
     shares, columns = np.linspace(0, 1, scenario.task.substeps + 1), []
     within = np.linspace(np.append(times[0], times[:-1]), times, len(shares), axis=1)
     for robot, motion in enumerate(motions):
@@ -266,11 +264,8 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
             turn = np.angle(np.exp(1j * np.diff(phase, prepend=phase[0])))
             between = phase[:, None] + (shares - 1) * turn[:, None]
             places[:, 1:-1] = closed_forms.curve_point_3d(scenario.driven, scenario.alpha * between[:, 1:-1])
-        columns.append((places, heading, speed, phase, hidden[:, robot].astype(int)))
-    names = ("path", "heading", "speed", "phase", "hidden")
-    return {
-        name: np.stack(of_robots, axis=1) for name, of_robots in zip(names, zip(*columns, strict=True), strict=True)
-    }
+        columns.append({"path": places, "heading": heading, "speed": speed, "phase": phase})
+    return {name: np.stack([column[name] for column in columns], axis=1) for name in columns[0]}
 
 
 def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: np.ndarray, hidden: np.ndarray) -> Any:
