@@ -26,10 +26,11 @@ from baselines.benchmark.shown import number
 from baselines.planning import portfolio
 from baselines.planning.families import as_family, defaults, lines, partitions, with_parameters
 from baselines.planning.plans import Family, Figures, Plan, Planned, Settings
-from baselines.planning.rehearse import Episodes, play, quietly
+from baselines.planning.rehearse import Episodes, play
 from baselines.planning.search import Search
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
+from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import toml_value
 from lissajous_env.storage.files import write_atomically

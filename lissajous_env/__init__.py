@@ -12,7 +12,6 @@ from lissajous_env.world import rogues as _rogues  # noqa: F401
 from lissajous_env.envs.batch import Batch as Batch
 from lissajous_env.envs.gymnasium_env import LissajousEnv as LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv as LissajousVectorEnv
-from lissajous_env.envs.gymnasium_vector import vector_env as vector_env
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv as LissajousParallelEnv
 from lissajous_env.envs.pettingzoo_env import env as env
 from lissajous_env.episodes.evaluation import evaluate as evaluate
@@ -44,4 +43,4 @@ from lissajous_env.settings.task import Targets as Targets
 from lissajous_env.settings.task import Task as Task
 from lissajous_env.world.simulation import Simulation as Simulation
 
-parallel_env = LissajousParallelEnv
+parallel_env, vector_env = LissajousParallelEnv, LissajousVectorEnv

@@ -57,7 +57,7 @@ def identify(
     given = named.scenario(scenario) if scenario is not None else own_scenario(log) or named.scenario("experiment")
     if given.robot.kind not in MODELS:
         raise ValueError(f"scenario must be of robots of kind {' or '.join(MODELS)}, got {given.robot.kind}")
-    units = MODELS[given.robot.kind].constants
+    units = {name: unit for name, (unit, _) in MODELS[given.robot.kind].items()}
     if not log.commands:
         raise ValueError(f"log {log.name} must have commands on a topic {commands}, got none")
     cars = {}

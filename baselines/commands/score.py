@@ -54,6 +54,7 @@ def score(
     from baselines.benchmark.table import Table
     from baselines.benchmark.written import as_csv
     from lissajous_env.logs.reading import read
+    from lissajous_env.logs.writing import save_mcap
 
     whole_number("episodes", episodes)
     for file in out:
@@ -67,21 +68,24 @@ def score(
         task = shown_bar.add_task(f"scoring {log.name}", total=None)
         scored = score_log(log, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
     console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]
-    lasts = scored.scenario.task.duration
-    words = f"{log.name}: {len(log.tracks)} robots, {lasts:g} s from {scored.start:.3f} s on"
+    played = scored.recording.scenario
+    words = f"{log.name}: {len(log.tracks)} robots, {played.task.duration:g} s from {scored.log.start:.3f} s on"
     output.print(words)
     if episodes == 1:
-        shown.print_row(console, scored.rows[0], scored.scenario)
+        shown.print_row(console, scored.rows[0], played)
     else:
-        table = Table.of(scored.rows, {scored.scenario.name: scored.scenario}, simulates=False)
+        table = Table.of(scored.rows, {played.name: played}, simulates=False)
         for policies in table.estimates.values():
-            shown.print_scores(console, name, scored.scenario, policies[name])
+            shown.print_scores(console, name, played, policies[name])
     for note in scored.notes:
         output.print(f"note: {note}", "yellow")
     for file in out:
         if file.suffix.lower() == ".csv":
             write_atomically(file, as_csv(scored.rows))
-            output.print(f"wrote {file}")
+        elif file.suffix.lower() == ".mcap":
+            save_mcap(scored.log, file)
         else:
             show(scored.recording, file, output)
-    output.print_json({"log": log.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})
+            continue
+        output.print(f"wrote {file}")
+    output.print_json({"log": log.name, "start": scored.log.start, "notes": scored.notes, "episodes": scored.rows})

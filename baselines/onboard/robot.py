@@ -60,11 +60,6 @@ class Limits(Checked):
         }  # fmt: skip
         return Limits(**{name: getattr(self, name) or value for name, value in derived.items()})
 
-    @classmethod
-    def none(cls) -> "Limits":
-        """Return limits that stop a robot only for numbers that are not finite, and a clock that goes back."""
-        return cls(pose_age=float("inf"), fence=float("inf"), clock_jump=float("inf"), silence=float("inf"))
-
 
 class Output(NamedTuple):
     """Result of a call of `Onboard.act`."""
@@ -134,7 +129,6 @@ class Onboard:
         """Begin a new episode: reset all memory, and let a stopped robot drive again."""
         self._policy.reset()
         self._row.forget()
-        self._odometry: Odometry | None = None
         self._heard: list[Message | None] = [None, None]
         self._begun = self._now = math.nan
         self._latched, self._steps = "", 0
@@ -174,7 +168,6 @@ class Onboard:
         """
         if not odometry.is_finite:
             return None
-        self._odometry = odometry
         self._row.fill(odometry, self._heard, True, None)
         return self._message()
 
@@ -207,20 +200,17 @@ class Onboard:
         """
         robots, targets = detection_rows("robots", robots, 4), detection_rows("targets", targets, 2)
         self._listen(now, heard)
+        pose = odometry if odometry is not None and odometry.is_finite else self._row.pose
         reason = self._check_clock(now) or self._latched
-        sound = self._check_odometry(now, odometry) or self._check_fence(odometry)
-        reason = reason or sound or self._check_silence(now)
+        reason = reason or self._check_odometry(now, odometry) or self._check_fence(pose) or self._check_silence(now)
         if not all(np.isfinite(rows).all() for rows in (robots, targets) if len(rows)):
             reason, robots, targets = reason or "a number of the sensor's data is not finite", robots[:0], targets[:0]
         if not works:
             reason = reason or "the robot does not work"
-        if odometry is not None and odometry.is_finite:
-            self._odometry = odometry
-        if self._odometry is None or not math.isfinite(now):
-            return self._stopped(now, reason or "there is no pose yet")
+        if pose is None or not math.isfinite(now):
+            return self._stopped(now, reason)
         self._row.place_detections(robots, targets)
-        phase = phase if odometry is self._odometry else None
-        row = self._row.fill(self._odometry, self._heard, not reason, phase)
+        row = self._row.fill(pose, self._heard, not reason, phase if pose is odometry else None)
         for _ in range(self._steps_due(now)):
             self._decide(row)
         if not np.isfinite(self._action).all():
@@ -269,11 +259,11 @@ class Onboard:
             return f"the pose is of {-age:.3g} s from now"
         return ""
 
-    def _check_fence(self, odometry: Odometry | None) -> str:
+    def _check_fence(self, pose: Odometry | None) -> str:
         """Stop a robot outside of the fence, for good."""
         curve = self.scenario.curve
-        if odometry is not None and odometry.is_finite:
-            out = max(abs(odometry.x) - curve.half_width, abs(odometry.y) - curve.half_height)
+        if pose is not None:
+            out = max(abs(pose.x) - curve.half_width, abs(pose.y) - curve.half_height)
             if out > self.limits.fence:
                 self.stop(f"the robot is {out:.3g} m outside of the rectangle, the limit is {self.limits.fence:g} m")
         return self._latched
@@ -307,9 +297,8 @@ class Onboard:
         return Output(self._command, self._message(), reason, self._action.copy(), self._row.values.copy())
 
     def _message(self) -> Message | None:
-        if not self._row.has_phase or self._odometry is None:
-            return None
-        return Message(self.robot, self._odometry.stamp, *self._row.sent, self._numbers)
+        pose = self._row.pose
+        return None if pose is None else Message(self.robot, pose.stamp, *self._row.sent, self._numbers)
 
 
 def _made(policy: Any, scenario: Scenario, robot: int) -> Any:

@@ -67,12 +67,8 @@ class Row:
 
     def forget(self) -> None:
         """Forget the phase, which is computed from the next pose, because the robot may have been moved."""
-        self._pose: Odometry | None = None
-
-    @property
-    def has_phase(self) -> bool:
-        """True if the phase of the robot is known."""
-        return self._pose is not None
+        self.pose: Odometry | None = None
+        """The latest pose; None if the phase is not known."""
 
     @property
     def sent(self) -> tuple[float, float, float, float]:
@@ -111,9 +107,9 @@ class Row:
         robots["status"][0] = WORKING if works else FAILED
         if phase is not None:
             robots["phase"][0] = math.atan2(phase[1], phase[0]) % (2 * math.pi)
-        elif self._pose is None:
+        elif self.pose is None:
             robots["phase"][0] = locate(curve, alpha, pose.x, pose.y, pose.heading, self._near) % (2 * math.pi)
-        if phase is None and pose is not self._pose:
+        if phase is None and pose is not self.pose:
             self._follow()
         self._measure()
         if phase is not None:
@@ -123,7 +119,7 @@ class Row:
         # What is in sight is placed relative to the robot.
         robots["position"][0], robots["speed"][0], robots["sensor"][0] = 0, 0, 0 if works else NOWHERE
         self._observe()
-        self._pose = pose
+        self.pose = pose
         return self.values
 
     def _hear(self, side: int, message: Message | None, now: float) -> None:

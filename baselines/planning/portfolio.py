@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.planning.plans import absolute
-from baselines.planning.rehearse import cells, quietly
+from baselines.planning.rehearse import cells
 from baselines.policies import registry
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
+from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import read_json
 from lissajous_env.theory.geometry import turning_radius

@@ -6,7 +6,6 @@ A look at a plan plays a few short episodes on a coarse grid; the best plans are
 import dataclasses
 import itertools
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +15,6 @@ import numpy as np
 from baselines.planning.plans import BEYOND, GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters import named
-from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
@@ -215,8 +213,3 @@ def on_coarse_grid(scenario: Scenario) -> Scenario:
     full = scenario.task.contamination or (1, 1)
     coarse = min(cells(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
     return named.build(scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
-
-
-def quietly() -> warnings.catch_warnings:
-    """Return a context without warnings about assumptions of the paper, which plans violate on purpose."""
-    return warnings.catch_warnings(action="ignore", category=AssumptionWarning)

@@ -18,10 +18,11 @@ import numpy as np
 from baselines.benchmark.bounds import BEST_KNOWN
 from baselines.planning.families import DEFAULTS, families_of
 from baselines.planning.plans import Family, Plan, Planned, Settings, best_of, in_turn
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play, quietly
+from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play
 from baselines.planning.request import PLANS, Request
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.lower_bounds import worst_case_lower_bound
+from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import where_raised
 
@@ -365,10 +366,9 @@ class PlanOutcome:
                 on_progress((before + min(share, 1.0)) / len(numbers), self)
 
             with quietly():
-                scenario = self.scenarios[number]
-                families = families_of(scenario, request.clearance or 0.0)
-                search = Search(scenario, request.episodes, families, request.seed, request.fixed_start)
-                self.searches[number] = search
+                families = families_of(self.scenarios[number], request.clearance or 0.0)
+                options = request.episodes, families, request.seed, request.fixed_start
+                search = self.searches[number] = Search(self.scenarios[number], *options)
                 search.run(request.plans or PLANS, seconds, progress)
             self.finals += search.finals
             if search.interrupted or self.fewest_robots is not None:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +13,7 @@ from baselines.policies.own_row import Actions, Observation, own_heading, own_sp
 from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct
-from lissajous_env.parameters.assumptions import AssumptionWarning
+from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 
@@ -65,8 +64,7 @@ class AsCars(Policy):
         super().__init__(scenario, num_worlds, device)
         self.kind = self.scenario.robot.kind
         cars = scenario_of_cars(self.scenario)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", AssumptionWarning)  # about fields that these robots do not have
+        with quietly():  # about fields that these robots do not have
             self.policy = make(cars, self.num_worlds, self.device)
         self.communicates = self.policy.communicates
         as_car: Any = model_of(self.kind).as_car

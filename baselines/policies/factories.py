@@ -12,7 +12,7 @@ from lissajous_env.identity import parts_of
 from lissajous_env.parameters.named import denotes_scenario, unknown_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
-from lissajous_env.wording import few_of, shown
+from lissajous_env.wording import few_of, require
 
 Factory = Callable[[Scenario, int, Any], ActingPolicy]
 """Function that makes a policy: `factory(scenario, num_worlds, device)`."""
@@ -35,10 +35,7 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
             raise unknown_scenario(name)
     if denotes_scenario(policy) and policy not in registry.names() and not registry.is_folder(policy):
         raise ValueError(f"policy must be given after the scenario, got {few_of(names)}")
-    if not scenarios:
-        raise ValueError(
-            f"scenario must be given before the policy, one that `lissajous scenarios` lists; got {shown(policy)}"
-        )
+    require(scenarios, "scenario", "must be given before the policy, one that `lissajous scenarios` lists", policy)
     return tuple(scenarios), policy
 
 
@@ -63,17 +60,15 @@ def as_factory(policy: Any, name: str = "") -> Factory:
         with contextlib.suppress(Exception):  # playing the policy raises the error again
             made_already.reset()  # so that memory of earlier episodes does not change its identity
         return _identified_by(policy, lambda *_: made_already)
-    if not callable(policy):
-        raise ValueError(
-            f"policy {name} must be a policy or factory(scenario, num_worlds, device), got {shown(policy)}"
-        )
+    rule = "must be a policy or factory(scenario, num_worlds, device)"
+    require(callable(policy), f"policy {name}", rule, policy)
     if inspect.isfunction(policy) and _takes_one(policy):
         return _identified_by(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         acting: Any = policy(scenario, num_worlds, device)
-        if not _acts(acting) or isinstance(acting, type):
-            raise ValueError(f"policy {name} must be made with reset, act and num_worlds, got {shown(acting)}")
+        acts = _acts(acting) and not isinstance(acting, type)
+        require(acts, f"policy {name}", "must be made with reset, act and num_worlds", acting)
         return acting
 
     return _identified_by(policy, make)

@@ -21,14 +21,12 @@ from baselines.policies.loops import tour
 from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, problem_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, middle_of, slowed, takeover_of
+from baselines.policies.repair_plan import Takeover, middle_of, slowed, takeover_of
 from baselines.policies.safety.filter import Safe
 from baselines.policies.taking_over import (
     PLACES,
-    SHIFTS,
     WATCH_SIZE,
     Repair,
-    rest_after_failure,
     take_over,
     watch_neighbours,
 )
@@ -50,6 +48,8 @@ _SPARSE = 0.1
 """Largest distance of two places on a loop that are compared with stopped robots, in required distances."""
 _AVOIDANCE = 0.15
 """Distance of a body on a loop from that of a stopped robot, in radii of a body, besides two deviations of noise."""
+_MOVED = 0.4
+"""Distance by which a loop around a failed robot must be movable without losing its bound, in distances from it."""
 _FINER = 10
 """Number of shifts of a loop within the required distance from a stopped robot."""
 _DELAYS = 3, 6, 9
@@ -208,10 +208,10 @@ class PartitionRepair(TimedPaths):
 
     The loops are those of a partition with all of them in phase, driven slower (`RepairParameters.reserve`), and ring
     neighbours have neighbouring cells. If the messages of a ring neighbour show that it does not move, or if none
-    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It selects the loop, and the place
-    of the loop, such that it is clear of stopped robots: beside them or around them. A robot that resumes waits on its
-    loop until its reference comes by. If the robots have no information on each other's starts, the transit uses the
-    collision filter, as in `partition`.
+    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It moves the loop such that it is
+    clear of stopped robots: beside them or around them. A robot that resumes waits on its loop until its reference
+    comes by. If the robots have no information on each other's starts, the transit uses the collision filter, as in
+    `partition`.
 
     If the loops of different cells do not overlap, a collision filter leads a car that is off its place around others,
     and a loop moves slowly to another place. If loops cross, only their common phase separates the cars; a collision
@@ -225,7 +225,7 @@ class PartitionRepair(TimedPaths):
     """
 
     communicates = "positions of ring neighbours"
-    remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target", "_resting")
+    remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target")
     waits = True
     Parameters = RepairParameters
 
@@ -239,17 +239,13 @@ class PartitionRepair(TimedPaths):
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._repair = _repair_of(scenario, self.takeover, self.tables, drift, self.device)
         self._repair.patience = self.parameters.patience
-        self._wait, self._resting = 0.0, wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
             self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
-            self._tolerance, self._repair.back = scenario.robot.radius, drift
-            middle = middle_of(self.takeover.loop)
-            shifted = math.sqrt(2) * int(SHIFTS) * self._repair.spacing
-            self._wait = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / drift
+            self._tolerance = scenario.robot.radius
 
     def timed(self, scenario: Scenario) -> PathTables:
-        """Return the timed paths, a variant for each loop of `Takeover`."""
+        """Return the timed paths, a variant for each case of `Takeover`."""
         self.parameters = replace(self.parameters, in_phase=True)
         self.partition, self.takeover, tables = timed_repair(scenario, self.parameters)
         return tables
@@ -262,8 +258,6 @@ class PartitionRepair(TimedPaths):
         inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)
-        rest = wp.vec2(*self.scenario.model.rest_action(self.scenario.robot))
-        self.launch(rest_after_failure, self.shape, [self._wait, rest, observation], [self._resting, self.action])
 
 
 def _warn_of_open_cells(scenario: Scenario) -> None:
@@ -282,16 +276,8 @@ def _avoided_distance(scenario: Scenario) -> float:
     return (2 + _AVOIDANCE) * scenario.robot.radius + 2 * scenario.noise.position
 
 
-def _offset(scenario: Scenario) -> float:
-    """Return the spacing of the distances at which the quality of a loop is computed [m]."""
-    return _avoided_distance(scenario) * int(SHIFTS) / _FINER / (OFFSETS - 1)
-
-
 def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift: float, device: Any) -> Any:
-    """Return the loops of a takeover for its kernel; the middle of one drifts so far in a control step [m].
-
-    Where loops of different cells cross, a robot returns to its own loop at once.
-    """
+    """Return the loops of a takeover for its kernel; the middle of one drifts so far in a control step [m]."""
     half = np.array([scenario.driven.half_width, scenario.driven.half_height])
     low, high = takeover.loop.min(axis=2), takeover.loop.max(axis=2)
     margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
@@ -300,15 +286,13 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
     repair.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
     repair.step, repair.time_unit, repair.speed_unit = scenario.task.step, scenario.time_unit, scenario.robot.top_speed
     repair.radius, repair.robots_seen = scenario.sight, scenario.sensing.robots_seen
-    repair.shapes, repair.first, repair.required = SHAPES, FINE * tables.lead_in, _avoided_distance(scenario)
+    repair.first, repair.required = FINE * tables.lead_in, _avoided_distance(scenario)
     repair.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
-    repair.spacing, repair.offset = _avoided_distance(scenario) / _FINER, _offset(scenario)
-    repair.sensing, repair.drift, repair.back = _SEEN * scenario.sensing_radius, drift, math.inf
+    repair.spacing = _avoided_distance(scenario) / _FINER
+    repair.sensing, repair.drift = _SEEN * scenario.sensing_radius, drift
     repair.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
     repair.margins = wp.array(margins, dtype=wp.vec4, device=device)
     repair.middles = wp.array(middle_of(takeover.loop), dtype=wp.vec2, device=device)
-    repair.away = wp.array(takeover.away, dtype=wp.vec2, device=device)
-    repair.cost = wp.array(takeover.cost, dtype=wp.float32, device=device)
     repair.corners = wp.array(takeover.corners, dtype=wp.int32, device=device)
     return repair
 
@@ -320,7 +304,7 @@ def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[Part
     plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
     cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height
-    takeover = takeover_of(plan, cell, scenario.neighbours, problem, unit, _offset(scenario))
+    takeover = takeover_of(plan, cell, scenario.neighbours, problem, unit, _MOVED * _avoided_distance(scenario))
     if ways is None:
         until = _filtered_until(scenario, plan, parameters)
         return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)

@@ -20,8 +20,6 @@ from baselines.policies.loops import (
 from baselines.policies.own_row import (
     Actions,
     Observation,
-    hears,
-    lead,
     own_key,
     own_phase,
     own_position,
@@ -29,7 +27,7 @@ from baselines.policies.own_row import (
 from baselines.similarity import motion_scale
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
+from lissajous_env.device.curve import CurveStruct, curve_struct, point2
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.inside import SPEED_GAIN, scaled_gain
@@ -79,28 +77,6 @@ def slot_of(
     return middle + float(rank * size) / float(n)
 
 
-@wp.func
-def agreed_phase(
-    w: int,
-    i: int,
-    equilibrium: wp.array(dtype=float),
-    displaced: wp.array(dtype=float),
-    ring: wp.array(dtype=wp.vec2i),
-    observation: Observation,
-) -> float:
-    """Return robot i's phase without the mean deviation of itself and its neighbours from the planned start [rad].
-
-    Robots whose phases deviate differently thus agree better on the order of their places.
-    """
-    phase = own_phase(w, i, observation)
-    for side in range(2):
-        if hears(w, i, side, observation):
-            other = ring[i][side]
-            expected = equilibrium[other] + displaced[other] - equilibrium[i] - displaced[i]
-            phase += wrap(lead(w, i, side, observation) - expected) / 3.0
-    return phase
-
-
 @wp.kernel
 def follow_loop(
     curve: CurveStruct,
@@ -109,7 +85,6 @@ def follow_loop(
     alpha: float,
     equilibrium: wp.array(dtype=float),
     displaced: wp.array(dtype=float),
-    ring: wp.array(dtype=wp.vec2i),
     loop: wp.array(dtype=wp.vec2),
     cruise: float,
     spacing: float,
@@ -137,10 +112,7 @@ def follow_loop(
     size = loop.shape[0]
     known = memory[w, i]
     if known[1] == 0.0:
-        phase = own_phase(w, i, observation)
-        if slowest >= 0.0:
-            phase = agreed_phase(w, i, equilibrium, displaced, ring, observation)
-        phase -= displaced[i]
+        phase = own_phase(w, i, observation) - displaced[i]
         slot = winding * phase / 6.283185307179586 * float(size) + origin
         if winding == 0.0:
             slot = slot_of(i, phase, curve, alpha, equilibrium, loop)
@@ -266,10 +238,9 @@ class Sweep(_Patrol):
         in_file = file_by_phase(scenario, loop) if parameters.by_phase else (0.0, 0.0)
         equilibrium = wp.array(scenario.equilibrium, dtype=wp.float32, device=self.device)
         displaced = wp.array(scenario.displacements, dtype=wp.float32, device=self.device)
-        ring = wp.array(scenario.neighbours, dtype=wp.vec2i, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-        self._inputs += [float(scenario.alpha), equilibrium, displaced, ring, self._loop, cruise, loop_spacing(loop)]
+        self._inputs += [float(scenario.alpha), equilibrium, displaced, self._loop, cruise, loop_spacing(loop)]
         self._inputs += [lookahead(scenario, cruise, parameters), scenario.task.step, parameters.gather, slowest]
         self._inputs += [*in_file]
 

@@ -8,7 +8,6 @@ neither its ring neighbours nor in sight.
 import warp as wp
 
 from baselines.policies.own_row import (
-    Actions,
     Observation,
     hears,
     message_age,
@@ -41,7 +40,7 @@ SHIFTS = wp.constant(12)
 
 @wp.struct
 class Repair:
-    """Constants of a robot's estimates of others, and the loops P of a takeover (`repair_plan.Takeover`)."""
+    """Constants of a robot's estimates of others, and the loops of its cases C (`repair_plan.Takeover`)."""
 
     still: float
     """Displacement in a step below which a robot counts as stopped [m]."""
@@ -57,8 +56,6 @@ class Repair:
     """Distance within which robots are seen [m]."""
     robots_seen: int
     """Number of robots in an observation."""
-    shapes: int
-    """Loops of a case."""
     first: int
     """First sample of the loops in the tables of paths."""
     every: int
@@ -67,26 +64,18 @@ class Repair:
     """Distance of two shifts that are compared [m]."""
     required: float
     """Least distance of a loop from a stopped robot [m]."""
-    offset: float
-    """Spacing of the distances of `cost` [m]."""
     sensing: float
     """Distance within which a loop passes by corners [m]."""
     drift: float
     """Most by which the middle of a loop moves in a control step [m]."""
-    back: float
-    """The same on the way to the robot's own loop [m], so that the car stays in phase with the others."""
     neighbours: wp.array(dtype=wp.vec2i)
     """(N,) previous and next robot on the ring, -1 for none."""
     margins: wp.array2d(dtype=wp.vec4)
-    """(P, N) distances by which a loop can be moved to the left, down, to the right and up in the rectangle [m]."""
+    """(C, N) distances by which a loop can be moved to the left, down, to the right and up in the rectangle [m]."""
     middles: wp.array2d(dtype=wp.vec2)
-    """(P, N) middles of the loops [m]."""
-    away: wp.array2d(dtype=wp.vec2)
-    """(P, N) `Takeover.away` [m]."""
-    cost: wp.array4d(dtype=float)
-    """(P, N, OFFSETS, OFFSETS) `Takeover.cost`."""
+    """(C, N) middles of the loops [m]."""
     corners: wp.array2d(dtype=int)
-    """(P, N) `Takeover.corners`."""
+    """(C, N) `Takeover.corners`."""
 
 
 @wp.kernel
@@ -208,18 +197,31 @@ def unseen_corners(
 
 
 @wp.func
-def cost_of(costs: wp.array2d(dtype=float), away: wp.vec2, offset: float) -> float:
-    """Return the cost of a loop whose middle is some way from the best place, between those of a table."""
-    last = float(costs.shape[0] - 1)
-    x = wp.min(wp.abs(away[0]) / offset, last)
-    y = wp.min(wp.abs(away[1]) / offset, last)
-    column = wp.min(int(x), costs.shape[0] - 2)
-    row = wp.min(int(y), costs.shape[0] - 2)
-    x -= float(column)
-    y -= float(row)
-    lower = (1.0 - x) * costs[column, row] + x * costs[column + 1, row]
-    upper = (1.0 - x) * costs[column, row + 1] + x * costs[column + 1, row + 1]
-    return (1.0 - y) * lower + y * upper
+def clear_shift(
+    repair: Repair,
+    curve: CurveStruct,
+    path: wp.array(dtype=wp.vec4),
+    margin: wp.vec4,
+    corners: int,
+    standing: wp.array(dtype=wp.vec3),
+) -> wp.vec2:
+    """Return the shift of a loop with the least cost [m] (`take_over`); `margin` limits it to each side [m]."""
+    best = wp.vec2(0.0, 0.0)
+    best_cost = float(wp.inf)
+    for row in range(-SHIFTS, SHIFTS + 1):
+        for column in range(-SHIFTS, SHIFTS + 1):
+            x = wp.clamp(float(column) * repair.spacing, margin[0], margin[2])
+            tried = wp.vec2(x, wp.clamp(float(row) * repair.spacing, margin[1], margin[3]))
+            cost = 0.01 * wp.length(tried) / repair.required
+            if cost < best_cost:
+                lacking = repair.required - clearance_of(repair, path, tried, standing)
+                cost += 1000.0 * wp.max(lacking, 0.0) / repair.required
+            if cost < best_cost:
+                cost += 20.0 * unseen_corners(repair, path, tried, corners, curve)
+            if cost < best_cost:
+                best_cost = cost
+                best = tried
+    return best
 
 
 @wp.kernel
@@ -235,75 +237,35 @@ def take_over(
     variant: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
 ):
-    """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
+    """Choose the shift of the loop of each robot's case, clear of stopped robots, and move towards that shift.
 
-    The choice has the least cost (`Takeover`) of those that are clear, and of equal ones the smallest shift. Never
-    covering a corner of the rectangle that this robot alone watches costs more than any place of the loop. `target` is
-    the chosen shift. The loop of a robot that has failed does not change, so
-    that the others leave room for it when it resumes.
+    The choice is the smallest shift that is clear of stopped robots, and from which the robot covers the corners of the
+    rectangle that it alone watches; a collision costs more than a corner, and that more than a shift. `target` is the
+    chosen shift. The loop of a robot that has failed does not change, so that the others leave room for it when it
+    resumes; a robot returns to its own loop at once, in phase with the others.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
         return
     case = cases[w, i]
     near = 0.25 * repair.spacing
-    changed = case != variant[w, i] / repair.shapes
-    stands = float(0.0)
+    changed = case != variant[w, i]
+    stands = bool(False)
     for k in range(PLACES):
-        stands += standing[w, i, k][2]
+        if standing[w, i, k][2] > 0.0:
+            stands = True
         if wp.length(standing[w, i, k] - avoided[w, i, k]) > near:
             changed = True
     if changed:
         for k in range(PLACES):
             avoided[w, i, k] = standing[w, i, k]
-        best = wp.vec2(0.0, 0.0)
-        best_shape = int(0)
-        best_cost = float(wp.inf)
-        for shape in range(repair.shapes):
-            loop = case * repair.shapes + shape
-            path = pose[loop, i]
-            margin = repair.margins[loop, i]
-            for row in range(-SHIFTS, SHIFTS + 1):
-                for column in range(-SHIFTS, SHIFTS + 1):
-                    x = wp.clamp(float(column) * repair.spacing, margin[0], margin[2])
-                    tried = wp.vec2(x, wp.clamp(float(row) * repair.spacing, margin[1], margin[3]))
-                    # A collision costs more than a corner where targets hide, that more than any place, and that more
-                    # than a shift.
-                    cost = 0.01 * wp.length(tried) / repair.required
-                    cost += cost_of(repair.cost[loop, i], repair.away[loop, i] + tried, repair.offset)
-                    if stands > 0.0 and cost < best_cost:
-                        lacking = repair.required - clearance_of(repair, path, tried, standing[w, i])
-                        cost += 1000.0 * wp.max(lacking, 0.0) / repair.required
-                    if stands > 0.0 and cost < best_cost:
-                        cost += 20.0 * unseen_corners(repair, path, tried, repair.corners[loop, i], curve)
-                    if cost < best_cost and (stands > 0.0 or (row == 0 and column == 0)):
-                        best_cost = cost
-                        best = tried
-                        best_shape = shape
-            if stands == 0.0:  # the first is the best
-                break
-        chosen = case * repair.shapes + best_shape
-        shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[chosen, i]
-        variant[w, i] = chosen
-        target[w, i] = best
+        shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[case, i]
+        variant[w, i] = case
+        target[w, i] = wp.vec2(0.0, 0.0)
+        if stands:
+            margin, corners = repair.margins[case, i], repair.corners[case, i]
+            target[w, i] = clear_shift(repair, curve, pose[case, i], margin, corners, standing[w, i])
     rest = target[w, i] - shift[w, i]
-    most = wp.where(case == 0, repair.back, repair.drift)
-    shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
-
-
-@wp.kernel
-def rest_after_failure(
-    steps: float,
-    rest: wp.vec2,
-    observation: Observation,
-    resting: wp.array2d(dtype=float),
-    action: Actions,
-):
-    """Let a robot that resumes rest for some more control steps, in which the others return to their own loops."""
-    w, i = wp.tid()
-    if not own_works(w, i, observation):
-        resting[w, i] = steps
-    elif resting[w, i] > 0.0:
-        resting[w, i] -= 1.0
-        action[w, i, 0] = rest[0]
-        action[w, i, 1] = rest[1]
+    if case > 0:
+        rest *= wp.min(1.0, repair.drift / wp.max(wp.length(rest), 1.0e-9))
+    shift[w, i] += rest

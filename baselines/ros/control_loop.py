@@ -101,20 +101,21 @@ class ControlLoop:
     """
 
     def __init__(self, onboard: Onboard, wait: float, wall: Callable[[], float] = monotonic):
-        self.onboard, self.started, self.works = onboard, False, True
-        self.pose: Odometry | None = None
+        self.onboard, self.works = onboard, True
         self.heard: dict[int, Message | None] = {sender: None for sender in onboard.neighbours if sender >= 0}
         self._step, self._wait, self._wall = onboard.scenario.task.step, wait, wall
         self._detections: dict[str, tuple[float, Any]] = {}
-        self._is_new, self._announced_at = False, -wall() - self._step
-        self._taken_at: float | None = None
-        self._acted_at, self._due, self._is_late = -math.inf, 0.0, True
+        self._announced_at = -wall() - self._step
+        self.start(0.0)
+        self.started = False
 
     def start(self, now: float) -> None:
         """Begin an episode: from now on, the robot drives, by poses that are still to come."""
         self.onboard.reset()
-        self.started, self.pose, self._is_new = True, None, False
-        self._taken_at, self._acted_at, self._due, self._is_late = None, -math.inf, now + self._step, True
+        self.pose: Odometry | None = None
+        self._taken_at: float | None = None
+        self.started, self._is_new = True, False
+        self._acted_at, self._due, self._is_late = -math.inf, now + self._step, True
 
     def take(self, pose: Odometry) -> None:
         """Store a pose, unless one is waiting for the messages of the neighbours."""

@@ -103,7 +103,7 @@ def cloud_rows(message: Any, width: int) -> np.ndarray:
     if not {"x", "y"} <= offsets.keys():
         raise ValueError(f"a point cloud must have x and y as FLOAT32, got {[field.name for field in message.fields]}")
     columns = {name: k for k, name in enumerate(("x", "y", "vx", "vy")[:width]) if name in offsets}
-    point = {"names": [*columns], "formats": [">f4" if message.is_bigendian else "<f4"] * len(columns)}
+    point: Any = {"names": [*columns], "formats": [">f4" if message.is_bigendian else "<f4"] * len(columns)}
     point |= {"offsets": [offsets[name] for name in columns], "itemsize": message.point_step}
     try:
         points = np.frombuffer(bytes(message.data), np.dtype(point), message.width * message.height)

@@ -1,5 +1,6 @@
 """The node of the simulation, in place of the hardware of all robots: poses and the clock out, commands in."""
 
+import json
 import math
 from collections.abc import Callable
 from functools import partial
@@ -17,7 +18,7 @@ from lissajous_env.console.terminal import CommandError
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.messages import seconds
 from lissajous_env.logs.reading import EPISODE
-from lissajous_env.logs.writing import FRAME, START, episode_text
+from lissajous_env.logs.writing import FRAME, START, episode_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
@@ -98,7 +99,8 @@ class WorldNode(ros.Node):
         self._start += self.scenario.task.step
         self._recorder.take()
         # A recorded log then contains all that `lissajous score` needs.
-        self._send_episode(ros.String(data=episode_text(self.scenario, self.settings.seed, "ros", self.now)))
+        episode = episode_of(self.scenario, self.settings.seed) | {"policy": "ros", "begin": self.now}
+        self._send_episode(ros.String(data=json.dumps(episode)))
         begins = monotonic()
         while not self.simulation.over[0]:
             begins = max(begins + self.scenario.task.step / self.settings.pace, monotonic())

@@ -30,7 +30,7 @@ def times_of_calls(scenario: str, policy: str, steps: int, rounds: int) -> np.nd
     for _ in range(steps):
         given.append(inputs_of(simulation, ROBOT))
         simulation.step(together.act(simulation.observation))
-    onboard = baselines.Onboard(policy, made, ROBOT, limits=Limits.none())
+    onboard = baselines.Onboard(policy, made, ROBOT, limits=Limits(*[np.inf] * 4))
     times = np.full(steps, np.inf)
     for _ in range(rounds):
         onboard.reset()

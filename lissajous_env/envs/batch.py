@@ -18,7 +18,7 @@ from lissajous_env.device.copies import Stateful
 from lissajous_env.device.devices import cores
 from lissajous_env.device.work import Work
 from lissajous_env.envs.sides import Rows, Side, padded, sides_of, state_rows, state_size
-from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
+from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.named import space_and_split
 from lissajous_env.parameters.rogues import AGENTS
@@ -58,9 +58,9 @@ class Batch(Stateful):
         num_worlds: W.
         num_groups: Number of groups that draw from a space, a divisor of W.
         roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
-        robots: Policy that drives the robots if only the rogues act: the name of a policy, or folder of a checkpoint; a
-            policy for `num_worlds` worlds; or a function `act(observation) -> action` on NumPy arrays (W, N, D) and
-            (W, N, action_size).
+        robots: Policy that drives the robots if only the rogues act, as `baselines.policies.factories.as_factory`
+            accepts it: a name, a folder, a policy for `num_worlds` worlds, a factory, or a function
+            `act(observation) -> action` on NumPy arrays (W, N, D) and (W, N, action_size).
         discrete_actions: True for actions that are indices of a table.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
@@ -117,7 +117,12 @@ class Batch(Stateful):
         self.sides = sides_of(first, largest.num_robots, discrete_actions, roles)
         # Until the first reset, a space is represented by the first scenario of its split.
         self.simulations = [self._simulation(first)] * num_groups
-        self.robot_policy = None if robots is None else robot_policy_of(robots, self.scenario, num_worlds, device)
+        self.robot_policy: ActingPolicy | None = None
+        if robots is not None:
+            factories = import_module("baselines.policies.factories")  # not at the top, because it imports this package
+            self.robot_policy = factories.as_factory(robots, "of the robots")(self.scenario, num_worlds, device)
+            rule, got = f"must be driven by a policy for {num_worlds} worlds", self.robot_policy.num_worlds
+            require(got == num_worlds, "robots", rule, got)
         self._draws: Draws | None = None
         self._views: dict[tuple[int, str, str], Rows] = {}
         self._seeds = np.full(self.num_worlds, _FROM_SYSTEM, dtype=np.int64)
@@ -312,21 +317,3 @@ class Batch(Stateful):
         if sizes[0] != sizes[1]:
             rule = "must have rows and actions of one size"
             raise ValueError(f"scenarios of a space {rule}, got others in {self._first.name} and {scenario.name}")
-
-
-def robot_policy_of(robots: Any, scenario: Scenario, num_worlds: int, device: Any = "cpu") -> ActingPolicy:
-    """Return the policy that drives the robots of some worlds, as `Batch` describes it.
-
-    Raises:
-        ValueError: the policy is unknown, or is for another number of worlds.
-    """
-    if isinstance(robots, (str, os.PathLike)):
-        factories = import_module("baselines.policies.factories")  # not at the top, because it imports this package
-        return factories.as_factory(robots)(scenario, num_worlds, device)
-    if hasattr(robots, "act"):
-        rule = f"must be driven by a policy for {num_worlds} worlds"
-        require(robots.num_worlds == num_worlds, "robots", rule, robots.num_worlds)
-        return robots
-    fits = callable(robots) and not isinstance(robots, type)
-    require(fits, "robots", "must be the name of a policy, a policy or a function", robots)
-    return FunctionPolicy(robots, num_worlds)

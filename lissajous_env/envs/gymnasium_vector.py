@@ -196,8 +196,3 @@ class LissajousVectorEnv(Timed, VectorEnv):
 
     def _observed(self) -> np.ndarray:
         return self.batch.rows(self._side).observation.reshape(self.observation_space.shape).copy()  # pyright: ignore
-
-
-def vector_env(scenario: str | Scenario = "experiment", num_envs: int = 1, **settings: Any) -> LissajousVectorEnv:
-    """Make the Gymnasium `VectorEnv` of a scenario; see `LissajousVectorEnv` for the settings."""
-    return LissajousVectorEnv(scenario, num_envs, **settings)

@@ -16,7 +16,8 @@ from lissajous_env.device.devices import is_torch
 from lissajous_env.parameters import named
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.settings.checks import is_whole
+from lissajous_env.wording import require
 from lissajous_env.world.observation import layout
 from lissajous_env.world.rogues.acting import rogue_layout
 from lissajous_env.world.simulation import Simulation
@@ -154,18 +155,15 @@ class Side:
         """Return the row of an action."""
         if self.table is not None:
             index = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
-            is_whole = isinstance(index, (int, np.integer)) and not isinstance(index, bool)
-            if not is_whole or not 0 <= index < len(self.table):
-                last = len(self.table) - 1
-                raise ValueError(f"action of {agent} must be a whole number from 0 to {last}, got {shown(action)}")
+            fits, last = is_whole(index) and 0 <= index < len(self.table), len(self.table) - 1
+            require(fits, f"action of {agent}", f"must be a whole number from 0 to {last}", action)
             return self.table[index]
         values, size = np.asarray(action), self.action_size
         # Some libraries squeeze an action with one component to a number.
         fits = values.shape == (size,) or (values.shape == () and size == 1)
-        if not fits or values.dtype.kind not in "fiu":
-            raise ValueError(f"action of {agent} must be numbers of shape {(size,)}, got {shown(action)}")
-        if not np.isfinite(values).all():
-            raise ValueError(f"action of {agent} must be finite, got {np.ravel(values).tolist()}")
+        fits = fits and values.dtype.kind in "fiu"
+        require(fits, f"action of {agent}", f"must be numbers of shape {(size,)}", action)
+        require(np.isfinite(values).all(), f"action of {agent}", "must be finite", np.ravel(values).tolist())
         return np.clip(values, -1.0, 1.0)  # float32 has a smaller range than float64
 
 
@@ -194,8 +192,7 @@ def sides_of(scenario: Scenario, robots: int, discrete: bool, roles: str = "any"
 
 def check_agents(actions: Any, live: Sequence[str]) -> None:
     """Raise ValueError unless actions are a mapping that names each live agent once."""
-    if not isinstance(actions, Mapping):
-        raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
+    require(isinstance(actions, Mapping), "actions", "must be a dict of agents and their actions", actions)
     missing = [agent for agent in live if agent not in actions]
     unknown = [agent for agent in actions if agent not in live]
     if missing or unknown:

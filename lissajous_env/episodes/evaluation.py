@@ -3,7 +3,6 @@
 A policy whose actions are not finite numbers is stopped with an error, because its score would be meaningless.
 """
 
-import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
@@ -81,7 +80,12 @@ class EpisodeRunner:
         Raises:
             InvalidActionError: an action has a wrong shape or is not finite; the message names policy and step.
         """
-        self.simulation.step(self._checked(self.policy.act(self.simulation.observation)))
+        action = self.policy.act(self.simulation.observation)
+        try:
+            self.simulation.take(action)
+        except ValueError as error:
+            raise InvalidActionError(f"policy {self.name} must return valid actions: {error}") from error
+        self.simulation.advance()
         self._steps += 1
         if self._invalid is not None or self._steps % self.EVERY == 0:
             self.check()
@@ -121,18 +125,6 @@ class EpisodeRunner:
             seed = self.simulation.clock.seed.numpy()[world]
             where = f"step {at[world]} of {self.simulation.scenario.name} in world {world} (seed {seed})"
             raise InvalidActionError(f"policy {self.name} must return finite actions, got NaN or infinity in {where}")
-
-    def _checked(self, action: Any) -> Any:
-        if isinstance(action, (list, tuple)):
-            with contextlib.suppress(ValueError):  # rows of different lengths
-                action = np.asarray(action)
-        wanted, shape = self.simulation.action_shape, getattr(action, "shape", None)
-        if shape is None or tuple(shape) != wanted:
-            got = type(action).__name__ if shape is None else tuple(shape)
-            raise InvalidActionError(f"policy {self.name} must return actions of shape {wanted}, got {got}")
-        if isinstance(action, np.ndarray) and action.dtype.kind not in "fiu":
-            raise InvalidActionError(f"policy {self.name} must return numbers, got an array of {action.dtype}")
-        return action
 
 
 def name_of(policy: ActingPolicy) -> str:

@@ -21,10 +21,6 @@ from lissajous_env.world.selection import fold_seed, of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER
 
-Unknown = tuple[str, int, int, int]
-"""A range of moments in which something of a robot is unknown: `pose`, `speed` or `command`, the robot, the first and
-the last moment."""
-
 FORMAT = "lissajous recording 3"
 """Format written into every file; other formats are rejected."""
 MOST_BYTES = 2**30
@@ -88,8 +84,6 @@ class Recording:
     follows `observation[f]`."""
     reward_terms: Annotated[np.ndarray, "F N K", np.float32]
     """(F, N, K) float32 terms of the reward of that step; zero at the reset."""
-    unknown: tuple[Unknown, ...] = ()
-    """Unknown poses, speeds and commands of a log that was scored, in whose place the arrays have other numbers."""
 
     def __len__(self) -> int:
         return len(self.position)
@@ -98,14 +92,6 @@ class Recording:
     def duration(self) -> float:
         """Time from the reset to the last moment [s]."""
         return (len(self) - 1) * self.scenario.task.step
-
-    def is_unknown(self, name: str) -> np.ndarray:
-        """Return (F, N) True where the `pose`, `speed` or `command` of a robot is unknown."""
-        mask = np.zeros(self.status.shape, bool)
-        for what, robot, first, last in self.unknown:
-            if what == name:
-                mask[first : last + 1, robot] = True
-        return mask
 
     def snapshot(self, moment: int) -> Snapshot:
         """Return the state after a number of steps."""
@@ -129,7 +115,7 @@ class Recording:
         scenario = self.scenario.resolve().to_dict()
         del scenario["extensions"]  # a file must not cause imports
         names = {"observation_names": self.observation_names, "reward_names": self.reward_names}
-        about = {"format": FORMAT, "scenario": scenario, "score": self.score, "unknown": self.unknown, **names}
+        about = {"format": FORMAT, "scenario": scenario, "score": self.score, **names}
         arrays = {name: getattr(self, name).astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         _check_size(sum(array.nbytes for array in arrays.values()))
         with replacing(path) as temporary, open(temporary, "wb") as file:
@@ -306,8 +292,7 @@ def _loaded(file: BinaryIO) -> Recording:
         for field in fields:
             _require(getattr(getattr(scenario, part), field) is not None, f"{part}.{field}", "be given")
     names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
-    unknown = tuple(tuple(entry) for entry in about.get("unknown", ()))
-    recording = Recording(scenario, about["score"], *names, **arrays, unknown=unknown)
+    recording = Recording(scenario, about["score"], *names, **arrays)
     _check_arrays(recording)
     _check_words(recording)
     return recording
@@ -334,12 +319,8 @@ def _check_arrays(recording: Recording) -> None:
 
 
 def _check_words(recording: Recording) -> None:
-    """Check the names, the score and the unknown ranges of a recording."""
-    f, n, score = len(recording), recording.scenario.num_robots, recording.score
-    for what, robot, first, last in recording.unknown:
-        whole = all(type(number) is int for number in (robot, first, last))
-        is_range = whole and what in ("pose", "speed", "command") and 0 <= robot < n and 0 <= first <= last < f
-        _require(is_range, "unknown", "contain names, each with a robot and two moments of the recording")
+    """Check the names and the score of a recording."""
+    score = recording.score
     for name in ("observation_names", "reward_names"):
         _require(all(isinstance(word, str) for word in getattr(recording, name)), name, "contain text")
     plain = (str, int, float, type(None))

@@ -52,6 +52,11 @@ class Table:
         columns = {name: value for name, value in vars(self).items() if name != "names"}
         return dataclasses.replace(self, **{name: value[rows] for name, value in columns.items()})
 
+    def in_order(self, same: float = 0.0) -> "Table":
+        """Return the rows by their stamps; of those that differ by at most `same` [s], the last one."""
+        rows = self.take(np.argsort(self.stamp, kind="stable"))
+        return rows.take(np.append(np.diff(rows.stamp) > same, True))
+
 
 class Bags(contextlib.ExitStack):
     """The files of a log, open until this is left.

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -19,11 +19,10 @@ from scipy.optimize import least_squares
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
-from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING
+from lissajous_env.logs.inputs import INPUTS, commands_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import local_deviations, motion_of
 from lissajous_env.settings.parts import Robot
-from lissajous_env.wording import few_of
 from lissajous_env.world.robots.car import car_step, motor_acceleration
 from lissajous_env.world.robots.differential import drive_step, ramp
 from lissajous_env.world.state import WORKING
@@ -34,36 +33,21 @@ State = wp.types.vector(5, wp.float32)
 """x, y [m], heading [rad], speed [m/s], and of differential drives the yaw rate [rad/s]."""
 
 
-class Model(NamedTuple):
-    """A kind of robots whose constants are identified."""
-
-    constants: dict[str, str]
-    """Constants with their units: four of the motion, the delay of the commands, and of cars the dead zone."""
-    least: tuple[float, ...]
-    """Least values of those on which a prediction depends smoothly, which are the first."""
-    units: tuple[str, str]
-    """Units of the commands."""
-    turning: int
-    """The command that turns the robot."""
-    free: int
-    """Number of entries of `State` that its motion depends on."""
-    limits: tuple[str, ...]
-    """Constants that a log does not determine whose commands stay below them."""
-
-
 MODELS = {
-    "car": Model(
-        {"wheelbase": "m", "drag": "1/s", "drive": "m/s^2", "offset": "m/s^2", "delay": "s", "dead_zone": ""},
-        (1e-4, 1e-5, 1e-5, 0.0, 0.0), ("rad", ""), 0, 4, (),
-    ),
-    "differential": Model(
-        {"speed_factor": "", "yaw_factor": "", "acceleration_max": "m/s^2", "yaw_acceleration_max": "rad/s^2",
-         "delay": "s"},
-        (0.05, 0.05, 1e-6, 1e-6, 0.0), ("m/s", "rad/s"), 1, 5,
-        ("acceleration_max", "yaw_acceleration_max"),
-    ),
+    "car": {
+        "wheelbase": ("m", 1e-4), "drag": ("1/s", 1e-5), "drive": ("m/s^2", 1e-5), "offset": ("m/s^2", 0.0),
+        "delay": ("s", 0.0), "dead_zone": ("", 0.0),
+    },
+    "differential": {
+        "speed_factor": ("", 0.05), "yaw_factor": ("", 0.05), "acceleration_max": ("m/s^2", 1e-6),
+        "yaw_acceleration_max": ("rad/s^2", 1e-6), "delay": ("s", 0.0),
+    },
 }  # fmt: skip
-"""Models by `robot.kind`: (12), and speed and yaw rate that follow the commands with factors and limited changes."""
+"""Constants with their units and least values, by `robot.kind`: of (12), and of speed and yaw rate that follow the
+commands with factors and limited changes. They are four of the motion, the delay of the commands, and of cars the dead
+zone, on which alone a prediction does not depend smoothly."""
+_LIMITS = ("acceleration_max", "yaw_acceleration_max")
+"""Constants that a log does not determine whose commands stay below them."""
 _LEAST_UNITS = (1e-3, 1e-2, 1e-2, 1e-1, 0.1)
 """Least units in which the smooth constants are fitted."""
 _LONGEST = wp.constant(wp.float64(0.05))
@@ -79,7 +63,7 @@ _ZONES_FITTED = 4
 """Values of the dead zone to each side that are compared together with the best constants of each."""
 _DELAYS = np.arange(0.0, 0.5, 0.1)
 """Delays with which fits begin [s]."""
-_LIMITS = (1.0, 0.1)
+_LIMIT_SHARES = (1.0, 0.1)
 """Limits with which they begin, in the given ones."""
 _UNKNOWN = 0.1
 """Relative standard error above which a log does not determine a limit."""
@@ -181,14 +165,7 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
             steering angles are not in radians.
     """
     guess = guess or Robot()
-    inputs, units = INPUTS[guess.kind], MODELS[guess.kind].units
-    given = commands.columns(inputs)
-    if given is None:
-        names = [f"{name} [{unit}]" if unit else name for name, unit in zip(inputs, units, strict=True)]
-        got = few_of(commands.names) or f"{commands.value.shape[1]} numbers without names"
-        raise ValueError(f"commands must be {' and '.join(names)}, got {got}")
-    if guess.kind == "car" and (largest := float(np.abs(given[:, 0]).max())) >= LARGEST_STEERING:
-        raise ValueError(f"steering must be an angle below pi / 2 [rad], got {largest:.4g}: is it in degrees?")
+    given = commands_of(commands, INPUTS[guess.kind])
     return _Fit(track, Series(commands.time, given), guess, status).run()
 
 
@@ -196,7 +173,10 @@ class _Fit:
     """A fit in progress."""
 
     def __init__(self, track: Track, commands: Series, guess: Robot, status: Series | None):
-        self._model = model = MODELS[guess.kind]
+        model, is_car = MODELS[guess.kind], guess.kind == "car"
+        self._names, self._least = tuple(model), np.array([least for _, least in model.values()][:5])
+        self._has_dead_zone = is_car
+        self._free = 4 if is_car else 5  # number of entries of a state that the motion depends on
         first, last = max(track.time[0], commands.time[0]), track.time[-1]
         inside = (track.time >= first - 1e-9) & (track.time <= last)
         time, count = track.time[inside], int(inside.sum())
@@ -205,8 +185,9 @@ class _Fit:
             raise ValueError(f"{rule}, got {count} over {max(last - first, 0.0):.3g} s")
         motion = motion_of(track, _GAP)
         measured = np.stack([*track.position.T[:2], motion.track.heading, motion.track.speed], axis=1)[inside]
-        if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, model.turning]) < 1e-3:
-            raise ValueError(f"log must be of a robot whose speed and {INPUTS[guess.kind][model.turning]} change")
+        turning = 0 if is_car else 1
+        if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, turning]) < 1e-3:
+            raise ValueError(f"log must be of a robot whose speed and {INPUTS[guess.kind][turning]} change")
         segment = ((time - time[0]) / _SEGMENT).astype(int)
         failed = np.zeros(count, bool) if status is None else status.before(time) != int(WORKING)
         used = np.setdiff1d(segment, segment[failed])
@@ -225,7 +206,7 @@ class _Fit:
         self._starts = np.column_stack([self._measured[begun], 0 * begun])
         limits = {"acceleration_max": guess.top_acceleration, "yaw_acceleration_max": guess.top_yaw_acceleration}
         given = limits | {"speed_factor": 1.0, "yaw_factor": 1.0, "delay": 0.0}
-        self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model.constants])
+        self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model])
         kinds = (
             (self._begin, wp.int32),
             (self._time, wp.float64),
@@ -233,7 +214,7 @@ class _Fit:
             (commands.value, wp.vec2),
         )
         self._data = [wp.array(values, dtype=kind, device="cpu") for values, kind in kinds]
-        self._robot = to_struct(RobotStruct, guess), int(guess.kind == "car")
+        self._robot = to_struct(RobotStruct, guess), int(is_car)
         # Between two throttles of the log, of either direction, every value of the dead zone is as good.
         self._throttles = np.unique(np.abs(commands.value[:, 1]).round(7))
         middles = 0.5 * (self._throttles[1:] + self._throttles[:-1])
@@ -241,9 +222,9 @@ class _Fit:
 
     def run(self) -> Identified:
         """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
-        limits = np.isin(list(self._model.constants), self._model.limits)
+        limits = np.isin(self._names, _LIMITS)
         constants, zone_error = self._best_of(self._begins(limits)), []
-        if "dead_zone" in self._model.constants:
+        if self._has_dead_zone:
             constants, error = self._with_dead_zone(constants)
             zone_error.append(error)
         for _ in range(2):
@@ -255,9 +236,7 @@ class _Fit:
         constants, errors = np.where(unknown, self._guess, constants), np.where(unknown, np.nan, errors)
         place, _, heading, speed = map(float, self._deviations(constants))
         residual = {"position": place, "heading": heading, "speed": speed if self._is_known[3] else math.nan}
-        values, deviations = (
-            dict(zip(self._model.constants, map(float, row), strict=True)) for row in (constants, errors)
-        )
+        values, deviations = (dict(zip(self._names, map(float, row), strict=True)) for row in (constants, errors))
         return Identified(values, deviations, residual, len(self._time), self._misfits(residual))
 
     def _begins(self, limits: np.ndarray) -> list[np.ndarray]:
@@ -265,8 +244,8 @@ class _Fit:
 
         `limits` is True for the constants that limit changes, which also begin with shares of the guess.
         """
-        begins, guesses = [], [self._guess, *([self._estimate()] if "dead_zone" in self._model.constants else [])]
-        for guess, delay, share in product(guesses, _DELAYS, _LIMITS if limits.any() else (1.0,)):
+        begins, guesses = [], [self._guess, *([self._estimate()] if self._has_dead_zone else [])]
+        for guess, delay, share in product(guesses, _DELAYS, _LIMIT_SHARES if limits.any() else (1.0,)):
             begins.append(np.where(limits, share, 1.0) * guess)
             begins[-1][4:] = [delay, 0.0][: len(guess) - 4]
         return begins
@@ -319,7 +298,7 @@ class _Fit:
 
     def _fit(self, constants: np.ndarray, evaluations: int = 40) -> tuple[np.ndarray, float]:
         """Fit the smooth constants and the starts together; return the constants and the cost."""
-        unit, free, begun = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._model.free, self._starts
+        unit, free, begun = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._free, self._starts
         start_unit = _START_UNITS * np.append(self._scale, _YAW_RATE_UNIT)[:free]
 
         def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -327,7 +306,7 @@ class _Fit:
             starts[:, :free] += x[5:].reshape(-1, free) * start_unit
             return np.append(x[:5] * unit, constants[5:]), starts
 
-        least = np.array(self._model.least) / unit
+        least = self._least / unit
         low = np.append(least, np.full(len(begun) * free, -np.inf))
         begin = np.append(np.maximum(constants[:5] / unit, least), np.zeros(len(begun) * free))
         # A start changes the residuals of its own segment only.

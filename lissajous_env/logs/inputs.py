@@ -1,4 +1,6 @@
-"""Actions of cars and differential drives as commands in physical units, and the way back, for whole logs."""
+"""Commands of cars and differential drives in physical units: those of logs, and those of actions and the way back."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
@@ -7,15 +9,16 @@ from lissajous_env.device.car_input import action_of_input, steering_and_throttl
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
+from lissajous_env.logs.log import Series
 from lissajous_env.settings.parts import Robot
+from lissajous_env.wording import few_of
 from lissajous_env.world.robots.differential import commanded_speed, drive_action
 
 wp.set_module_options(OPTIONS)
 
 INPUTS = {"car": ("steering", "throttle"), "differential": ("speed", "yaw rate")}
 """Names of the commands by `robot.kind`: steering angle [rad] and throttle, or speed [m/s] and yaw rate [rad/s]."""
-LARGEST_STEERING = np.pi / 2
-"""Steering angle that no car reaches [rad]."""
+_UNITS = {"steering": "rad", "speed": "m/s", "yaw rate": "rad/s"}
 
 
 @wp.func
@@ -44,6 +47,24 @@ def convert(
         out[k] = input_of(robot, is_car, given[k])
     else:
         out[k] = action_of(robot, is_car, given[k])
+
+
+def commands_of(series: Series, names: Sequence[str]) -> np.ndarray:
+    """Return the commands (K, A) with some names, beside which there may be others; without names, all of their number.
+
+    Raises:
+        ValueError: there are no such commands, or steering angles are not in radians.
+    """
+    count = series.value.shape[1]
+    known = list(series.names or (names if count == len(names) else ()))
+    if not set(names) <= set(known):
+        wanted = [f"{name} [{_UNITS[name]}]" if name in _UNITS else name for name in names]
+        got = few_of(series.names) or f"{count} numbers without names"
+        raise ValueError(f"commands must be {' and '.join(wanted)}, got {got}")
+    values = series.value[:, [known.index(name) for name in names]]
+    if "steering" in names and (largest := float(np.abs(values[:, names.index("steering")]).max())) >= np.pi / 2:
+        raise ValueError(f"steering must be an angle below pi / 2 [rad], got {largest:.4g}: is it in degrees?")
+    return values
 
 
 def inputs_of(robot: Robot, actions: np.ndarray) -> np.ndarray:

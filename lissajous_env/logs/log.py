@@ -31,17 +31,6 @@ class Series:
         """Return the latest values until some times [s], or up to `late` after; the first value before all times."""
         return self.value[np.maximum(np.searchsorted(self.time, time + late, side="right") - 1, 0)]
 
-    def columns(self, names: Sequence[str]) -> np.ndarray | None:
-        """Return the columns (K, ...) with these names; None if there are others. Columns without names fit by number.
-
-        A series that has all of these names may have further ones.
-        """
-        if not self.names:
-            return self.value if self.value.shape[1] == len(names) else None
-        if not set(names) <= set(self.names):
-            return None
-        return self.value[:, [self.names.index(name) for name in names]]
-
 
 @dataclass(frozen=True)
 class Track:
@@ -55,8 +44,6 @@ class Track:
     """(K,) float64 headings, not wrapped [rad]; NaN where the log has none."""
     speed: np.ndarray
     """(K,) float64 speeds over the ground, forwards [m/s]; NaN where the log has none."""
-    measured: bool = True
-    """False if the log says that its speeds are no measurements, by a first covariance of -1."""
 
     def __len__(self) -> int:
         return len(self.time)

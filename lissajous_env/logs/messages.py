@@ -51,9 +51,10 @@ def seconds(stamp: Any) -> float:
 
 
 def set_pose(pose: Any, place: Place) -> None:
-    """Write a place into a pose."""
+    """Write a place into a pose; a quaternion of zeros says that the heading is unknown."""
     pose.position.x, pose.position.y, pose.position.z, heading = place
-    pose.orientation.z, pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
+    turn = (math.sin(heading / 2), math.cos(heading / 2)) if math.isfinite(heading) else (0.0, 0.0)
+    pose.orientation.z, pose.orientation.w = turn
 
 
 def set_odometry(message: Any, time: float, frames: tuple[str, str], place: Place, speed: float) -> None:

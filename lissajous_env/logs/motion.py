@@ -137,7 +137,7 @@ def motion_of(
     impossible = judged & (np.abs(track.speed) > 4 * length.max(initial=0) + 4 * error + 1e-3)
     width, logged = width[:, None], along * track.speed[:, None]
     ends = width * logged[:-1], width * logged[1:]
-    reason = "" if track.measured else "were not logged"
+    reason = ""
     if not np.isfinite(track.speed).all():
         reason = "were not logged"
     elif trusted:

@@ -20,8 +20,8 @@ from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, Clock, Ep
 
 wp.set_module_options(OPTIONS)
 
-COLLISION, EDGE = 1, 2
-"""Causes for which a robot is stopped or removed at the end of a step."""
+COLLISION, EDGE, HIDDEN = 1, 2, 3
+"""Events of a step: a collision or the edge stops or removes a robot at its end, or nothing is known of the robot."""
 
 
 @wp.struct
@@ -36,23 +36,21 @@ class Paths:
     """(M, N) speeds over the ground [m/s]."""
     phase: wp.array2d(dtype=wp.float64)
     """(M, N) phases [rad]; NaN where the phase follows the curve from the one before."""
-    hidden: wp.array2d(dtype=wp.int32)
-    """(M, N) 1 where nothing is known of the robot in the step to a moment."""
-    ended: wp.array2d(dtype=wp.int32)
-    """(M, N) COLLISION or EDGE where one of them stops or removes the robot at the end of that step, else 0."""
+    event: wp.array2d(dtype=wp.int32)
+    """(M, N) COLLISION, EDGE or HIDDEN in the step to a moment, else 0."""
 
 
 @stage(ROBOT, writes="robots: status")
 def hide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
     """Take robots of which nothing is known for removed, so that none collides with them and no column counts them."""
-    if paths.hidden[clock.step[w], i] == 1:
+    if paths.event[clock.step[w], i] == HIDDEN:
         robots.status[w, i] = REMOVED
 
 
 @stage(ROBOT, writes="robots: status; tally: fault_end, faulted")
 def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: EpisodeTotals):
     """Take them for failed again, unless they were removed."""
-    if paths.hidden[clock.step[w], i] == 1 and robots.removed_at[w, i] >= clock.step[w]:
+    if paths.event[clock.step[w], i] == HIDDEN and robots.removed_at[w, i] >= clock.step[w]:
         robots.status[w, i] = FAILED
         tally.faulted[w] = 1
         tally.fault_end[w] = -1
@@ -61,7 +59,7 @@ def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: Ep
 @stage(ROBOT, writes="latest: terminated; robots: sensor, status, failed_until")
 def end_paths(w: int, i: int, paths: Paths, cause: int, effect: int, clock: Clock, robots: Robots, latest: StepEvents):
     """Let a collision or the edge stop or remove robots, `effect` FAILED or REMOVED, as the log has it."""
-    if paths.ended[clock.step[w], i] == cause:
+    if paths.event[clock.step[w], i] == cause:
         robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
         robots.status[w, i] = effect
         if effect == FAILED:
@@ -86,7 +84,7 @@ def follow_paths(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
         robots.speed[w, i] = paths.speed[moment, i]
         if not wp.isnan(paths.phase[moment, i]):
             robots.phase[w, i] = wrap_phase(paths.phase[moment, i])
-        if moment == 0 and paths.hidden[0, i] == 1:
+        if moment == 0 and paths.event[0, i] == HIDDEN:
             robots.status[w, i] = FAILED
 
 

@@ -1,6 +1,7 @@
 """Read logs of robots: rosbag2 files (MCAP) or folders, by the names of their topics."""
 
 import contextlib
+import dataclasses
 import json
 import math
 from collections.abc import Sequence
@@ -88,18 +89,17 @@ class _Reading:
 
     def _track(self, robot: int, poses: Table, origin: tuple[float, float, float]) -> Track:
         """Return a track in the frame of the rectangle."""
-        poses = poses.take(np.argsort(poses.stamp, kind="stable"))
-        poses = poses.take(np.append(np.diff(poses.stamp) > SAME, True))
+        poses = poses.in_order(SAME)
         if len(poses) < FEWEST:
             rule = f"must have poses at {FEWEST} times at least in {self._name}"
             raise ValueError(f"{self._called([robot])} {rule}, got {len(poses)}")
-        position, (heading, speed, measured) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
+        position, (heading, speed) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
         if any(origin):
             position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
         known = np.isfinite(heading)
         heading[known] = np.unwrap(heading[known]) - origin[2]
         speed[~np.isfinite(speed)] = np.nan
-        return Track(poses.stamp, position, heading, speed, bool(measured.all()))
+        return Track(poses.stamp, position, heading, speed)
 
     def _check_times(self, tracks: Sequence[Track]) -> None:
         """Check that there is a time at which all robots have poses."""
@@ -120,11 +120,9 @@ class _Reading:
             # A topic without a number is that of one robot in each file.
             tables = self._bags.tables(topic, decoders, None if "{}" in pattern else robot.bag)
             if tables and len(table := self._bags.finite(topic, tables[""])):
-                time = self._times(topic, table)
-                order = np.argsort(time, kind="stable")
-                order = order[np.append(np.diff(time[order]) > 0, True)]
-                value = table.numbers[order] if decoders is COMMANDS else table.numbers[order, 0]
-                series[k] = Series(time[order], value, table.names)
+                table = dataclasses.replace(table, stamp=self._times(topic, table)).in_order()
+                value = table.numbers if decoders is COMMANDS else table.numbers[:, 0]
+                series[k] = Series(table.stamp, value, table.names)
         return series
 
     def _times(self, topic: str, table: Table) -> np.ndarray:

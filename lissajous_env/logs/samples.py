@@ -17,7 +17,7 @@ _UNIT = 0.01
 
 
 def poses_of(bags: Bags, topic: str) -> dict[str, Table]:
-    """Return the poses of a topic by part: x, y, z [m], heading [rad], speed [m/s], and 1 if it was measured.
+    """Return the poses of a topic by part: x, y, z [m], heading [rad], and speed [m/s].
 
     Unknown headings and speeds are NaN. Poses in frames that have parents in the same topic are those in the root of
     the tree, in the plane and in height.
@@ -67,20 +67,18 @@ def _in_root(child: str, tables: dict[str, Table]) -> Table:
     own, above = tables[child], {child}
     while len(set(own.frame)) == 1 and (parent := own.frame[0]) in tables.keys() - above:
         above.add(parent)
-        outer = tables[parent].take(np.argsort(tables[parent].stamp, kind="stable"))
+        outer = tables[parent].in_order()
         outer = outer.take(np.maximum(np.searchsorted(outer.stamp, own.stamp, side="right") - 1, 0))
-        numbers = own.numbers + outer.numbers * (0, 0, 1, 1, 0, 0)
+        numbers = own.numbers + outer.numbers * (0, 0, 1, 1, 0)
         numbers[:, :2] = moved(own.numbers[:, :2], outer.numbers[:, [0, 1, 3]].T)
         own = dataclasses.replace(own, numbers=numbers, frame=outer.frame)
     return own
 
 
 def _pose(header: Any, place: Any, turn: Any, part: str = "", twist: Any = None) -> Sample:
-    """Return the sample of a pose: x, y, z, a quaternion, a speed, and 1 if it was measured."""
-    speed, measured = math.nan, 1.0
-    if twist is not None:
-        speed, measured = twist.twist.linear.x, float(twist.covariance[0] != -1)
-    return part, header, (), [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, speed, measured]
+    """Return the sample of a pose: x, y, z, a quaternion, and a speed."""
+    speed = math.nan if twist is None else twist.linear.x
+    return part, header, (), [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, speed]
 
 
 def _joints(message: Any) -> list[Sample]:
@@ -103,7 +101,9 @@ def _status(message: Any) -> list[Sample]:
 
 
 POSES: dict[str, Decoder] = {
-    "nav_msgs/msg/Odometry": lambda m: [_pose(m.header, m.pose.pose.position, m.pose.pose.orientation, twist=m.twist)],
+    "nav_msgs/msg/Odometry": lambda m: [
+        _pose(m.header, m.pose.pose.position, m.pose.pose.orientation, twist=m.twist.twist)
+    ],
     "geometry_msgs/msg/PoseStamped": lambda m: [_pose(m.header, m.pose.position, m.pose.orientation)],
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [
         _pose(m.header, m.pose.pose.position, m.pose.pose.orientation)

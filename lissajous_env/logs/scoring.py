@@ -8,18 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.episodes.recording import Recorder, Recording, Unknown
-from lissajous_env.logs.inputs import INPUTS, LARGEST_STEERING, actions_of
+from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.logs.inputs import INPUTS, actions_of, commands_of
 from lissajous_env.logs.log import Log, runs
 from lissajous_env.logs.motion import Motion, motion_of
-from lissajous_env.logs.prescribed import COLLISION, EDGE, PrescribedSimulation
+from lissajous_env.logs.prescribed import COLLISION, EDGE, HIDDEN, PrescribedSimulation
+from lissajous_env.logs.writing import episode_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import locate
-from lissajous_env.wording import few_of, shown
+from lissajous_env.wording import shown
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
@@ -42,14 +43,12 @@ OF_ACTIONS = ("return_mean", "smoothness", "blocked_time")
 class Scored:
     """A log that has been scored."""
 
-    scenario: Scenario
-    """The scenario that was scored: that of the log or a given one, with the faults and the duration of the log."""
     rows: list[dict[str, Any]]
     """A score row for each seed of the virtual targets."""
     recording: Recording
-    """The episode of the first of these seeds."""
-    start: float
-    """Time of the log at which the episode begins [s]."""
+    """The episode of the first of these seeds, in the scenario with the faults and the duration of the log."""
+    log: Log
+    """The log with this scenario, and without commands that do not fit it."""
     notes: tuple[str, ...]
     """Remarks for readers of the scores."""
 
@@ -115,7 +114,7 @@ def score(
     scenario = _as_logged(scenario, times, status, ended, places)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    paths = _paths(log, scenario, motions, times, hidden) | {"ended": ended}
+    paths = _paths(log, scenario, motions, times, hidden) | {"event": np.where(hidden, HIDDEN, ended)}
     simulation = PrescribedSimulation(scenario, paths, len(seeds))
     simulation.reset(seeds=np.array(list(seeds)))
     actions, refused = _actions(log, scenario, times)
@@ -137,22 +136,10 @@ def score(
     rows = [
         {"policy": name, "episode": k} | row | unknown for k, row in enumerate(simulation.score(np.arange(len(seeds))))
     ]
-    recording = recorder.recording(name)
-    blanks = _unknown(motions, times, actions is None)
-    recording = dataclasses.replace(recording, scenario=scenario, score=recording.score | unknown, unknown=blanks)
-    return Scored(scenario, rows, recording, float(times[0]), tuple(notes))
-
-
-def _unknown(motions: Sequence[Motion], times: np.ndarray, commands: bool) -> tuple[Unknown, ...]:
-    """Return the ranges of moments in which poses, speeds and commands are unknown."""
-    blanks, last = [], len(times) - 1
-    for robot, motion in enumerate(motions):
-        blanks += [("pose", robot, begin, end - 1) for begin, end in runs(motion.unknown(times, times))]
-        if motion.derived:
-            blanks.append(("speed", robot, 0, last))
-        if commands:
-            blanks.append(("command", robot, 0, last))
-    return tuple(blanks)
+    recording = dataclasses.replace(recorder.recording(name), scenario=scenario, score=rows[0])
+    episode = (log.episode or {"policy": ""}) | episode_of(scenario, int(seeds[0]))
+    scored = dataclasses.replace(log, episode=episode, begin=log.start, commands={} if unknown else log.commands)
+    return Scored(rows, recording, scored, tuple(notes))
 
 
 def _moments(log: Log, step: float, gap: float, own: Scenario | None) -> np.ndarray:
@@ -191,8 +178,8 @@ def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
     for track, speed in zip(log.tracks, speeds, strict=True):
         place = track.position * (1, 1, 0) if flat else track.position
         track = dataclasses.replace(track, position=place)
-        trusted = log.episode is not None and track.measured
-        motions.append(motion_of(track, gap, speed, scenario.robot.radius, trusted))
+        is_simulated = bool((log.episode or {}).get("policy"))
+        motions.append(motion_of(track, gap, speed, scenario.robot.radius, trusted=is_simulated))
     return motions
 
 
@@ -261,12 +248,9 @@ def _as_logged(
 
 
 def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, hidden: np.ndarray) -> Any:
-    """Return the fields of `lissajous_env.logs.prescribed.Paths`: the motion of the robots at some moments."""
-    substeps, step = scenario.task.substeps, scenario.task.step
-    within = np.linspace(0, 1, substeps + 1) * step + (times - step)[:, None]
-    within[:, -1], within[1:, 0] = times, times[:-1]
-    within = np.maximum(within, times[0])
-    columns = []
+    """Return the fields of `lissajous_env.logs.prescribed.Paths` but the events: the motion of the robots."""
+    shares, columns = np.linspace(0, 1, scenario.task.substeps + 1), []
+    within = np.linspace(np.append(times[0], times[:-1]), times, len(shares), axis=1)
     for robot, motion in enumerate(motions):
         places = motion.at(within.ravel())[0].reshape(*within.shape, 3)
         seen = ~motion.unknown(times, times)
@@ -278,13 +262,10 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
         phase = _phases(log, scenario, robot, times, pose, hidden[:, robot])
         if model_of(scenario.robot.kind).keeps_to_curve and robot in log.phases:
             turn = np.angle(np.exp(1j * np.diff(phase, prepend=phase[0])))
-            between = phase[:, None] + (np.linspace(0, 1, substeps + 1) - 1) * turn[:, None]
+            between = phase[:, None] + (shares - 1) * turn[:, None]
             places[:, 1:-1] = closed_forms.curve_point_3d(scenario.driven, scenario.alpha * between[:, 1:-1])
-        columns.append((places, heading, speed, phase, hidden[:, robot].astype(int)))
-    names = ("path", "heading", "speed", "phase", "hidden")
-    return {
-        name: np.stack(of_robots, axis=1) for name, of_robots in zip(names, zip(*columns, strict=True), strict=True)
-    }
+        columns.append({"path": places, "heading": heading, "speed": speed, "phase": phase})
+    return {name: np.stack([column[name] for column in columns], axis=1) for name in columns[0]}
 
 
 def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: np.ndarray, hidden: np.ndarray) -> Any:
@@ -309,21 +290,15 @@ def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> tuple[np.ndarra
     """Return the actions (M - 1, N, A) of a log with the commands of every robot, or None, and notes."""
     if len(log.commands) < scenario.num_robots:
         return None, []
-    names, commands = scenario.action_names, []
+    commands = []
     for robot, series in sorted(log.commands.items()):
-        columns = series.columns(names)
-        if columns is None:
-            got = few_of(series.names) or f"{series.value.shape[1]} numbers"
-            return None, [f"the commands are ignored, because those of {log.called([robot])} are {got}, "
-                          f"not {few_of(names)}"]  # fmt: skip
+        try:
+            own = dataclasses.replace(series, value=commands_of(series, scenario.action_names))
+        except ValueError as error:
+            return None, [f"the commands are ignored, because of {log.called([robot])}: {error}"]
         # A command that arrives in the first half of a step is the one in force for most of it.
-        in_force = dataclasses.replace(series, value=columns).before(times[:-1], 0.499 * scenario.task.step)
-        commands.append(in_force)
+        commands.append(own.before(times[:-1], 0.499 * scenario.task.step))
     actions = np.stack(commands, axis=1)
-    if scenario.robot.kind == "car":
-        beyond = np.abs(actions[..., 0]).max()
-        if beyond > LARGEST_STEERING:
-            return None, [f"the commands are ignored, because steering angles of {beyond:.3g} are not in radians"]
     if scenario.robot.kind in INPUTS:
         actions[..., :2] = actions_of(scenario.robot, np.ascontiguousarray(actions[..., :2]))
     return np.clip(actions, -1, 1), []

@@ -1,19 +1,17 @@
-"""Write a recording as a rosbag2 file (MCAP), which tools of ROS 2 open.
+"""Write a log as a rosbag2 file (MCAP), which tools of ROS 2 open.
 
 Topics, in the frame `map`, whose origin is the middle of the rectangle:
 
 | topic | type | content |
 |---|---|---|
-| `/robot_K/odom` | nav_msgs/Odometry | pose and speed |
+| `/robot_K/odom` | nav_msgs/Odometry | pose and speed; NaN for speeds that are unknown |
 | `/robot_K/command` | sensor_msgs/JointState | command from this time on, of a car steering [rad] and throttle |
 | `/robot_K/phase` | std_msgs/Float64 | phase theta of (1) [rad] |
 | `/robot_K/status` | std_msgs/UInt8 | 0 working, 1 failed, 2 removed |
 | `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy, begin [s] |
-
-The episode begins at `START` on the clock of the log. If it is itself a log that was scored, unknown poses and commands
-are left out, and speeds that were computed from the poses have -1 as their first covariance.
 """
 
+import heapq
 import json
 import shutil
 import tempfile
@@ -25,6 +23,7 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.logs.inputs import INPUTS, inputs_of
+from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import blank, rosbags, set_odometry, set_stamp, type_store
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND, EPISODE, PHASE, STATUS
@@ -32,12 +31,13 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import replacing
 
 START = 1.0
-"""Time of the reset [s]; ROS interprets 0 as no time."""
+"""Time of the first pose [s]; ROS interprets 0 as no time."""
 FRAME = "map"
+_ODOMETRY, _JOINTS = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
 
 
-def save_mcap(recording: Recording, path: str | Path) -> None:
-    """Write a recording as a log, first under a temporary name.
+def save_mcap(log: Log | Recording, path: str | Path) -> None:
+    """Write the log of an episode, first under a temporary name.
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
@@ -50,7 +50,7 @@ def save_mcap(recording: Recording, path: str | Path) -> None:
         writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
         connections, store = {}, type_store()
         with writer:
-            for topic, time, message in _messages(recording):
+            for topic, time, message in _messages(log_of(log) if isinstance(log, Recording) else log):
                 kind = message.__msgtype__
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, kind, typestore=store)
@@ -62,46 +62,58 @@ def save_mcap(recording: Recording, path: str | Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def episode_text(scenario: Scenario, seed: int, policy: str, begin: float) -> str:
-    """Return the content of the topic `/lissajous/episode`; begin is the stamp of the first pose [s]."""
+def log_of(recording: Recording) -> Log:
+    """Return the log of a recorded episode; without commands if the episode is itself a log that had none."""
+    robots, names = range(recording.scenario.num_robots), recording.scenario.action_names
+    time, score = START + recording.scenario.task.step * np.arange(len(recording)), recording.score
+    arrays = recording.position, recording.heading, recording.speed
+    commands = _commands(recording)[1:] if np.isfinite(score["smoothness"]) else None
+    return Log(
+        "",
+        tuple(Track(time, *(array[:, k] for array in arrays)) for k in robots),
+        {} if commands is None else {k: Series(time[:-1], commands[:, k], names) for k in robots},
+        {k: Series(time, recording.phase[:, k]) for k in robots},
+        {k: Series(time, recording.status[:, k]) for k in robots},
+        episode_of(recording.scenario, int(score["seed"])) | {"policy": str(score.get("policy", ""))},
+        START,
+    )
+
+
+def episode_of(scenario: Scenario, seed: int) -> dict[str, Any]:
+    """Return what a log contains about its episode, beside the policy and the stamp of the first pose, `begin` [s]."""
     parts = scenario.resolve().to_dict()
     del parts["extensions"]  # a file must not cause imports
-    return json.dumps({"scenario": parts, "seed": seed, "policy": policy, "begin": begin})
+    return {"scenario": parts, "seed": seed}
 
 
-def _messages(recording: Recording) -> Iterator[tuple[str, float, Any]]:
-    """Yield the topic, the time [s] and the message of everything that is known of a recording."""
-    seed, policy = int(recording.score["seed"]), str(recording.score.get("policy", ""))
-    yield EPISODE, START, _plain("String", episode_text(recording.scenario, seed, policy, START))
-    commands, unknown = (
-        _commands(recording),
-        {name: recording.is_unknown(name) for name in ("pose", "speed", "command")},
-    )
-    for moment, robot in np.ndindex(recording.status.shape):
-        time = START + moment * recording.scenario.task.step
-        if not unknown["pose"][moment, robot]:
-            odometry, (x, y, z) = blank("nav_msgs/msg/Odometry"), recording.position[moment, robot].tolist()
-            place = x, y, z, float(recording.heading[moment, robot])
-            set_odometry(odometry, time, (FRAME, f"robot_{robot}"), place, float(recording.speed[moment, robot]))
-            odometry.twist.covariance[0] = -1.0 if unknown["speed"][moment, robot] else 0.0
-            yield TOPICS[0].format(robot), time, odometry
-            yield PHASE.format(robot), time, _plain("Float64", float(recording.phase[moment, robot]))
-            yield STATUS.format(robot), time, _plain("UInt8", int(recording.status[moment, robot]))
-        if moment + 1 < len(recording) and not unknown["command"][moment, robot]:
-            joints = blank("sensor_msgs/msg/JointState")
-            set_stamp(joints.header, time, FRAME)
-            joints.name, joints.position = (
-                list(recording.scenario.action_names),
-                commands[moment + 1, robot].astype(float),
-            )
-            yield COMMAND.format(robot), time, joints
+def _messages(log: Log) -> Iterator[tuple[str, float, Any]]:
+    """Return the topic, the time [s] and the message of everything in a log by time, the first pose at `START`."""
+    later = START - min(float(track.time[0]) for track in log.tracks)
+    about = json.dumps((log.episode or {}) | {"begin": log.start + later})
+    topics = [(EPISODE, "std_msgs/msg/String", Series(np.array([log.start]), np.array([about])))]
+    for k, track in enumerate(log.tracks):
+        rows = np.column_stack([track.position, track.heading, track.speed])
+        topics.append((TOPICS[0].format(k), _ODOMETRY, Series(track.time, rows)))
+    for k, series in log.commands.items():
+        topics.append((COMMAND.format(k), _JOINTS if series.names else "std_msgs/msg/Float64MultiArray", series))
+    topics += [(PHASE.format(k), "std_msgs/msg/Float64", series) for k, series in log.phases.items()]
+    topics += [(STATUS.format(k), "std_msgs/msg/UInt8", series) for k, series in log.statuses.items()]
+    return heapq.merge(*(_of_topic(*topic, later) for topic in topics), key=lambda message: message[1])
 
 
-def _plain(kind: str, value: Any) -> Any:
-    """Return a message of std_msgs with one value."""
-    message = blank(f"std_msgs/msg/{kind}")
-    message.data = value
-    return message
+def _of_topic(topic: str, kind: str, series: Series, later: float) -> Iterator[tuple[str, float, Any]]:
+    """Yield the messages of a topic, some time [s] later than in the log."""
+    for time, value in zip((series.time + later).tolist(), series.value, strict=True):
+        message = blank(kind)
+        if kind == _ODOMETRY:
+            x, y, z, heading, speed = value.tolist()
+            set_odometry(message, time, (FRAME, topic.split("/")[1]), (x, y, z, heading), speed)
+        elif kind == _JOINTS:
+            set_stamp(message.header, time, FRAME)
+            message.name, message.position = list(series.names), value.astype(float)
+        else:
+            message.data = value
+        yield topic, time, message
 
 
 def _commands(recording: Recording) -> np.ndarray:

@@ -41,6 +41,11 @@ def warn_of_violations(scenario: Scenario, allowed: Iterable[str] = ()) -> None:
         warnings.warn(f"scenario {scenario.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=outside())
 
 
+def quietly() -> warnings.catch_warnings:
+    """Return a context in which nothing is reported, for scenarios that violate assumptions on purpose."""
+    return warnings.catch_warnings(action="ignore", category=AssumptionWarning)
+
+
 @cache
 def _violated_on_purpose() -> frozenset[str]:
     return frozenset(words for scenario in included_scenarios().values() for words in violations(scenario))

@@ -101,9 +101,6 @@ class Extension(Checked):
         """Settings by name, such as the weight of a reward term."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.metadata}
 
-    def __deepcopy__(self, memo: dict) -> "Extension":
-        return self
-
     def __reduce__(self) -> tuple:
         if self.place.partition(":")[0] in PROMPT and not isinstance(self.run, wp.Kernel):
             reset = self.reset and ByValue(self.reset)

@@ -33,7 +33,7 @@ from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import Registry
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.settings.task import MOST_STEPS
-from lissajous_env.wording import nearest, require, shown, where_raised
+from lissajous_env.wording import require, where_raised
 
 _INCLUDED = included_scenarios()
 _INCLUDED_SPACES = {path.stem: str(path) for path in sorted(Path(__file__).parent.glob(f"*-v*{SUFFIX}"))}
@@ -187,10 +187,9 @@ def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
     if isinstance(name, ScenarioSpace):
         return name
     space, part = _denoted(name)
-    if not isinstance(space, ScenarioSpace) or part not in ("", *space.shifts):
-        known = scenario_spaces()
-        raise ValueError(f"space must be one of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
-    return space.shifted(part) if part else space
+    known, is_space = scenario_spaces(), isinstance(space, ScenarioSpace) and part in ("", *space.shifts)
+    require(is_space, "space", f"must be one of {', '.join(known)}", name, known)
+    return space.shifted(part) if part else space  # type: ignore[union-attr,return-value]
 
 
 def space_and_split(name: Any) -> tuple[ScenarioSpace, str] | None:

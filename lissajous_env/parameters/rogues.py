@@ -33,9 +33,6 @@ class Rogue:
     about: str = ""
     """Description of its motion in one line."""
 
-    def __deepcopy__(self, memo: dict) -> "Rogue":
-        return self
-
     def __reduce__(self) -> tuple:
         return Rogue, (self.name, ByValue(self.decide), self.about)
 

@@ -54,6 +54,9 @@ class Scenario(BringsRogues):
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
 
+    def __deepcopy__(self, memo: dict) -> "Scenario":
+        return self
+
     def without_extensions(self) -> "Scenario":
         """Return the scenario without its extensions; targets of a law of entry then appear anywhere."""
         entry = "inside" if self.targets.entry == "custom" else self.targets.entry

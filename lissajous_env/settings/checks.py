@@ -39,16 +39,10 @@ def number(
     return _checked(default, rule, holds, float, units=(unit,))
 
 
-def whole(default: int | None, low: int, high: int) -> Any:
-    """Declare a whole number from `low` to `high`, both included."""
-    rule = f"must be a whole number from {low} to {high}"
-    return _checked(default, rule, lambda v: is_whole(v) and low <= v <= high, operator.index)
-
-
-def odd(default: int, high: int) -> Any:
-    """Declare an odd whole number from 1 to `high`."""
-    rule = f"must be an odd whole number from 1 to {high}"
-    return _checked(default, rule, lambda v: is_whole(v) and 0 < v <= high and v % 2, operator.index)
+def whole(default: int | None, low: int, high: int, odd: bool = False) -> Any:
+    """Declare a whole number from `low` to `high`, both included, and on request odd."""
+    rule = f"must be {'an odd' if odd else 'a'} whole number from {low} to {high}"
+    return _checked(default, rule, lambda v: is_whole(v) and low <= v <= high and (v % 2 or not odd), operator.index)
 
 
 def choice(default: str, *options: str) -> Any:

@@ -15,7 +15,7 @@ from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
-from lissajous_env.wording import require, shown
+from lissajous_env.wording import require
 from lissajous_env.world.clock import initial_of
 from lissajous_env.world.columns import number_names, plain, score_of
 from lissajous_env.world.episode import episodes_of
@@ -252,9 +252,8 @@ class Simulation(Copyable):
         return stages_of(self.scenario, self.rogues, begins)
 
     def _take(self, action: Any, rogue_action: Any) -> None:
-        if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):
-            rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
-            raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
+        fits = (rogue_action is not None) == (self.scenario.targets.rogues == AGENTS)
+        require(fits, "rogue_action", f"must be given if, and only if, targets.rogues is {AGENTS}", rogue_action)
         if rogue_action is not None:
             copy_in("rogue_action", rogue_action, self.rogues.action)
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:

@@ -78,13 +78,13 @@ def test_a_recording_is_stopped_too():
 
 
 @pytest.mark.parametrize(("action", "words"), [
-    (np.zeros((2, 5)), r"actions of shape \(2, 5, 1\), got \(2, 5\)"),
+    (np.zeros((2, 5)), r"action must have shape \(2, 5, 1\), got \(2, 5\)"),
     (np.zeros((1, 5, 1)), r"got \(1, 5, 1\)"),
-    (None, "got NoneType"),
-    ([[0.0], [1.0, 2.0]], "got list"),
-    (np.zeros((2, 5, 1), dtype=complex), "must return numbers, got an array of complex128"),
-    (np.full((2, 5, 1), "a"), "must return numbers, got an array of <U1"),
-    (np.full((2, 5, 1), True), "must return numbers, got an array of bool"),
+    (None, "must contain real numbers, got object None"),
+    ([[0.0], [1.0, 2.0]], "got rows of different lengths"),
+    (np.zeros((2, 5, 1), dtype=complex), "must contain real numbers, got complex128"),
+    (np.full((2, 5, 1), "a"), "must contain real numbers, got <U1"),
+    (np.full((2, 5, 1), True), "must contain real numbers, got bool"),
     (np.full((2, 5, 1), 1e300), "must return finite actions"),
 ])  # fmt: skip
 def test_actions_of_another_form_are_refused_by_name(action, words):

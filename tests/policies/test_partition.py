@@ -221,16 +221,6 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(kind, fault, ste
     assert [robot for robot in noticed[step + 15] if robot != 1] == [0, 4]
 
 
-def test_a_robot_that_resumes_waits_at_rest():
-    """Oracle: the speed of a car that stands, also of one for which the lowest throttle is full reverse."""
-    fields = {"robot.speed_min": -0.5, "robot.throttle_min": 0.05, "faults.schedule": ((1, 1.0, 2.0),)}
-    scenario = lissajous_env.scenario("team", **fields)
-    policy, simulation = PartitionRepair(scenario), lissajous_env.Simulation(scenario)
-    for step in range(35):
-        simulation.step(policy.act(simulation.observation))
-        assert simulation.robots.speed.numpy()[0, 1] == 0 or not 10 <= step < 26
-
-
 def test_messages_that_are_lost_or_late_show_no_failure():
     """Oracle: no robot fails; a message that stays the last one for some steps has the same place in all of them."""
     scenario = lissajous_env.scenario("evaders", **{"noise.message_loss": 0.3})

@@ -161,10 +161,8 @@ def test_cars_with_a_lowest_speed_reach_their_places_along_the_loop():
         gaps = np.diff(along, axis=1, append=along[:, :1] + length)
         uneven.append((np.abs(gaps - length / 5).max(axis=1) > 1).mean())
     assert farthest[1] < 0.15 < 0.3 < farthest[0]
-    # Robots that compare their phases with their neighbours' seldom disagree on the order of their places.
-    assert uneven[1] <= 0.2 < uneven[0]
-    # Places by the phase alone are evenly spaced, but for the deviations of the start themselves.
-    assert uneven[2] < 0.1
+    # Robots disagree on the order of their places; those by the phase alone are evenly spaced, but for the deviations.
+    assert uneven[2] < 0.1 < uneven[0]
 
 
 @pytest.mark.parametrize("fields", [{}, {"slowest": 0.3}, {"by_phase": True}])

@@ -6,13 +6,13 @@ from log_messages import EPOCH, KINDS, circles, header, moments, write
 
 import lissajous_env
 from lissajous_env.logs.identification import MODELS, identify
-from lissajous_env.logs.inputs import INPUTS, inputs_of
+from lissajous_env.logs.inputs import INPUTS, commands_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
 from lissajous_env.settings.parts import Robot
 
-CONSTANTS = tuple(MODELS["car"].constants)
+CONSTANTS = tuple(MODELS["car"])
 NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "faults.schedule": ()}
 
 
@@ -46,8 +46,8 @@ def constants_of(simulation, robot):
 
 
 def without_speeds(track, speed):
-    """The same log without measured speeds: NaN, never filled, or marked as no measurements."""
-    return Track(track.time, track.position, track.heading, speed, measured=False)
+    """The same log without measured speeds: NaN, or never filled."""
+    return Track(track.time, track.position, track.heading, speed)
 
 
 def check(found, true, rel, names=CONSTANTS[:4]):
@@ -97,7 +97,7 @@ def test_poses_without_speeds_are_enough(noisy):
 def test_commands_in_another_order_are_matched_by_name_or_named_as_a_misfit():
     ((track, commands, _),) = logs([2], **{"task.duration": 12.0})
     named = Series(commands.time, commands.value[:, ::-1], ("throttle", "steering"))
-    np.testing.assert_array_equal(named.columns(INPUTS["car"]), commands.value)
+    np.testing.assert_array_equal(commands_of(named, INPUTS["car"]), commands.value)
     swapped = identify(track, Series(commands.time, commands.value[:, ::-1]), Robot())
     assert swapped.misfits == ("position", "heading", "speed")
 
@@ -153,7 +153,7 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
             assert motion_of(changed).derived == "do not match the poses"
 
 
-DRIVE_CONSTANTS = tuple(MODELS["differential"].constants)
+DRIVE_CONSTANTS = tuple(MODELS["differential"])
 DRIVE = Robot(kind="differential")
 LIMITS = {"robot.kind": "differential", "robot.speed_max": 1.2, "robot.yaw_rate_max": 3.0, "robot.speed_min": -0.6}
 RATES = LIMITS | {"robot.acceleration_max": 0.8, "robot.yaw_acceleration_max": 5.0}
@@ -190,5 +190,5 @@ def test_twists_of_a_log_are_commands(tmp_path, stamps):
         bag.append(("/robot_0/cmd_vel", message, EPOCH + t))
     log = read(write(tmp_path / "lab.mcap", bag), commands="/robot_{}/cmd_vel")
     np.testing.assert_allclose(log.commands[0].time - EPOCH, moments(5.0), atol=1e-6)
-    commands = log.commands[0].columns(("yaw rate", "speed"))
+    commands = commands_of(log.commands[0], ("yaw rate", "speed"))
     np.testing.assert_allclose(commands, np.stack([-moments(5.0), 0.1 * moments(5.0)], axis=1), atol=1e-9)

@@ -116,7 +116,7 @@ FIXED = {
     ),
     "commands with other names": (
         shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["left", "right"], [0.1, 0.2])),
-        ("robot 0 are left, right",),
+        ("because of robot 0: commands must be steering [rad] and throttle, got left, right",),
     ),
     "commands whose names change": (
         shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, "cd" if t > 2 else "ab", [0.1, 0.2])),
@@ -124,7 +124,7 @@ FIXED = {
     ),
     "commands in degrees": (
         shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["steering", "throttle"], [20.0, 0.2])),
-        ("not in radians",),
+        ("is it in degrees",),
     ),
     "numbers with a gap": (
         [(topic.replace("4", "9"), *rest) for topic, *rest in shrunk()], ()

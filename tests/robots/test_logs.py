@@ -78,13 +78,14 @@ HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, 
 ])  # fmt: skip
 def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_did(scenario, policy, fields, tmp_path):
     scenario = lissajous_env.scenario(scenario, **fields)
-    recording = scored = record(baselines.make(policy, scenario), scenario, seed=2)
+    recording = log = record(baselines.make(policy, scenario), scenario, seed=2)
     for _ in range(2):
-        save_mcap(scored, tmp_path / "log.mcap")
-        scored = score(read(tmp_path / "log.mcap")).recording
-        assert same(recording.score, scored.score) == []
+        save_mcap(log, tmp_path / "log.mcap")
+        scored = score(read(tmp_path / "log.mcap"))
+        log = scored.log
+        assert same(recording.score, scored.recording.score) == []
         for name in ("status", "sensed_at", "found_at"):
-            np.testing.assert_array_equal(getattr(scored, name), getattr(recording, name))
+            np.testing.assert_array_equal(getattr(scored.recording, name), getattr(recording, name))
 
 
 def test_an_episode_goes_on_where_nodes_of_removed_robots_send_no_poses(tmp_path):

@@ -40,7 +40,7 @@ def play(scenario, policy, steps=None, seed=3):
     tolerance = 1e-5 if "-safe" in policy else 0
     simulation = lissajous_env.Simulation(made, seed=seed)
     together = baselines.make(policy, made)
-    alone = [baselines.Onboard(policy, made, i, Limits.none()) for i in range(made.num_robots)]
+    alone = [baselines.Onboard(policy, made, i, Limits(*[np.inf] * 4)) for i in range(made.num_robots)]
     decisions = 0
     for k in range(steps or made.task.steps):
         observed = simulation.observation.numpy()[0].copy()
@@ -191,7 +191,7 @@ def test_the_steps_of_a_policy_follow_the_clock(policy):
     # Oracle: the same robot, called at every step. One call is left out, later every call is made twice.
     made = lissajous_env.scenario("experiment").resolve()
     simulation, together = lissajous_env.Simulation(made), baselines.make(policy, made)
-    steady, uneven = (baselines.Onboard(policy, made, 0, limits=Limits.none()) for _ in range(2))
+    steady, uneven = (baselines.Onboard(policy, made, 0, limits=Limits(*[np.inf] * 4)) for _ in range(2))
     for k in range(60):
         inputs = inputs_of(simulation, 0)
         action = steady.act(*inputs).action

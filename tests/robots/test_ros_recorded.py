@@ -68,7 +68,8 @@ def test_a_recorded_launch_at_half_pace_scores_as_the_world_printed(tmp_path):
     printed, scored = json.loads(output), score(read(tmp_path / "log"))
     (row,) = scored.rows
     assert scored.recording.duration == pytest.approx(LASTS)
-    assert [(robot, end - begin) for robot, begin, end in scored.scenario.faults.schedule] == [(1, pytest.approx(1.0))]
+    schedule = scored.recording.scenario.faults.schedule
+    assert [(robot, end - begin) for robot, begin, end in schedule] == [(1, pytest.approx(1.0))]
     for name in ("targets", "collisions", "detected_fraction", "seed"):
         assert row[name] == printed[name], name
     for name in ("detection_time_mean", "idleness_mean", "coverage_time", "lateral_error_mean", "phase_error"):
