@@ -366,10 +366,9 @@ class PlanOutcome:
                 on_progress((before + min(share, 1.0)) / len(numbers), self)
 
             with quietly():
-                scenario = self.scenarios[number]
-                families = families_of(scenario, request.clearance or 0.0)
-                search = Search(scenario, request.episodes, families, request.seed, request.fixed_start)
-                self.searches[number] = search
+                families = families_of(self.scenarios[number], request.clearance or 0.0)
+                options = request.episodes, families, request.seed, request.fixed_start
+                search = self.searches[number] = Search(self.scenarios[number], *options)
                 search.run(request.plans or PLANS, seconds, progress)
             self.finals += search.finals
             if search.interrupted or self.fewest_robots is not None:
