@@ -19,10 +19,11 @@ import numpy as np
 from planning import drawn, in_words
 
 from baselines.planning.plans import Planned
-from baselines.planning.rehearse import BEST, quietly
+from baselines.planning.rehearse import BEST
 from baselines.planning.request import Request
 from baselines.planning.search import PlanOutcome
 from lissajous_env.episodes.evaluation import EpisodeRunner
+from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.world.columns import COLLISIONS, WORST_CASE
 from lissajous_env.world.simulation import Simulation
 

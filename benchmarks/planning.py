@@ -16,9 +16,10 @@ import figures
 import numpy as np
 
 from baselines.planning.families import defaults
-from baselines.planning.rehearse import play, quietly
+from baselines.planning.rehearse import play
 from baselines.planning.request import Request
 from baselines.planning.search import PlanOutcome
+from lissajous_env.parameters.assumptions import quietly
 
 COLUMNS = ["request", "best plan", "worst [s]", "best default", "worst [s]", "wall [s]", "CPU [s]", "looks"]
 

@@ -37,9 +37,9 @@ from baselines.planning.portfolio import (
     features_of,
     result_of,
 )
-from baselines.planning.rehearse import quietly
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, ScenarioSpace, scenario, scenario_space
+from lissajous_env.parameters.assumptions import quietly
 
 FIRST_SEED = 900_000
 LONGEST = 20.0
