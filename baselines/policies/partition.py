@@ -144,11 +144,11 @@ def _with_ways(
         if in_ring:
             ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
             assigned = np.array([in_ring_order(scenario, way) for way in ways])
-        for (form, shift, after), _ in zip(_candidates(scenario, plan, in_ring), budget, strict=False):
-            loop = np.roll(form.loop, shift, axis=1)
+        for (shift, after), _ in zip(_candidates(scenario, plan), budget, strict=False):
+            loop = np.roll(plan.loop, shift, axis=1)
             transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
             if transit is not None:
-                return form, transit, shift
+                return plan, transit, shift
         if plan is best and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
             return plan, None, 0
     rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
@@ -157,26 +157,18 @@ def _with_ways(
     raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
 
 
-def _candidates(scenario: Scenario, plan: PartitionLoops, in_ring: bool) -> Iterator[tuple[PartitionLoops, int, int]]:
-    """Yield forms of a plan, shifts of its loops, and times for which the cars stay in formation [control step].
+def _candidates(scenario: Scenario, plan: PartitionLoops) -> Iterator[tuple[int, int]]:
+    """Yield shifts of the loops of a plan, and times for which the cars stay in formation [control step].
 
     Cars that can drive along the curve, which is rounded within walls, have more ways to the loops from later places.
     """
-    forms = (plan, mirrored(plan)) if scenario.inset and not in_ring else (plan,)
     if not scenario.driven.harmonics:
-        yield from ((form, 0, 0) for form in forms)
+        yield 0, 0
         return
     steps, loops = plan.loop.shape[1], len(np.unique(plan.cells.round(9), axis=0))
     period = steps * loops // scenario.num_robots
     shifts = range(0, period, max(period // 4, 1))
-    yield from ((form, shift, after) for after, form, shift in itertools.product(_DELAYS, forms, shifts))
-
-
-def mirrored(plan: PartitionLoops) -> PartitionLoops:
-    """Return the mirror image of a plan, in which the cars go around the other way."""
-    mirror = np.array([1.0, -1.0])
-    cells = np.concatenate([plan.cells[:, :2] * mirror, plan.cells[:, 2:]], axis=1)
-    return replace(plan, cells=cells, loop=plan.loop * mirror)
+    yield from ((shift, after) for after, shift in itertools.product(_DELAYS, shifts))
 
 
 def loops_lie_apart(loops: np.ndarray, distance: float) -> bool:
