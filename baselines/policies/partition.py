@@ -200,7 +200,7 @@ class PartitionRepair(TimedPaths):
 
     The loops are those of a partition with all of them in phase, driven slower (`RepairParameters.reserve`), and ring
     neighbours have neighbouring cells. If the messages of a ring neighbour show that it does not move, or if none
-    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It selects a loop, and a place of it,
+    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It selects a loop and a place of it
     that are clear of stopped robots: beside them or around them. A robot that resumes waits on its loop until its
     reference comes by. If the robots have no information on each other's starts, the transit uses the collision filter,
     as in `partition`.
