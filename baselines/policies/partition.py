@@ -21,7 +21,7 @@ from baselines.policies.loops import tour
 from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, problem_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.repair_plan import Takeover, middle_of, slowed, takeover_of
+from baselines.policies.repair_plan import SHAPES, Takeover, middle_of, slowed, takeover_of
 from baselines.policies.safety.filter import Safe
 from baselines.policies.taking_over import (
     PLACES,
@@ -200,10 +200,10 @@ class PartitionRepair(TimedPaths):
 
     The loops are those of a partition with all of them in phase, driven slower (`RepairParameters.reserve`), and ring
     neighbours have neighbouring cells. If the messages of a ring neighbour show that it does not move, or if none
-    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It moves the loop such that it is
-    clear of stopped robots: beside them or around them. A robot that resumes waits on its loop until its reference
-    comes by. If the robots have no information on each other's starts, the transit uses the collision filter, as in
-    `partition`.
+    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It selects a loop and a place of it
+    that are clear of stopped robots: beside them or around them. A robot that resumes waits on its loop until its
+    reference comes by. If the robots have no information on each other's starts, the transit uses the collision filter,
+    as in `partition`.
 
     If the loops of different cells do not overlap, a collision filter leads a car that is off its place around others,
     and a loop moves slowly to another place. If loops cross, only their common phase separates the cars; a collision
@@ -237,7 +237,7 @@ class PartitionRepair(TimedPaths):
             self._tolerance = scenario.robot.radius
 
     def timed(self, scenario: Scenario) -> PathTables:
-        """Return the timed paths, a variant for each case of `Takeover`."""
+        """Return the timed paths, a variant for each loop of `Takeover`."""
         self.parameters = replace(self.parameters, in_phase=True)
         self.partition, self.takeover, tables = timed_repair(scenario, self.parameters)
         return tables
@@ -278,7 +278,7 @@ def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift
     repair.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
     repair.step, repair.time_unit, repair.speed_unit = scenario.task.step, scenario.time_unit, scenario.robot.top_speed
     repair.radius, repair.robots_seen = scenario.sight, scenario.sensing.robots_seen
-    repair.first, repair.required = FINE * tables.lead_in, _avoided_distance(scenario)
+    repair.shapes, repair.first, repair.required = SHAPES, FINE * tables.lead_in, _avoided_distance(scenario)
     repair.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
     repair.spacing = _avoided_distance(scenario) / _FINER
     repair.sensing, repair.drift = _SEEN * scenario.sensing_radius, drift

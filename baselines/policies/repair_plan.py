@@ -1,7 +1,8 @@
 """Loops on which the ring neighbours of a robot that has failed cover its cell.
 
-A robot has a loop for each of four cases: none of its ring neighbours has failed, the previous one, the next one, or
-both. In each case it watches the rectangle around its own cell and those of the failed neighbours. All loops have the
+A robot has loops for four cases: none of its ring neighbours has failed, the previous one, the next one, or both. In
+each case it watches the rectangle around its own cell and those of the failed neighbours, for which there are a few
+loops of different shapes, the best first. The robot drives one that is clear of the stopped robots. All loops have the
 period and the phase of the plan: two robots on equal loops in phase never come nearer than the centres of these.
 """
 
@@ -15,6 +16,8 @@ import numpy as np
 from baselines.policies.loops import are_adjacent, closed_loop, evenly_spaced, length_of
 from baselines.policies.partition_plan import PartitionLoops, Problem, rating_of, smallest_distance, speed_on
 
+SHAPES = 4
+"""Loops of different shapes for each case."""
 CASES = 4
 """Cases of a robot, by the sum of 1 for a failed previous and 2 for a failed next robot."""
 _TOWARDS = 0.3
@@ -23,14 +26,16 @@ _SHARES = (0.0, 0.3, 0.6, 1.0)
 """Extents of loops that are compared: 0 is a turning circle, 1 the rectangle."""
 _ALIKE = 1e-6
 """Difference of two places, in half heights of the rectangle, up to which they are the same."""
+_DISTINCT = 0.1
+"""Difference of two shapes' half extents, in turning radii, from which on they count as different."""
 
 
 @dataclass(frozen=True)
 class Takeover:
-    """Loops of each robot in its cases."""
+    """Loops of each robot in its cases; row SHAPES c + s is for case c."""
 
     loop: np.ndarray
-    """(CASES, N, K, 2) places at each control step of a period [m]."""
+    """(CASES SHAPES, N, K, 2) places at each control step of a period [m]."""
     corners: np.ndarray
     """(CASES, N) corners of the rectangle that only this robot watches, as bits: 1 at the left and bottom, 2 at the
     right and bottom, 4 at the left and top, 8 at the right and top."""
@@ -53,8 +58,8 @@ def takeover_of(
 ) -> Takeover:
     """Return the loops of robots that take over the cells of ring neighbours.
 
-    A cell that shares no edge with the robot's own is left to the other neighbour. A robot stays on its own loop if any
-    other would come too near to those of the robots that have not failed.
+    A cell that shares no edge with the robot's own is left to the other neighbour. Loops that come too near to
+    those of the robots that have not failed are left out.
 
     Args:
         plan: The plan without failures, all loops in phase.
@@ -65,27 +70,26 @@ def takeover_of(
         moved: Distance by which a loop must be movable to the right and up without losing its bound [m].
     """
     cells, own = plan.cells[cell][:, :4] / unit, plan.loop[cell] / unit
-    loop, adjacent = np.repeat(own[None], CASES, axis=0), are_adjacent(cells)
-    corners = np.zeros(loop.shape[:2], dtype=int)
+    loop, adjacent = np.repeat(own[None], CASES * SHAPES, axis=0), are_adjacent(cells)
+    corners = np.zeros((CASES, len(cells)), dtype=int)
     for case, robot in itertools.product(range(CASES), range(len(cells))):
         failed = [neighbours[robot, side] for side in range(2) if case >> side & 1]
         failed = [other for other in failed if other >= 0 and adjacent[robot, other]]
         low = (cells[[robot, *failed], :2] - cells[[robot, *failed], 2:4]).min(axis=0)
         high = (cells[[robot, *failed], :2] + cells[[robot, *failed], 2:4]).max(axis=0)
         corners[case, robot] = _corners_of(low, high, problem.half[0])
-        if not failed:
-            continue
         half, middle = tuple(((high - low) / 2).round(9).tolist()), (low + high) / 2
-        options = _watching_alone(half, problem, own.shape[1], moved / unit)
-        if not options:
+        options, is_bounded = _watching_alone(half, problem, own.shape[1], moved / unit)
+        if failed and not is_bounded:
             towards = (cells[failed, :2] - cells[robot, :2]).sum(axis=0)
             options = _watching_in_phase(half, towards, problem, own.shape[1])
             middle = middle_of(own[robot]) + _TOWARDS * towards
         others = own[np.delete(np.arange(len(cells)), [robot, *failed])]
-        for placed in (_placed(option, middle, problem) for option in options):
-            if smallest_distance(placed[None], others) >= problem.apart:
-                loop[case, robot] = placed
-                break
+        placed = [own[robot]] if not failed else []  # the loop of the plan comes first
+        placed += [_placed(option, middle, problem) for option in options]
+        clear = [option for option in placed if smallest_distance(option[None], others) >= problem.apart]
+        for shape in range(SHAPES if clear else 0):  # the last one is repeated
+            loop[SHAPES * case + shape, robot] = clear[min(shape, len(clear) - 1)]
     return Takeover(loop * unit, corners)
 
 
@@ -113,10 +117,12 @@ def _is_drivable(loop: np.ndarray, corner: float, problem: Problem, count: int) 
 
 
 @lru_cache(maxsize=256)
-def _watching_alone(half: tuple[float, float], problem: Problem, count: int, moved: float) -> list[np.ndarray]:
-    """Return the loop (K, 2) of K control steps by which one robot best watches a rectangle, in a list.
+def _watching_alone(
+    half: tuple[float, float], problem: Problem, count: int, moved: float
+) -> tuple[list[np.ndarray], bool]:
+    """Return loops (K, 2) of K control steps by which one robot watches a rectangle, at most SHAPES, the best first.
 
-    The list is empty if the undetected time has no bound, also after the loop has moved by some distance.
+    The second value is True if the first one bounds the undetected time, also after it has moved by some distance.
     """
     rated = []
     largest = np.maximum(np.minimum(half, problem.driven), problem.turning)
@@ -127,11 +133,15 @@ def _watching_alone(half: tuple[float, float], problem: Problem, count: int, mov
             if loop is not None and _is_drivable(loop, corner, problem, count):
                 around = evenly_spaced(loop, count)
                 rated.append((*rating_of(around[None], half, problem), len(rated), around))
-    if not rated:
-        return []
-    best = min(rated, key=lambda rating: rating[:4])[-1]
-    places = [best + moved * np.array(way) for way in itertools.product(range(2), range(2))]
-    return [best] if all(rating_of(at[None], half, problem, coarse=True)[0] < math.inf for at in places) else []
+    distinct: list[np.ndarray] = []
+    for *_, around in sorted(rated, key=lambda rating: rating[:4]):
+        size = np.ptp(around, axis=0) / 2
+        differences = [np.abs(np.ptp(other, axis=0) / 2 - size).max() for other in distinct]
+        if min(differences, default=math.inf) >= _DISTINCT * problem.turning:
+            distinct.append(around)
+    places = [distinct[0] + moved * np.array(way) for way in itertools.product(range(2), range(2)) if distinct]
+    bounded = [rating_of(at[None], half, problem, coarse=True)[0] < math.inf for at in places]
+    return distinct[:SHAPES], bool(distinct) and all(bounded)
 
 
 def _watching_in_phase(

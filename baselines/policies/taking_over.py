@@ -40,7 +40,7 @@ SHIFTS = wp.constant(12)
 
 @wp.struct
 class Repair:
-    """Constants of a robot's estimates of others, and the loops of its cases C (`repair_plan.Takeover`)."""
+    """Constants of a robot's estimates of others, and the loops P of its cases C (`repair_plan.Takeover`)."""
 
     still: float
     """Displacement in a step below which a robot counts as stopped [m]."""
@@ -56,6 +56,8 @@ class Repair:
     """Distance within which robots are seen [m]."""
     robots_seen: int
     """Number of robots in an observation."""
+    shapes: int
+    """Loops of a case."""
     first: int
     """First sample of the loops in the tables of paths."""
     every: int
@@ -71,9 +73,9 @@ class Repair:
     neighbours: wp.array(dtype=wp.vec2i)
     """(N,) previous and next robot on the ring, -1 for none."""
     margins: wp.array2d(dtype=wp.vec4)
-    """(C, N) distances by which a loop can be moved to the left, down, to the right and up in the rectangle [m]."""
+    """(P, N) distances by which a loop can be moved to the left, down, to the right and up in the rectangle [m]."""
     middles: wp.array2d(dtype=wp.vec2)
-    """(C, N) middles of the loops [m]."""
+    """(P, N) middles of the loops [m]."""
     corners: wp.array2d(dtype=int)
     """(C, N) `Takeover.corners`."""
 
@@ -197,30 +199,34 @@ def unseen_corners(
 
 
 @wp.func
-def clear_shift(
+def clear_loop(
     repair: Repair,
     curve: CurveStruct,
-    path: wp.array(dtype=wp.vec4),
-    margin: wp.vec4,
-    corners: int,
+    pose: wp.array3d(dtype=wp.vec4),
+    case: int,
+    i: int,
     standing: wp.array(dtype=wp.vec3),
-) -> wp.vec2:
-    """Return the shift of a loop with the least cost [m] (`take_over`); `margin` limits it to each side [m]."""
-    best = wp.vec2(0.0, 0.0)
+) -> wp.vec3:
+    """Return the shift [m] and the shape of the loop of robot i's case that have the least cost (`take_over`)."""
+    best = wp.vec3(0.0, 0.0, 0.0)
     best_cost = float(wp.inf)
-    for row in range(-SHIFTS, SHIFTS + 1):
-        for column in range(-SHIFTS, SHIFTS + 1):
-            x = wp.clamp(float(column) * repair.spacing, margin[0], margin[2])
-            tried = wp.vec2(x, wp.clamp(float(row) * repair.spacing, margin[1], margin[3]))
-            cost = 0.01 * wp.length(tried) / repair.required
-            if cost < best_cost:
-                lacking = repair.required - clearance_of(repair, path, tried, standing)
-                cost += 1000.0 * wp.max(lacking, 0.0) / repair.required
-            if cost < best_cost:
-                cost += 20.0 * unseen_corners(repair, path, tried, corners, curve)
-            if cost < best_cost:
-                best_cost = cost
-                best = tried
+    for shape in range(repair.shapes):
+        loop = case * repair.shapes + shape
+        path = pose[loop, i]
+        margin = repair.margins[loop, i]
+        for row in range(-SHIFTS, SHIFTS + 1):
+            for column in range(-SHIFTS, SHIFTS + 1):
+                x = wp.clamp(float(column) * repair.spacing, margin[0], margin[2])
+                tried = wp.vec2(x, wp.clamp(float(row) * repair.spacing, margin[1], margin[3]))
+                cost = 0.01 * wp.length(tried) / repair.required + 0.5 * float(shape)
+                if cost < best_cost:
+                    lacking = repair.required - clearance_of(repair, path, tried, standing)
+                    cost += 1000.0 * wp.max(lacking, 0.0) / repair.required
+                if cost < best_cost:
+                    cost += 20.0 * unseen_corners(repair, path, tried, repair.corners[case, i], curve)
+                if cost < best_cost:
+                    best_cost = cost
+                    best = wp.vec3(tried[0], tried[1], float(shape))
     return best
 
 
@@ -237,19 +243,20 @@ def take_over(
     variant: wp.array2d(dtype=int),
     shift: wp.array2d(dtype=wp.vec2),
 ):
-    """Choose the shift of the loop of each robot's case, clear of stopped robots, and move towards that shift.
+    """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
 
-    The choice is the smallest shift that is clear of stopped robots, and from which the robot covers the corners of the
-    rectangle that it alone watches; a collision costs more than a corner, and that more than a shift. `target` is the
-    chosen shift. The loop of a robot that has failed does not change, so that the others leave room for it when it
-    resumes; a robot returns to its own loop at once, in phase with the others.
+    The choice is the first loop with the smallest shift that is clear of stopped robots, and from which the robot
+    covers the corners of the rectangle that it alone watches; a collision costs more than a corner, that more than
+    another loop, and that more than a shift. `target` is the chosen shift. The loop of a robot that has failed does not
+    change, so that the others leave room for it when it resumes; a robot returns to its own loop at once, in phase with
+    the others.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
         return
     case = cases[w, i]
     near = 0.25 * repair.spacing
-    changed = case != variant[w, i]
+    changed = case != variant[w, i] / repair.shapes
     stands = bool(False)
     for k in range(PLACES):
         if standing[w, i, k][2] > 0.0:
@@ -259,12 +266,13 @@ def take_over(
     if changed:
         for k in range(PLACES):
             avoided[w, i, k] = standing[w, i, k]
-        shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[case, i]
-        variant[w, i] = case
-        target[w, i] = wp.vec2(0.0, 0.0)
+        best = wp.vec3(0.0, 0.0, 0.0)
         if stands:
-            margin, corners = repair.margins[case, i], repair.corners[case, i]
-            target[w, i] = clear_shift(repair, curve, pose[case, i], margin, corners, standing[w, i])
+            best = clear_loop(repair, curve, pose, case, i, standing[w, i])
+        chosen = case * repair.shapes + int(best[2])
+        shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[chosen, i]
+        variant[w, i] = chosen
+        target[w, i] = wp.vec2(best[0], best[1])
     rest = target[w, i] - shift[w, i]
     if case > 0:
         rest *= wp.min(1.0, repair.drift / wp.max(wp.length(rest), 1.0e-9))
