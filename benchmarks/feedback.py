@@ -100,8 +100,8 @@ POLICIES = {
     },
     "hotspots": {
         PATROL: (Lanes, {"lanes": 8}),
-        "index rule, uniform rates": (Index, {"learns": False, "delay": 1.0}),
-        "index rule, learned rates": (Index, {"learns": True, "delay": 1.0}),
+        "index rule, uniform rates": (Index, {"learns": False}),
+        "index rule, learned rates": (Index, {}),
         CLAIRVOYANT: (IndexAll, {}),
     },
 }
@@ -111,14 +111,14 @@ GRIDS = {
     "watch": [
         (Lanes, LANES),
         (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.0), "push": (0.5, 1.0, 2.0)}),
-        (Cover, {"delay": (0.5, 0.75, 1.0), "fade": (1.5, 2.25, 3.0), "margin": (0.5, 0.55, 0.6, 0.65, 0.7)}),
+        (Cover, {"delay": (0.5, 0.75, 1.0), "fade": (1.5, 2.25, 3.0), "margin": (0.5, 0.6, 0.7, 0.8)}),
     ],
     "intercept": [
         (Lanes, LANES),
         (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)}),
-        (VoronoiPursuit, {"near": (0.2, 0.3, 0.4), "width": (0.07, 0.1, 0.15), "fade": (0.25, 0.4, 0.6)}),
+        (VoronoiPursuit, {"near": (0.2, 0.3, 0.4), "width": (0.1, 0.15, 0.2), "fade": (0.15, 0.25, 0.4)}),
     ],
-    "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.5, 1.0, 1.5, 3.0)})],
+    "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.0, 0.25, 0.5, 1.0, 1.5, 3.0)})],
 }
 
 PROTOTYPES = {

@@ -30,6 +30,7 @@ from speeds import (
     cluster,
     contamination,
     controller,
+    cuda,
     growth,
     marl,
     memory,
@@ -42,7 +43,7 @@ from speeds import (
 from lissajous_env.device.devices import cores
 from lissajous_env.identity import cpu_model
 
-_MODULES = (step, rogues, memory, contamination, growth, controller, onboard, marl, cluster)
+_MODULES = (step, rogues, memory, contamination, growth, controller, onboard, marl, cluster, cuda)
 PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 
@@ -55,7 +56,11 @@ def machine(parts: Sequence[str], threads: int) -> figures.Table:
         "Python": platform.python_version(),
         "Warp": warp.__version__,
     }
-    return {"columns": ["part", *of], "rows": [[f"`{part}`", *of.values()] for part in parts]}
+    rows = [[f"`{part}`", *of.values()] for part in parts]
+    for row, part in zip(rows, parts, strict=True):
+        if PARTS[part].gpu:
+            row[1] += f", {warp.get_device('cuda').name}"
+    return {"columns": ["part", *of], "rows": rows}
 
 
 def with_rows_of(stored: figures.Table, measured: figures.Table) -> figures.Table:

@@ -3,17 +3,12 @@
 import warp as wp
 
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed
-from baselines.similarity import EXPERIMENT
-from lissajous_env.device.car_input import car_action
+from lissajous_env.device.car_input import car_action, throttle_towards
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleration
-
-SPREAD_MAX = 3.0
-"""Standard deviations at which the spread of a car's constants is clipped."""
-SPEED_GAIN = 4.0
-"""Gain of the speed error of a car of the paper's experiment that drives towards a place [1/s]."""
 
 
 def slowest_top_speed(scenario: Scenario) -> float:
@@ -23,21 +18,10 @@ def slowest_top_speed(scenario: Scenario) -> float:
     return max((drive * robot.full_throttle - robot.offset) / robot.drag, 0.0)
 
 
-def scaled_gain(scenario: Scenario, gain: float) -> float:
-    """Return a gain for the motor of the experiment, scaled to that of the scenario [1/s], at most 1 over the step."""
-    return min(gain * (scenario.robot.drag / EXPERIMENT.robot.drag), 1 / scenario.task.step)
-
-
 @wp.func
 def steady_speed(robot: RobotStruct) -> float:
     """Return the steady speed of a car at full throttle [m/s], the unit of its observed speed."""
     return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
-
-
-@wp.func
-def throttle_for(robot: RobotStruct, speed: float, wanted_speed: float, gain: float) -> float:
-    """Return (c wanted + beta + gain (wanted - v)) / alpha, a throttle by (12): a proportional law, `gain` in [1/s]."""
-    return (robot.drag * wanted_speed + robot.model_offset + gain * (wanted_speed - speed)) / robot.drive
 
 
 @wp.func
@@ -52,7 +36,7 @@ def drive_towards(
     observation: Observation,
     action_out: Actions,
 ):
-    """Act towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and `throttle_for` a speed [m/s]."""
+    """Act towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and `throttle_towards` a speed [m/s]."""
     away = goal - own_position(w, i, curve, observation)
     distance = wp.max(wp.length(away), 2.0 * robot.wheelbase)
     bearing = wrap(wp.atan2(away[1], away[0]) - own_heading(w, i, observation))
@@ -60,7 +44,7 @@ def drive_towards(
     if wp.abs(bearing) > 1.5707963:
         steering = wp.sign(bearing) * robot.steering_max
     speed = own_speed(w, i, steady_speed(robot), observation)
-    action = car_action(robot, steering, throttle_for(robot, speed, wanted_speed, speed_gain))
+    action = car_action(robot, steering, throttle_towards(robot, speed, wanted_speed, speed_gain))
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 

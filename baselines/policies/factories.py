@@ -69,7 +69,7 @@ def as_factory(policy: Any, name: str = "") -> Factory:
         acting: Any = policy(scenario, num_worlds, device)
         acts = _acts(acting) and not isinstance(acting, type)
         require(acts, f"policy {name}", "must be made with reset, act and num_worlds", acting)
-        return acting
+        return cast(ActingPolicy, acting)
 
     return _identified_by(policy, make)
 

@@ -25,7 +25,7 @@ class Index(Reacting):
 
     learns: bool = True
     """False for uniform rates."""
-    delay: float = 1.0
+    delay: float = 0.25
     """Time that is added to the driving time to a place, in units of sensing radius over top speed."""
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):

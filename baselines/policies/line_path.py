@@ -17,11 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
+from baselines.policies.driving import slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import fastest_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.theory.geometry import turning_radius
 
 _CRUISE, _FASTEST = 0.96, 0.98

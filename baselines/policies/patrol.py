@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.policies.driving import SPEED_GAIN, drive_towards, scaled_gain, steady_speed
+from baselines.policies.driving import drive_towards, steady_speed
 from baselines.policies.loops import (
     SweepParameters,
     cruising_speed,
@@ -30,6 +30,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.robots.inside import SPEED_GAIN, scaled_gain
 
 wp.set_module_options(OPTIONS)
 

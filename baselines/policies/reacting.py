@@ -307,11 +307,11 @@ class Cover(Searching):
     Places are those of known targets, extrapolated, and the middles between two of them.
     """
 
-    delay: float = 0.75
+    delay: float = 1.0
     """Time that is added to the driving time to a place, in units of sight over top speed."""
-    fade: float = 2.25
+    fade: float = 3.0
     """Age at which a track counts 1/e of a target in sight, in the same unit."""
-    margin: float = 0.6
+    margin: float = 0.7
     """Distance within which targets around a place count [sight]."""
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
@@ -352,7 +352,7 @@ class VoronoiPursuit(Searching):
     """Distance within which a robot drives straight to its target [sight]."""
     width: float = 0.15
     """Width of the strip of points around the border [sight]."""
-    fade: float = 0.4
+    fade: float = 0.25
     """Distance from the target at which a point of the border counts 1/e [sight]."""
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):

@@ -24,8 +24,6 @@ from typing import Any
 
 import warp as wp
 
-from baselines.policies.driving import SPREAD_MAX
-from baselines.policies.inside import DEVIATIONS, ROUNDING, margin_of
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.copies import Copyable
@@ -35,7 +33,9 @@ from lissajous_env.device.program import launcher
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.world.robots.differential import commanded_speed, drive_step, ramp, yaw_limit
+from lissajous_env.world.robots.inside import DEVIATIONS, ROUNDING, margin_of
 
 wp.set_module_options(OPTIONS)
 

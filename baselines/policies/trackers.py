@@ -58,10 +58,10 @@ from baselines.policies.coordinators import (
     ReferenceParameters,
     TrackedReference,
 )
-from baselines.policies.driving import scaled_gain, steady_speed, throttle_for
+from baselines.policies.driving import steady_speed
 from baselines.policies.own_row import Actions, Observation, own_heading, own_phase, own_position, own_speed, own_works
 from baselines.similarity import motion_scale
-from lissajous_env.device.car_input import car_action
+from lissajous_env.device.car_input import car_action, throttle_towards
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, tangent2, wrap
 from lissajous_env.device.structs import RobotStruct, to_struct
@@ -71,6 +71,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number
 from lissajous_env.theory.geometry import curve_length
 from lissajous_env.wording import require
+from lissajous_env.world.robots.inside import scaled_gain
 
 wp.set_module_options(OPTIONS)
 CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
@@ -279,7 +280,7 @@ def follow_field(
     wanted = wp.length(velocity) * wp.max(cos_sin(turn)[0], field.slowest)
     if wp.dot(velocity, tangent) < 0.0:
         wanted = 0.0
-    action = car_action(robot, steering, throttle_for(robot, speed, wanted, field.speed))
+    action = car_action(robot, steering, throttle_towards(robot, speed, wanted, field.speed))
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 

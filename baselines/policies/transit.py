@@ -17,8 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.policies.driving import SPREAD_MAX, slowest_top_speed
+from baselines.policies.driving import slowest_top_speed
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import largest_speed, turning_radius
 from lissajous_env.world.robots.placing import start_headings

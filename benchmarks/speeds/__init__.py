@@ -6,6 +6,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from figures import Table
+from warp import is_cuda_available
+
+from lissajous_env.device.devices import as_device
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class Part:
     """Libraries that are alternatives, each with the extra that installs it."""
     against: bool = False
     """True if the part is compared with another checkout."""
+    gpu: bool = False
+    """True if the part needs a CUDA device."""
 
     def missing(self, options: Options) -> str | None:
         """Return in words what must be installed or passed; None if the part can be measured."""
@@ -62,6 +67,9 @@ class Part:
             ways.append(f'pip install ".[{extras}]" for {" and ".join(absent)}')
         if self.against and options.rivals and options.against is None:
             ways.append("pass --against FOLDER with another checkout")
+        as_device("cpu")  # starts Warp in silence
+        if self.gpu and not is_cuda_available():
+            return "it needs a CUDA device"
         if not ways:
             return None
         return f"{' and '.join(ways)}{', or pass --without-rivals' if rival_alone else ''}"

@@ -56,3 +56,9 @@ def action_of_input(robot: RobotStruct, steering: float, throttle: float) -> wp.
 def car_action(robot: RobotStruct, steering: float, throttle: float) -> wp.vec2:
     """Return the same for a car that drives forwards: a throttle below 0 coasts, even if the car can reverse."""
     return action_of_input(robot, steering, wp.where(robot.speed_min < 0.0, wp.max(throttle, 0.0), throttle))
+
+
+@wp.func
+def throttle_towards(robot: RobotStruct, speed: float, wanted_speed: float, gain: float) -> float:
+    """Return (c wanted + beta + gain (wanted - v)) / alpha, a throttle by (12): a proportional law, `gain` in [1/s]."""
+    return (robot.drag * wanted_speed + robot.model_offset + gain * (wanted_speed - speed)) / robot.drive

@@ -120,9 +120,10 @@ class Batch(Stateful):
         self.robot_policy: ActingPolicy | None = None
         if robots is not None:
             factories = import_module("baselines.policies.factories")  # not at the top, because it imports this package
-            self.robot_policy = factories.as_factory(robots, "of the robots")(self.scenario, num_worlds, device)
-            rule, got = f"must be driven by a policy for {num_worlds} worlds", self.robot_policy.num_worlds
-            require(got == num_worlds, "robots", rule, got)
+            policy: ActingPolicy = factories.as_factory(robots, "of the robots")(self.scenario, num_worlds, device)
+            rule = f"must be driven by a policy for {num_worlds} worlds"
+            require(policy.num_worlds == num_worlds, "robots", rule, policy.num_worlds)
+            self.robot_policy = policy
         self._draws: Draws | None = None
         self._views: dict[tuple[int, str, str], Rows] = {}
         self._seeds = np.full(self.num_worlds, _FROM_SYSTEM, dtype=np.int64)

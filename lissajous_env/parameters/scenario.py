@@ -18,7 +18,7 @@ from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity
 from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
-from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
+from lissajous_env.settings.parts import SPREAD_MAX, SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
 from lissajous_env.settings.task import Sensing, Targets, Task
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
@@ -215,7 +215,7 @@ class Scenario(BringsRogues):
         """
         if self.task.boundary != "wall" or self.robot.kind not in ("car", "differential"):
             return 0.0
-        return 1.1 * (1 + 3 * self.noise.wheelbase_spread) * self.turning_radius
+        return 1.1 * (1 + SPREAD_MAX * self.noise.wheelbase_spread) * self.turning_radius
 
     @cached_property
     def _fitted(self) -> Curve:

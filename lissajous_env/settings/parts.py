@@ -26,6 +26,8 @@ from lissajous_env.settings.checks import (
     word,
 )
 
+SPREAD_MAX = 3.0
+"""Standard deviations at which the spread of a car's constants is clipped."""
 SPRINT = 3.0
 """Default phase rate of a point at action 1, as a multiple of that of the formation."""
 FULL_THROTTLE = 0.25
@@ -381,7 +383,7 @@ class Noise(Checked):
     @property
     def most_drive(self) -> float:
         """Largest drive of a robot, as a factor; draws of a spread are clipped at three deviations."""
-        return 1 + 3 * self.drive_spread
+        return 1 + SPREAD_MAX * self.drive_spread
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from lissajous_env.world.robots.car import drive
 from lissajous_env.world.robots.contacts import count_wall_contacts, find_collisions, stop_or_remove
 from lissajous_env.world.robots.deviations import find_deviations, mark_outside
 from lissajous_env.world.robots.faults import reset_losses, update_status
+from lissajous_env.world.robots.inside import drive_inside, has_room, walls_of
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.placing import follow_curve, redraw_colliding_starts, reset_robots, turn_from_walls
 from lissajous_env.world.robots.signals import hear, hear_messages, limit_actions, measure, send, send_messages
@@ -101,10 +102,17 @@ def _motion(scenario: Scenario) -> list[Stage]:
         Stage("events", clear_events),
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", limit_actions),
-        Stage("driver", drive, when=scenario.task.action == "velocity"),
+        *(_driver(scenario) if scenario.task.action == "velocity" else []),
         Stage("motion", model.move),
         Stage("phase", follow_curve, when=not model.keeps_to_curve),
     ]
+
+
+def _driver(scenario: Scenario) -> list[Stage]:
+    """Return the stages in which drivers turn velocities into steering and throttle, and stay inside walls."""
+    if not has_room(scenario):
+        return [Stage("driver", drive)]
+    return [Stage("driver", drive), Stage("walls ahead", drive_inside, own={"walls": walls_of(scenario)})]
 
 
 def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:

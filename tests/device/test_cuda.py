@@ -13,6 +13,7 @@ import warp as wp
 import baselines
 import lissajous_env
 import training
+from baselines.policies.registry import describe
 from lissajous_env.device.devices import as_device, compile_quietly
 
 EXTRAS = {"torch", "stable_baselines3", "torchrl", "benchmarl", "tensordict", "ray", "tensorboard", "rclpy"}
@@ -86,15 +87,37 @@ def test_every_kernel_compiles_for_cuda(name, tmp_path):
     assert missing == []
 
 
-@pytest.mark.skipif(not wp.is_cuda_available(), reason="needs a CUDA device")
-@pytest.mark.parametrize("name", ["experiment", "intruders", "failure"])
+needs_cuda = pytest.mark.skipif(not wp.is_cuda_available(), reason="needs a CUDA device")
+
+
+@needs_cuda
+@pytest.mark.parametrize("name", lissajous_env.scenarios())
 def test_cuda_agrees_with_the_cpu(name):
-    """Oracle: the CPU, over 50 steps of one policy, to a millimetre; rounding differs, so they part later."""
-    places = []
-    for device in ("cpu", "cuda"):
-        simulation = lissajous_env.Simulation(lissajous_env.scenario(name), num_worlds=8, device=device)
-        policy = baselines.make("kuramoto" if name == "failure" else "kuramoto-mpcc", name, 8, device)
-        for _ in range(50):
-            simulation.step(policy.act(simulation.observation))
-        places.append(simulation.robots.position.numpy())
-    np.testing.assert_allclose(*places, atol=1e-3)
+    """Oracle: the CPU, over 50 steps of the same actions, to a millimetre; rounding differs, so they part later."""
+    cpu, cuda = (lissajous_env.Simulation(name, num_worlds=8, device=device) for device in ("cpu", "cuda"))
+    rng, action = np.random.default_rng(0), np.zeros(cpu.action_shape)
+    for _ in range(50):
+        action = 0.9 * action + rng.normal(0.0, 0.3, cpu.action_shape)
+        cpu.step(action)
+        cuda.step(action)
+    np.testing.assert_allclose(cuda.robots.position.numpy(), cpu.robots.position.numpy(), atol=1e-3)
+    # A target at the edge of a range is observed on one of them alone.
+    assert np.mean(np.abs(cuda.observation.numpy() - cpu.observation.numpy()) > 5e-3) < 1e-4
+
+
+@needs_cuda
+@pytest.mark.parametrize("name", baselines.names())
+def test_policies_act_on_cuda_as_on_the_cpu(name):
+    """Oracle: the CPU, which receives the same observations; a solver stops an iteration earlier here and there."""
+    scenario = next(
+        of for of in (*describe(name)["made_for"], *lissajous_env.scenarios()) if name in baselines.names(of)
+    )
+    simulation = lissajous_env.Simulation(scenario, num_worlds=8, device="cuda")
+    on_cpu, on_cuda = (baselines.make(name, scenario, 8, device) for device in ("cpu", "cuda"))
+    differ = []
+    for _ in range(20):
+        action = on_cuda.act(simulation.observation)
+        expected = on_cpu.act(wp.array(simulation.observation.numpy(), dtype=wp.float32, device="cpu"))
+        differ.append((np.abs(action.numpy() - expected.numpy()) > 0.01).any(axis=-1))
+        simulation.step(action)
+    assert np.mean(differ) < 0.01

@@ -8,8 +8,8 @@ from choices import Reckless, playing_all
 import baselines
 import lissajous_env
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.inside import Walls, is_safe, walls_of
 from lissajous_env.device.structs import RobotStruct, to_struct
+from lissajous_env.world.robots.inside import Walls, is_safe, walls_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
 

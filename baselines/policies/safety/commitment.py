@@ -6,7 +6,6 @@ for a step, and a tail remains if its plan stays away from those of all others, 
 
 import warp as wp
 
-from baselines.policies.inside import is_safe
 from baselines.policies.own_row import (
     Actions,
     Observation,
@@ -31,6 +30,7 @@ from baselines.policies.safety.tails import POINTS, Plan, Tail, gap_between, lay
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.world.robots.inside import is_safe
 
 wp.set_module_options(OPTIONS)
 

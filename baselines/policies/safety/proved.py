@@ -20,8 +20,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Filter, clear_worlds
-from baselines.policies.driving import SPREAD_MAX
-from baselines.policies.inside import Inside, Walls, walls_of
+from baselines.policies.inside import Inside
 from baselines.policies.safety.commitment import PLANS, Memory, commit
 from baselines.policies.safety.own_motion import Bounds
 from baselines.policies.safety.tails import POINTS
@@ -31,7 +30,9 @@ from lissajous_env.device.structs import NoiseStruct, RobotStruct, allocate, to_
 from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.theory.geometry import turning_radius
+from lissajous_env.world.robots.inside import Walls, walls_of
 
 __all__ = ["Proved", "ProvedParameters", "unmet_conditions"]
 

@@ -14,7 +14,7 @@ from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
-from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
+from lissajous_env.settings.parts import SPREAD_MAX, Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import require
 from lissajous_env.world.robots.contacts import WALL, begin_path, end_motion, stop_at_walls
@@ -175,7 +175,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     if fastest > 1e4:
         rule = "must keep every car's top speed, with noise.drive_spread, at most 10000 m/s"
         raise ValueError(f"robot.drive_factors {rule}, got {fastest:g} m/s with {robot.drive_factors}")
-    shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
+    shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
     turn = fastest * h * math.tan(robot.steering_max) / shortest
     rule = f"must keep a car's turn in an integration step below 10000 rad, at {fastest:g} m/s and full steering [m]"
     require(turn <= 1e4, "robot.wheelbase", rule, robot.wheelbase)
