@@ -76,9 +76,9 @@ def test_a_registered_coordinator_has_the_names_of_a_shipped_one():
     assert registry.describe("my-method")["description"] == "Time-inverted Kuramoto, once more."
     assert "for cars with model predictive contouring control" in registry.describe("my-method-mpcc")["description"]
     baselines.register_coordinator("my-method", Again)  # the same again, as a module that is loaded anew does
-    with pytest.raises(ValueError, match="name of a policy must be new, got my-method"):
+    with pytest.raises(ValueError, match="name of a policy must be new, got 'my-method', which another one has"):
         baselines.register_coordinator("my-method", Kuramoto)
-    with pytest.raises(ValueError, match="name of a policy must be new, got kuramoto"):
+    with pytest.raises(ValueError, match="name of a policy must be new, got 'kuramoto', which another one has"):
         baselines.register_coordinator("kuramoto", Again)
 
 

@@ -173,7 +173,7 @@ def test_settings_without_sense_are_refused():
     def still(world):
         return world.targets.position
 
-    with pytest.raises(ValueError, match=r"targets.rogues must be None with the target motion still, got flee"):
+    with pytest.raises(ValueError, match=r"targets.rogues must be None with the target motion still, got 'flee'"):
         lissajous_env.scenario("experiment", rogues="flee", extensions=still)
 
 
