@@ -64,18 +64,16 @@ def fig2(player: Player) -> Part:
             "makes ring neighbours neighbours on the ellipse."
         )
     body = f"bodies of {ideal.robot.radius} m, (6) allows {ideal.robot_radius_bound:.4f} m"
-    claims = [
-        at_most("robots stay on ellipse (5): residual", "0", float(np.abs(residual).max()), 1e-4, why=_CHOSEN),
-        at_most("no collision, r_i < r_max of (6)", "0", played.score(COLLISIONS).max(), 0, why=body),
-        at_most(
-            "sensing discs of ring neighbours overlap, r_s by (8): largest distance / 2 r_s",
-            "1",
-            played.score(SPACING).max(),
-            1 + 1e-6,
-            digits=".4f",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield at_most("robots stay on ellipse (5): residual", "0", float(np.abs(residual).max()), 1e-4, why=_CHOSEN)
+    yield at_most("no collision, r_i < r_max of (6)", "0", played.score(COLLISIONS).max(), 0, why=body)
+    yield at_most(
+        "sensing discs of ring neighbours overlap, r_s by (8): largest distance / 2 r_s",
+        "1",
+        played.score(SPACING).max(),
+        1 + 1e-6,
+        digits=".4f",
+    )
+    yield picture
 
 
 def fig3(player: Player) -> Part:
@@ -131,26 +129,24 @@ def fig3(player: Player) -> Part:
     in_time = np.array([detections.all() and times.max() <= bound for times, detections in runs])
     in_sight = 100 * float(np.mean(waited == 0))
     by = " and ".join(f"{x:.2f} s" for x in (last_turned.min(), last_turned.max()))
-    claims = [
-        near("T_max for N = 15, omega = 0.05 rad/s", 8.38, bound, 0.005, "s"),
-        all_of("every target is detected by T_max", "all", in_time, "starts", _CHOSEN),
-        near(
-            "the last of 10,000 targets is detected at",
-            4.5,
-            last,
-            0.3,
-            "s",
-            f"theta_0 = 0; between {by} for {_STARTS} random theta_0. Motion of the targets chosen: "
-            f"{ideal.targets.speed} m/s, wandering",
-        ),
-        reported(
-            "share in sight at the start",
-            SILENT,
-            f"{in_sight:.1f} %",
-            "56 % in an independent simulation",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield near("T_max for N = 15, omega = 0.05 rad/s", 8.38, bound, 0.005, "s")
+    yield all_of("every target is detected by T_max", "all", in_time, "starts", _CHOSEN)
+    yield near(
+        "the last of 10,000 targets is detected at",
+        4.5,
+        last,
+        0.3,
+        "s",
+        f"theta_0 = 0; between {by} for {_STARTS} random theta_0. Motion of the targets chosen: "
+        f"{ideal.targets.speed} m/s, wandering",
+    )
+    yield reported(
+        "share in sight at the start",
+        SILENT,
+        f"{in_sight:.1f} %",
+        "56 % in an independent simulation",
+    )
+    yield picture
 
 
 def _draw_share(axes: Axes, times: np.ndarray, detections: np.ndarray, **line: Any) -> None:

@@ -93,24 +93,22 @@ def fig4(player: Player) -> Part:
             "comes "
             f"back from up to {leaves - 0.04:.2f} rad and leaves for another equilibrium from {leaves:.2f} rad on."
         )
-    claims = [
-        all_of(
-            f"displaced inside (9), |d| < {half:.3f} rad, the same equilibrium returns",
-            "always",
-            back,
-            "random displacements",
-            "p = 3 and K = 1 chosen; robots as points",
-        ),
-        Claim(
-            "displaced outside (9) it need not return",
-            "no guarantee",
-            f"it leaves from {leaves:.2f} rad on",
-            f"some |d| > {half:.3f} rad leaves",
-            not returned.all(),
-            f"(9) is sufficient only: it still returns up to {leaves - 0.04:.2f} rad, {leaves / half:.1f} times (9)",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield all_of(
+        f"displaced inside (9), |d| < {half:.3f} rad, the same equilibrium returns",
+        "always",
+        back,
+        "random displacements",
+        "p = 3 and K = 1 chosen; robots as points",
+    )
+    yield Claim(
+        "displaced outside (9) it need not return",
+        "no guarantee",
+        f"it leaves from {leaves:.2f} rad on",
+        f"some |d| > {half:.3f} rad leaves",
+        not returned.all(),
+        f"(9) is sufficient only: it still returns up to {leaves - 0.04:.2f} rad, {leaves / half:.1f} times (9)",
+    )
+    yield picture
 
 
 def theorem3(player: Player) -> Part:
@@ -131,7 +129,7 @@ def theorem3(player: Player) -> Part:
         returned += list(back[admissible])
         unmet, tried = unmet + int(np.sum(back & ~admissible)), tried + int(np.sum(~admissible))
     why = f"{len(_FORMATIONS)} formations; {unmet} of {tried} displacements outside (9) return too: not necessary"
-    return Part([all_of("condition (9) suffices", "always returns", returned, "return", why)])
+    yield all_of("condition (9) suffices", "always returns", returned, "return", why)
 
 
 def fig6(player: Player) -> Part:
@@ -182,34 +180,31 @@ def fig6(player: Player) -> Part:
     fine = player.play("kuramoto", finer, worlds=SEEDS, only_ends=True).score(RECOVERY)
     cosine, offset = kuramoto.largest_cosine.max(), rival.deviation[-1]
     rule = f"deviation below {RECOVERED} rad and stays, by 30 s"
-    claims = [
-        Claim(
-            "(a) Kuramoto returns to the initial equilibrium",
-            "quickly after t2",
-            f"{recovery.max():.1f} s after t2",
-            rule,
-            bool(np.isfinite(recovery).all()),
-            "the paper states no time; five robots of curve (16), K = 1 chosen",
-        ),
-        reported(
-            f"(a) with Euler steps of {_FINE:g} s",
-            SILENT,
-            f"{fine.max():.2f} s after t2",
-            f"the phase rate of points is constant in a control step, {failure.task.step:g} s here: "
-            "Euler's method on (1)",
-        ),
-        at_most("(a) the condition of Theorem 4 is met: largest cos(theta_j - theta_i)", "below 0", cosine, 0),
-        Claim(
-            "(b) tracked references [15] never recover",
-            "does not recover",
-            f"{offset.min():.2f} rad off at 30 s",
-            "no recovery time",
-            bool(np.isnan(rival.score(RECOVERY)).all()),
-            f"the offset stays as it was at t2; {rival.score(COLLISIONS).mean():.0f} collisions in 30 s, with (1) "
-            f"{kuramoto.score(COLLISIONS).mean():.1f}",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield Claim(
+        "(a) Kuramoto returns to the initial equilibrium",
+        "quickly after t2",
+        f"{recovery.max():.1f} s after t2",
+        rule,
+        bool(np.isfinite(recovery).all()),
+        "the paper states no time; five robots of curve (16), K = 1 chosen",
+    )
+    yield reported(
+        f"(a) with Euler steps of {_FINE:g} s",
+        SILENT,
+        f"{fine.max():.2f} s after t2",
+        f"the phase rate of points is constant in a control step, {failure.task.step:g} s here: Euler's method on (1)",
+    )
+    yield at_most("(a) the condition of Theorem 4 is met: largest cos(theta_j - theta_i)", "below 0", cosine, 0)
+    yield Claim(
+        "(b) tracked references [15] never recover",
+        "does not recover",
+        f"{offset.min():.2f} rad off at 30 s",
+        "no recovery time",
+        bool(np.isnan(rival.score(RECOVERY)).all()),
+        f"the offset stays as it was at t2; {rival.score(COLLISIONS).mean():.0f} collisions in 30 s, with (1) "
+        f"{kuramoto.score(COLLISIONS).mean():.1f}",
+    )
+    yield picture
 
 
 def theorem4(player: Player) -> Part:
@@ -226,20 +221,17 @@ def theorem4(player: Player) -> Part:
                     stuck_pair = played
     assert stuck_pair is not None
     why = f"of {len(broken)} failures that violated the condition {sum(broken)} returned nevertheless"
-    claims = [
-        all_of(
-            "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why
-        ),
-        Claim(
-            "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
-            "no guarantee",
-            f"p = 3 to p = {stuck_pair.winding[-1, 0]}, cos reaches {stuck_pair.largest_cosine[0]:.2f}",
-            "it leaves",
-            not stuck_pair.returned[0],
-            "the paper fails two robots of another formation only (Fig. 6)",
-        ),
-    ]
-    return Part(claims)
+    yield all_of(
+        "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why
+    )
+    yield Claim(
+        "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
+        "no guarantee",
+        f"p = 3 to p = {stuck_pair.winding[-1, 0]}, cos reaches {stuck_pair.largest_cosine[0]:.2f}",
+        "it leaves",
+        not stuck_pair.returned[0],
+        "the paper fails two robots of another formation only (Fig. 6)",
+    )
 
 
 def _stuck(n: int, p: int, pair: tuple[int, int], lasts: float) -> Any:

@@ -55,7 +55,7 @@ _LONGEST = wp.constant(wp.float64(0.05))
 _ON_TIME = wp.constant(wp.float64(1e-9))
 """Difference up to which two times are the same [s]."""
 _SEGMENT, _POSES = 2.0, 10
-"""Least duration of a segment [s], and number of poses for which it lasts at least: a start takes those of about one."""
+"""Least duration of a segment [s], and least number of its poses, of which the start takes about one."""
 _GAP, _PERIODS = 0.5, 4
 """Longest time between two poses from which a speed is computed [s], and the same in median times between poses."""
 _MOST_SEGMENTS = 120

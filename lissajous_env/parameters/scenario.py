@@ -328,6 +328,11 @@ class Scenario(BringsRogues):
         return "velocity" if self.task.action == "velocity" else self.robot.kind
 
     @property
+    def has_formation(self) -> bool:
+        """True if actions are those of robots on a curve; where they are velocities, no policy follows the curve."""
+        return self.task.action != "velocity"
+
+    @property
     def action_size(self) -> int:
         """Number of components of a robot's action: those that move it, then those of its message."""
         return self.model.action_size + self.messages.size
