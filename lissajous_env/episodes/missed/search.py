@@ -97,7 +97,8 @@ def appear(step: int, on_edges: bool, lattice: Lattice, nodes_out: wp.array2d(dt
     """Mark the nodes at which a rogue can appear undetected at the end of a step."""
     row, column = wp.tid()
     is_inside = row > 0 and column > 0 and row < nodes_out.shape[0] - 1 and column < nodes_out.shape[1] - 1
-    nodes_out[row, column] = not (on_edges and is_inside) and not is_sensed(place_of(row, column, lattice), step, lattice)
+    if not (on_edges and is_inside):
+        nodes_out[row, column] = not is_sensed(place_of(row, column, lattice), step, lattice)
 
 
 @wp.kernel
