@@ -5,6 +5,9 @@ from typing import Annotated, Literal
 
 import tyro
 
+from baselines.benchmark import results_folder
+from baselines.benchmark.table import Table
+from baselines.benchmark.written import latex
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import counted
@@ -39,9 +42,7 @@ def figures(
     Raises:
         ValueError: the folder contains no results.
     """
-    from baselines.benchmark import paper_figures, results_folder
-    from baselines.benchmark.table import Table
-    from baselines.benchmark.written import latex
+    from baselines.benchmark import paper_figures  # the import of matplotlib takes a second
 
     if not (folder / results_folder.SETTINGS).is_file():
         raise ValueError(f"folder must contain the results of a benchmark (settings.json), got {folder}")

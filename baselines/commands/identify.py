@@ -10,12 +10,15 @@ import tyro
 from baselines.commands.playing import check_file
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_table
 from lissajous_env.logs.poses import TOPICS
-from lissajous_env.logs.reading import COMMAND
+from lissajous_env.logs.reading import COMMAND, read
+from lissajous_env.logs.scoring import own_scenario
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
+from lissajous_env.storage.files import write_atomically
 
 if TYPE_CHECKING:
     from lissajous_env.logs.identification import Identified
-    from lissajous_env.parameters.scenario import Scenario
 
 _Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
@@ -47,10 +50,6 @@ def identify(
     """
     from lissajous_env.logs.identification import MODELS
     from lissajous_env.logs.identification import identify as fit
-    from lissajous_env.logs.reading import read
-    from lissajous_env.logs.scoring import own_scenario
-    from lissajous_env.parameters import named
-    from lissajous_env.storage.files import write_atomically
 
     check_file(out, ".toml")
     log = read(logs, topics, commands)
@@ -109,7 +108,7 @@ def _with_error(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def _as_toml(cars: "dict[str, Identified]", scenario: "Scenario", log: str, units: dict[str, str]) -> str:
+def _as_toml(cars: "dict[str, Identified]", scenario: Scenario, log: str, units: dict[str, str]) -> str:
     """Return the file of a scenario with the mean of the robots, the standard errors in comments."""
     mean, lines = {}, [f"# Robots identified from {log}: means with standard errors."]
     for name, unit in units.items():
