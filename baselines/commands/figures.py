@@ -46,7 +46,8 @@ def figures(
 
     if not (folder / results_folder.SETTINGS).is_file():
         raise ValueError(f"folder must contain the results of a benchmark (settings.json), got {folder}")
-    with Folder(folder, results_folder.FILES) as source, results_folder.Results(source) as results:
+    with Folder(folder, results_folder.FILES) as source:
+        results = results_folder.Results(source)
         rows, scenarios = results.rows(), results.scenarios
     if not rows:
         raise ValueError(f"folder must contain at least one episode, got {folder}")

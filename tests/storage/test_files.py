@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+from contextlib import closing
 
 import pytest
 from rich.console import Console
@@ -262,14 +263,14 @@ def test_a_full_disk_leaves_whole_lines_alone(tmp_path, monkeypatch, call):
             write(descriptor, data[0][:3])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    with Journal(tmp_path / "journal") as journal:
+    with closing(Journal(tmp_path / "journal")) as journal:
         journal.append([{"a": 1}])
         with monkeypatch.context() as patch:
             patch.setattr(os, call, full)
             with pytest.raises(OSError, match=r"No space left on device: '.*journal'"):
                 journal.append([{"a": 2}])
         journal.append([{"a": 3}])
-    with Journal(tmp_path / "journal") as journal:
+    with closing(Journal(tmp_path / "journal")) as journal:
         assert journal.entries == [{"a": 1}, {"a": 3}]
 
 
