@@ -92,7 +92,6 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading
         ValueError: a score is invalid, such as that of an infinite return.
     """
     policy = cell.factory(cell.scenario, settings.worlds, settings.device)
-    numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     added = extension_columns(cell.scenario)
 
@@ -101,7 +100,7 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading
             raise _Stopped
 
     for batch in episodes(policy, cell.scenario, seeds, settings.device, check):
-        rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
+        rows = [row | {"policy": cell.policy, "episode": row["seed"] - settings.seed} for row in batch]
         for row in rows:
             if wrong := refusal_of(plain(row), added):
                 raise ValueError(f"the score of seed {row['seed']}: {wrong}")

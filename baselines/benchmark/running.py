@@ -92,7 +92,7 @@ def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console:
             with lock:
                 if isinstance(result, Failure):
                     failures[id(cell)] = result
-                    progress.failed(cell, "refused" if result.is_refusal else "failed")
+                    progress.finished(cell, word="refused" if result.is_refusal else "failed")
                 else:
                     results.add(result)
                     progress.finished(cell, len(result))

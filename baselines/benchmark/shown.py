@@ -245,7 +245,7 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
         spread = map(number, (estimate.median, estimate.min, estimate.max))
         others = (between(estimate.low, estimate.high) or DASH, counted, worst, *spread)
         rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])
-    print_table(console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows)
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), *names], rows)
     console.print()
 
 
@@ -256,7 +256,7 @@ def print_row(console: Console, row: dict[str, Any], scenario: Scenario) -> None
     )
     names = dict.fromkeys((task_score(scenario).name, *score_names(row)))
     rows = [[name, number(row[name])] for name in names if row[name] == row[name]]
-    print_table(console, [terminal.Column("score", left=True, style="cyan"), terminal.Column("value")], rows)
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), "value"], rows)
 
 
 def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> None:

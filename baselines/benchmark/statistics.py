@@ -84,16 +84,9 @@ def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
     n = len(samples)
     if n < 2:
         return np.nan, np.nan
-    # A resample of sorted values is how often each one was drawn, so no resample is ever sorted: the middle half of
-    # it is from draw `outside` to draw n - outside, and a value counts as often as its draws lie in there.
-    order, outside = np.argsort(samples, kind="stable"), int(cut * n)
-    samples, drawn = samples[order], draws(n, RESAMPLES)[:, order]
-    last = np.cumsum(drawn, axis=1, dtype=drawn.dtype)
-    counted = np.maximum(np.minimum(last, n - outside) - np.maximum(last - drawn, outside), 0)
-    finite = np.isfinite(samples)
-    means = counted[:, finite] @ samples[finite] / (n - 2 * outside)
-    means[counted[:, ~finite].any(axis=1)] = np.inf
-    return middle_95_percent(means)
+    outside = int(cut * n)
+    resamples = np.repeat(np.tile(samples, RESAMPLES), draws(n, RESAMPLES).ravel()).reshape(RESAMPLES, n)
+    return middle_95_percent(np.sort(resamples)[:, outside : n - outside].mean(axis=1))
 
 
 def middle_95_percent(values: np.ndarray) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from baselines.commands.playing import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_table
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND, read
 from lissajous_env.logs.scoring import own_scenario
@@ -86,7 +86,7 @@ def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str
     rows = [
         [robot, *(_with_error(car.values[name], car.errors[name]) for name in units)] for robot, car in cars.items()
     ]
-    print_table(output.console(), [Column("robot"), *map(Column, titles)], rows)
+    print_table(output.console(), ["robot", *titles], rows)
     if any(math.isnan(error) for car in cars.values() for error in car.errors.values()):
         why = "throttle in it lies within the dead zone" if "dead_zone" in units else "command is beyond the limit"
         output.print(f"(given): the log does not determine this constant; no {why}.")

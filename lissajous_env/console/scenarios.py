@@ -49,8 +49,8 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
 
 def _print_designs(console: Console, resolved_scenarios: list[Scenario]) -> None:
     titles = "rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]", "feed-\nback"
-    columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
-    columns += [*map(Column, titles), Column("description", prose=True, rank=1)]
+    columns = [Column("name", left=True, style="bold cyan"), "N", Column("robots", left=True)]
+    columns += [*titles, Column("description", prose=True, rank=1)]
     rows = []
     for scenario in resolved_scenarios:
         curve = scenario.curve

@@ -148,11 +148,7 @@ def check_writable_file(path: str | Path) -> None:
 def write_atomically(path: str | Path, data: str | bytes, temporary: Path | None = None) -> None:
     """Write a file under a temporary name in its folder, flush it to the disk, then rename it into place."""
     with replacing(path, temporary) as file:
-        descriptor = os.open(file, os.O_WRONLY | os.O_TRUNC)
-        try:
-            write_all(descriptor, data.encode() if isinstance(data, str) else data)
-        finally:
-            os.close(descriptor)
+        file.write_bytes(data.encode() if isinstance(data, str) else data)
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -274,8 +275,8 @@ def test_a_full_disk_leaves_whole_lines_alone(tmp_path, monkeypatch, call):
         assert journal.entries == [{"a": 1}, {"a": 3}]
 
 
-@pytest.mark.parametrize("call", ["write", "fsync", "replace"])
-def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, call):
+@pytest.mark.parametrize(("place", "call"), [(Path, "write_bytes"), (os, "fsync"), (os, "replace")])
+def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, place, call):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -283,7 +284,7 @@ def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, call):
         folder.write("a.json", "old")
         before = sorted(path.name for path in tmp_path.iterdir())
         with monkeypatch.context() as patch:
-            patch.setattr(os, call, full)
+            patch.setattr(place, call, full)
             with pytest.raises(OSError, match=r"^\[Errno 28\] No space left on device: '.*a\.json'"):
                 folder.write("a.json", "new")
         assert (tmp_path / "a.json").read_text() == "old"
