@@ -86,14 +86,10 @@ def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
         return np.nan, np.nan
     outside = int(cut * n)
     resamples = np.repeat(np.tile(samples, RESAMPLES), draws(n, RESAMPLES).ravel()).reshape(RESAMPLES, n)
-    return middle_95_percent(np.sort(resamples)[:, outside : n - outside].mean(axis=1))
-
-
-def middle_95_percent(values: np.ndarray) -> tuple[float, float]:
-    """Return the ends of the middle 95 % of some values."""
+    means = np.sort(resamples)[:, outside : n - outside].mean(axis=1)
     # Between two infinite values there is no point, so an end is then one of the values.
-    method = "linear" if np.isfinite(values).all() else "inverted_cdf"
-    low, high = np.quantile(values, [0.025, 0.975], method=method)
+    method = "linear" if np.isfinite(means).all() else "inverted_cdf"
+    low, high = np.quantile(means, [0.025, 0.975], method=method)
     return float(low), float(high)
 
 
