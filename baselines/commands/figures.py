@@ -52,13 +52,12 @@ def figures(
     if not rows:
         raise ValueError(f"folder must contain at least one episode, got {folder}")
     table = Table.of(rows, scenarios)
-    drawn = list(paper_figures.draw(table, format))
+    files = {TABLE: latex(table), **dict(paper_figures.draw(table, format))}
     place = out or folder / "figures"
-    with Folder(place, (TABLE, *(name for name, _ in drawn))) as written:
-        written.write(TABLE, latex(table))
-        for name, content in drawn:
+    with Folder(place, files) as written:
+        for name, content in files.items():
             written.write(name, content)
-    output.print(f"{counted(len(drawn), 'figure')} and {TABLE} are in {place}")
-    paths = [place / name for name in (TABLE, *(name for name, _ in drawn))]
+    output.print(f"{counted(len(files) - 1, 'figure')} and {TABLE} are in {place}")
+    paths = [place / name for name in files]
     output.print_json([str(path) for path in paths])
     return paths
