@@ -8,12 +8,11 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render.canvas import View, opaque, pixels
+from lissajous_env.render.canvas import View, opaque, pixels, plain
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
 from lissajous_env.render.targets import Targets
 from lissajous_env.render.team import Team
-from lissajous_env.render.text import plain
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import WORKING
 
