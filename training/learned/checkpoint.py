@@ -73,8 +73,6 @@ def save(
         subfolder: `BEST` for the checkpoint of the best policy, inside the folder.
     """
     with contextlib.nullcontext(folder) if isinstance(folder, Folder) else locked(folder) as directory:
-        if subfolder:
-            directory.make_folder(subfolder.rstrip("/"))
         arrays = {"weights": network.to_arrays()} | ({} if state is None else {"state": state})
         files = {stem: _write(directory, subfolder, stem, named) for stem, named in arrays.items()}
         contents = {
