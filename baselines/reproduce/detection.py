@@ -58,10 +58,9 @@ def fig2(player: Player) -> Part:
             axes.set_ylim(-1.3 * curve.half_height, 1.3 * curve.half_height)
         picture.caption = (
             f"Robots blue, with their sensing discs of {ideal.detection_radius:.2f} m, the smallest by (8); edges of "
-            "the ring "
-            f"orange; ellipse (5) green, dashed. The ellipse passes over every point of the rectangle within T_max = "
-            f"{whole:.2f} s, of which eight instants are shown. {_CHOSEN}, and alpha = {ideal.alpha} (Lemma 2), which "
-            "makes ring neighbours neighbours on the ellipse."
+            "the ring orange; ellipse (5) green, dashed. The ellipse passes over every point of the rectangle within "
+            f"T_max = {whole:.2f} s, of which eight instants are shown. {_CHOSEN}, and alpha = {ideal.alpha} (Lemma "
+            "2), which makes ring neighbours neighbours on the ellipse."
         )
     body = f"bodies of {ideal.robot.radius} m, (6) allows {ideal.robot_radius_bound:.4f} m"
     yield at_most("robots stay on ellipse (5): residual", "0", float(np.abs(residual).max()), 1e-4, why=_CHOSEN)
@@ -120,10 +119,10 @@ def fig3(player: Player) -> Part:
             mark_time(axes, 4.5, "4.5 s\n(paper)", 0.97 if axes is left else 0.22, RED)
             mark_time(axes, bound, "$T_{max}$", 0.97 if axes is left else 0.22, side="right")
         picture.caption = (
-            f"{_CHOSEN}; the paper does not state the targets' motion either: here they wander "
-            f"at {ideal.targets.speed} m/s, their "
-            f"heading changing by {ideal.targets.turn_rate:g} rad in one second. theta_0 = 0 is a slow start: two "
-            "corners are covered only after T_max / 2, when the ellipse is a circle again and stretches towards them."
+            f"{_CHOSEN}; the paper does not state the targets' motion either: here they wander at "
+            f"{ideal.targets.speed} m/s, their heading changing by {ideal.targets.turn_rate:g} rad in one second. "
+            "theta_0 = 0 is a slow start: two corners are covered only after T_max / 2, when the ellipse is a circle "
+            "again and stretches towards them."
         )
     runs = zip([waited, *turned.waited], [played.found[0], *turned.found], strict=True)
     in_time = np.array([detections.all() and times.max() <= bound for times, detections in runs])

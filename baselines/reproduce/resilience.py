@@ -88,10 +88,9 @@ def fig4(player: Player) -> Part:
         right.legend(loc="center right", bbox_to_anchor=(1, 0.68), title="robot 1 displaced by", title_fontsize=8)
         picture.caption = (
             f"N = 10, a = 7, b = 3, A = B = 5 m as in the paper; p = {perturbation.p} and the ring 1, 2 ... 10 are "
-            "chosen, with "
-            f"which (9) is |displacement| < {half:.3f} rad. The condition is sufficient: simulated, the formation "
-            "comes "
-            f"back from up to {leaves - 0.04:.2f} rad and leaves for another equilibrium from {leaves:.2f} rad on."
+            f"chosen, with which (9) is |displacement| < {half:.3f} rad. The condition is sufficient: simulated, the "
+            f"formation comes back from up to {leaves - 0.04:.2f} rad and leaves for another equilibrium from "
+            f"{leaves:.2f} rad on."
         )
     yield all_of(
         f"displaced inside (9), |d| < {half:.3f} rad, the same equilibrium returns",
@@ -170,9 +169,8 @@ def fig6(player: Player) -> Part:
         picture.caption = (
             "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 (dashed) are stopped "
             "in the shaded time. The paper does not state which formation it simulated, nor which two robots fail: "
-            "those "
-            "of Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a stopped "
-            "robot's reference stops with it."
+            "those of Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a "
+            "stopped robot's reference stops with it."
         )
     kuramoto, rival = runs.values()
     recovery = kuramoto.score(RECOVERY)

@@ -18,7 +18,6 @@ _SHAPES = ((1.8, 0.8), (5.0, 5.0), (5.0, 3.0))
 """Half width and half height [m] of the rectangles."""
 _FEWEST, _MOST = 3, 21
 """N of the curves, without those that have no equilibrium with one robot to a place."""
-_LEFT_OUT = [n for n in range(_FEWEST, _MOST + 1) if not closed_forms.has_unclustered_equilibrium(n)]
 _SPEEDS = (0.2, 1.0, 5.0)
 """Speeds of the evading targets [m/s]."""
 
@@ -43,13 +42,12 @@ def theorem1(player: Player) -> Part:
 def theorem2(player: Player) -> Part:
     """Test Theorem 2: stable equilibria with one robot at each place."""
     # Not by the rule of Theorem 1 but by the eigenvalues of the Jacobian, as numbers.
-    numbers = [n for n in range(3, 41) if n not in (4, 6)]
-    exists = [any(_is_stable(n, p) and math.gcd(n, p) == 1 for p in range(n)) for n in numbers]
-    exceptions = [any(_is_stable(n, p) and math.gcd(n, p) == 1 for p in range(n)) for n in (4, 6)]
+    exists = {n: any(_is_stable(n, p) and math.gcd(n, p) == 1 for p in range(n)) for n in range(3, 41)}
+    exceptions = [exists.pop(n) for n in (4, 6)]
     yield all_of(
         "a stable 1-clustered equilibrium exists, by the eigenvalues of the Jacobian, N = 3 ... 40 without 4 and 6",
         "always",
-        exists,
+        exists.values(),
         "numbers of robots",
     )
     yield Claim(
@@ -130,7 +128,7 @@ def bounds(player: Player) -> Part:
         for A, B in _SHAPES
         for n in range(_FEWEST, _MOST + 1)
         for a in range(1, n, 2)
-        if n not in _LEFT_OUT and math.gcd(a, n) == 1
+        if closed_forms.has_unclustered_equilibrium(n) and math.gcd(a, n) == 1
     ]
     ratios: list[tuple[float, float, float]] = []
     for curve in curves:

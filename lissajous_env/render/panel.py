@@ -8,9 +8,8 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FINE, FOOTER, HEADER, MARGIN, View
+from lissajous_env.render.canvas import FINE, FOOTER, HEADER, MARGIN, View, width_of, write
 from lissajous_env.render.targets import draw_dots, draw_flash, has_sightings
-from lissajous_env.render.text import width_of, write
 
 _GAP = 22
 """Space between entries [px]."""

@@ -7,8 +7,7 @@ from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FINE, View, draw_line, transparent, within
-from lissajous_env.render.text import write_outlined
+from lissajous_env.render.canvas import FINE, View, draw_line, transparent, within, write_outlined
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 

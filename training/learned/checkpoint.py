@@ -6,6 +6,7 @@ checkpoint in the folder `best`. No pickle is read, and inconsistent files are r
 """
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import re
@@ -72,8 +73,6 @@ def save(
         subfolder: `BEST` for the checkpoint of the best policy, inside the folder.
     """
     with contextlib.nullcontext(folder) if isinstance(folder, Folder) else locked(folder) as directory:
-        if subfolder:
-            directory.make_folder(subfolder.rstrip("/"))
         arrays = {"weights": network.to_arrays()} | ({} if state is None else {"state": state})
         files = {stem: _write(directory, subfolder, stem, named) for stem, named in arrays.items()}
         contents = {
@@ -226,7 +225,8 @@ def _brought(entry: Any, card: Card) -> Extension:
             f"scenario {card.scenario} uses {place}: import {module} before the policy is loaded, or give the "
             "scenario; no module is imported because a folder names it"
         )
-    return load_extension(str(place))
+    extension = load_extension(str(place))
+    return dataclasses.replace(extension, **{name: entry[name] for name in extension.settings if name in entry})
 
 
 @contextlib.contextmanager
