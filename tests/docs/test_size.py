@@ -9,7 +9,7 @@ LINES = 42_249
 """Lines of the packages."""
 MODULES = 258
 """Files of the packages."""
-TESTS = 25_901
+TESTS = 25_902
 """Lines of the tests."""
 
 
