@@ -15,9 +15,13 @@ _MOST_ROBOTS, _MOST_TARGETS = 150, 300
 _TEMPLATE = Path(__file__).parent / "scenario_replay.md"
 
 
+_BEST = {"watch": "learned-watch", "intercept": "learned-intercept", "hotspots": "index-learned"}
+"""The best policies of tasks with feedback."""
+
+
 def policy_for(given: Scenario) -> str:
-    """Return the name of the policy in pictures and replays: the paper's method."""
-    return {"curve": "kuramoto", "velocity": "lanes"}.get(given.actuation, "kuramoto-mpcc")
+    """Return the name of the policy in pictures and replays: the paper's method, or the best one for `_BEST`."""
+    return _BEST.get(given.name, "kuramoto" if given.actuation == "curve" else "kuramoto-mpcc")
 
 
 def made(given: Scenario, folder: Path) -> str:
