@@ -124,7 +124,7 @@ def test_any_entry_may_be_missing_or_wrong(folder):
 )
 def test_what_is_wrong_is_named_with_its_rule_and_value(folder, place, value, words):
     write(folder, changed(json.loads((folder / checkpoint.FILE).read_text()), place, value))
-    with pytest.raises(ValueError, match=rf"checkpoint\.json (is|must be an un)damaged.*{words}"):
+    with pytest.raises(ValueError, match=rf"checkpoint\.json (is |must be an un)damaged.*{words}"):
         play(folder)
 
 
