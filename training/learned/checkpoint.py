@@ -6,6 +6,7 @@ checkpoint in the folder `best`. No pickle is read, and inconsistent files are r
 """
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import re
@@ -224,7 +225,8 @@ def _brought(entry: Any, card: Card) -> Extension:
             f"scenario {card.scenario} uses {place}: import {module} before the policy is loaded, or give the "
             "scenario; no module is imported because a folder names it"
         )
-    return load_extension(str(place))
+    extension = load_extension(str(place))
+    return dataclasses.replace(extension, **{name: entry[name] for name in extension.settings if name in entry})
 
 
 def _check_files(files: Mapping[str, Any]) -> None:
