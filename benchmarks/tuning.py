@@ -319,7 +319,8 @@ def main():
     if not 1 <= options.seeds <= HELD_OUT[0]:
         parser.error(f"--seeds must be from 1 to {HELD_OUT[0]}, the first held-out one, got {options.seeds}")
     begin, lines, tuned = time.perf_counter(), [], {}
-    with Folder(options.out, NAMES) as folder, folder.journal("trials.jsonl") as journal:
+    with Folder(options.out, NAMES) as folder:
+        journal = folder.journal("trials.jsonl")
         trials = Trials(journal, options.device)
         for scenario in map(lissajous_env.scenario, options.scenario):
             chosen: dict[str, dict[str, Settings]] = {}

@@ -7,9 +7,8 @@ there. The rows do not depend on this order.
 
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from functools import partial
 from typing import Any
 
 from baselines.benchmark.progress import Progress
@@ -45,27 +44,28 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
         for result in results(cell, settings, numbers, stopped):
             finish(cell, result)
 
-    on_cores([(partial(play_cell, cell, numbers), may_be_shared(cell, settings.device)) for cell, numbers in work])
+    on_cores(work, settings.device, play_cell)
 
 
-def on_cores(jobs: Sequence[tuple[Callable[[threading.Event], None], bool]]) -> None:
-    """Run jobs: the shared ones on as many threads as there are cores, then the others one by one on this thread.
+def on_cores(work: Work, device: str, play: Callable[[Cell, list[int], threading.Event], None]) -> None:
+    """Play the cells that may be shared on as many threads as there are cores, then the others on this thread.
 
-    The first error, or Ctrl-C, sets the event that every job receives, cancels the jobs that have not begun, and is
-    raised when the running ones have ended.
+    The first error, or Ctrl-C, sets the event that `play` receives with a cell and its numbers, cancels what has not
+    begun, and is raised when the running ones have ended.
     """
     stopped = threading.Event()
+    shared = [part for part in work if may_be_shared(part[0], device)]
     with ThreadPoolExecutor(cores()) as pool:
         try:
-            for shared in as_completed([pool.submit(job, stopped) for job, is_shared in jobs if is_shared]):
-                shared.result()
+            for job in as_completed([pool.submit(play, *part, stopped) for part in shared]):
+                job.result()
         except BaseException:
             stopped.set()
             pool.shutdown(cancel_futures=True)
             raise
-    for job, is_shared in jobs:
-        if not is_shared:
-            job(stopped)
+    for cell, numbers in work:
+        if not may_be_shared(cell, device):
+            play(cell, numbers, stopped)
 
 
 def may_be_shared(cell: Cell, device: str) -> bool:
@@ -92,7 +92,6 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading
         ValueError: a score is invalid, such as that of an infinite return.
     """
     policy = cell.factory(cell.scenario, settings.worlds, settings.device)
-    numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     added = extension_columns(cell.scenario)
 
@@ -101,7 +100,7 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading
             raise _Stopped
 
     for batch in episodes(policy, cell.scenario, seeds, settings.device, check):
-        rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
+        rows = [row | {"policy": cell.policy, "episode": row["seed"] - settings.seed} for row in batch]
         for row in rows:
             if wrong := refusal_of(plain(row), added):
                 raise ValueError(f"the score of seed {row['seed']}: {wrong}")

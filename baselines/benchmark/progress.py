@@ -51,22 +51,17 @@ class Progress:
         self._began.setdefault(id(cell), time.monotonic())
         self._bar.update(self._task, description=_name_of(cell))
 
-    def finished(self, cell: Any, episodes: int) -> None:
-        """Show that some episodes have ended; with the last of a cell, the cell is over."""
-        self._left[id(cell)] -= episodes
-        self._bar.update(self._task, description=_name_of(cell), advance=episodes)
-        if not self._left[id(cell)]:
-            self._print(cell, "played")
+    def finished(self, cell: Any, episodes: int | None = None, word: str = "played") -> None:
+        """Show that some episodes of a cell have ended, by default all that are left; then the cell is over.
 
-    def failed(self, cell: Any, word: str) -> None:
-        """Show that a cell is over before its last episode; the word states how it ended."""
-        self._bar.advance(self._task, self._left[id(cell)])
-        self._print(cell, word)
-
-    def _print(self, cell: Any, words: str) -> None:
-        if not self._console.is_interactive:
+        The word states how it ended.
+        """
+        ended = self._left[id(cell)] if episodes is None else episodes
+        self._left[id(cell)] -= ended
+        self._bar.update(self._task, description=_name_of(cell), advance=ended)
+        if not self._left[id(cell)] and not self._console.is_interactive:
             took = time.monotonic() - self._began[id(cell)]
-            self._console.print(f"{_name_of(cell)}: {words}, {took:.1f} s", highlight=False, soft_wrap=True)
+            self._console.print(f"{_name_of(cell)}: {word}, {took:.1f} s", highlight=False, soft_wrap=True)
 
     def __enter__(self) -> "Progress":
         self._bar.__enter__()

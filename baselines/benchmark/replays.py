@@ -2,14 +2,13 @@
 
 import threading
 from collections.abc import Container, Iterable, Mapping, Sequence
-from functools import partial
 from itertools import zip_longest
 from typing import Any
 
 from rich.console import Console
 
 from baselines.benchmark import written
-from baselines.benchmark.local import may_be_shared, on_cores
+from baselines.benchmark.local import on_cores
 from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Key, page, worst_first
 from baselines.benchmark.table import Row
@@ -89,6 +88,5 @@ def _played_again(
 
     with bar(progress, "{task.completed} replays") as shown:
         task = shown.add_task("", total=len(keys))
-        work = [(cells[place], seeds) for place, seeds in seeds_of.items()]
-        on_cores([(partial(play, cell, seeds), may_be_shared(cell, device)) for cell, seeds in work])
+        on_cores([(cells[place], seeds) for place, seeds in seeds_of.items()], device, play)
     return {key: played[key] for key in keys if key in played}, failed

@@ -21,7 +21,7 @@ from lissajous_env.identity import parts_of
 from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.parameters.rogues import folder_of
 from lissajous_env.parameters.scenario_file import scenario_of
-from lissajous_env.storage.files import Closing, read_json
+from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import outside, shown
 from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
@@ -36,7 +36,7 @@ _ROBOTS, _ROGUES = "robots of kind ", "rogues "
 _Key = tuple[str, str, int]
 
 
-class Results(Closing):
+class Results:
     """The settings and score rows in a folder; an episode that has ended has exactly one row.
 
     Attributes:
@@ -61,10 +61,10 @@ class Results(Closing):
         if stored is None:
             self._write(folder)  # before the episodes, which are useless without it
         self._journal = folder.journal(EPISODES)
+        if self._journal.torn:
+            words = f"the unfinished last line of {self._journal.path} was dropped; the benchmark plays its episode"
+            warnings.warn(words, RuntimeWarning, stacklevel=outside())
         try:
-            if self._journal.torn:
-                words = f"the unfinished last line of {self._journal.path} was dropped; the benchmark plays its episode"
-                warnings.warn(words, RuntimeWarning, stacklevel=outside())
             self._read()
             if stored is not None and wanted is not None:
                 self.stored = self._extended(folder.path, stored, wanted)
@@ -72,11 +72,7 @@ class Results(Closing):
                     self._write(folder)
             self.scenarios = {name: scenario_of(fields) for name, fields in self.stored["scenarios"].items()}
         except (KeyError, TypeError, AttributeError) as error:
-            self.close()
             raise ValueError(f"{path} is damaged: {error}; choose another --out, or delete the folder") from error
-        except BaseException:
-            self.close()
-            raise
 
     def _write(self, folder: Folder) -> None:
         folder.write(SETTINGS, json.dumps(self.stored, indent=2) + "\n")
@@ -145,10 +141,6 @@ class Results(Closing):
         places = [(scenario, policy) for scenario, policies in self.stored["policies"].items() for policy in policies]
         order = {place: k for k, place in enumerate(places)}
         return [self._rows[key] for key in sorted(self._rows, key=lambda key: (order[key[:2]], key[2]))]
-
-    def close(self) -> None:
-        """Close the file."""
-        self._journal.close()
 
 
 def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:

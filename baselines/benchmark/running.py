@@ -63,10 +63,8 @@ def measure(
     console = console or make_console()
     progress = progress or make_console(stderr=True, quiet=console.quiet)
     started = time.monotonic()
-    with (
-        Folder(settings.out, (*results_folder.FILES, *written.FILES)) as folder,
-        Results(folder, settings, cells) as results,
-    ):
+    with Folder(settings.out, (*results_folder.FILES, *written.FILES)) as folder:
+        results = Results(folder, settings, cells)
         resumed = len(results.of(cells, settings.episodes))
         raised = _play_all(settings, cells, results, progress)
         rows, stored_rows = results.of(cells, settings.episodes), results.rows()
@@ -94,7 +92,7 @@ def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console:
             with lock:
                 if isinstance(result, Failure):
                     failures[id(cell)] = result
-                    progress.failed(cell, "refused" if result.is_refusal else "failed")
+                    progress.finished(cell, word="refused" if result.is_refusal else "failed")
                 else:
                     results.add(result)
                     progress.finished(cell, len(result))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
@@ -20,14 +20,12 @@ from baselines.benchmark.statistics import (
     with_numbers,
 )
 from baselines.benchmark.table import Table
+from baselines.benchmark.types import BenchmarkOutcome
 from lissajous_env.console import terminal
 from lissajous_env.console.terminal import print_line, print_table
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import counted
 from lissajous_env.world.columns import LARGEST, WORST_CASE, Column, task_score
-
-if TYPE_CHECKING:
-    from baselines.benchmark.types import BenchmarkOutcome
 
 DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
 _MOST_NAMED = 12
@@ -169,7 +167,7 @@ def bounds_in_words(bounds: Bounds) -> str:
     )
 
 
-def print_outcome(console: Console, outcome: "BenchmarkOutcome", note: str = "") -> None:
+def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -> None:
     """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
     out, table = outcome.settings.out, outcome.table
     where = f"They are in {out}/summary.json"
@@ -247,7 +245,7 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
         spread = map(number, (estimate.median, estimate.min, estimate.max))
         others = (between(estimate.low, estimate.high) or DASH, counted, worst, *spread)
         rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])
-    print_table(console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows)
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), *names], rows)
     console.print()
 
 
@@ -258,7 +256,7 @@ def print_row(console: Console, row: dict[str, Any], scenario: Scenario) -> None
     )
     names = dict.fromkeys((task_score(scenario).name, *score_names(row)))
     rows = [[name, number(row[name])] for name in names if row[name] == row[name]]
-    print_table(console, [terminal.Column("score", left=True, style="cyan"), terminal.Column("value")], rows)
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), "value"], rows)
 
 
 def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> None:

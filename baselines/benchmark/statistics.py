@@ -84,23 +84,12 @@ def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
     n = len(samples)
     if n < 2:
         return np.nan, np.nan
-    # A resample of sorted values is how often each one was drawn, so no resample is ever sorted: the middle half of
-    # it is from draw `outside` to draw n - outside, and a value counts as often as its draws lie in there.
-    order, outside = np.argsort(samples, kind="stable"), int(cut * n)
-    samples, drawn = samples[order], draws(n, RESAMPLES)[:, order]
-    last = np.cumsum(drawn, axis=1, dtype=drawn.dtype)
-    counted = np.maximum(np.minimum(last, n - outside) - np.maximum(last - drawn, outside), 0)
-    finite = np.isfinite(samples)
-    means = counted[:, finite] @ samples[finite] / (n - 2 * outside)
-    means[counted[:, ~finite].any(axis=1)] = np.inf
-    return middle_95_percent(means)
-
-
-def middle_95_percent(values: np.ndarray) -> tuple[float, float]:
-    """Return the ends of the middle 95 % of some values."""
+    outside = int(cut * n)
+    resamples = np.repeat(np.tile(samples, RESAMPLES), draws(n, RESAMPLES).ravel()).reshape(RESAMPLES, n)
+    means = np.sort(resamples)[:, outside : n - outside].mean(axis=1)
     # Between two infinite values there is no point, so an end is then one of the values.
-    method = "linear" if np.isfinite(values).all() else "inverted_cdf"
-    low, high = np.quantile(values, [0.025, 0.975], method=method)
+    method = "linear" if np.isfinite(means).all() else "inverted_cdf"
+    low, high = np.quantile(means, [0.025, 0.975], method=method)
     return float(low), float(high)
 
 

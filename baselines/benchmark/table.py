@@ -82,7 +82,11 @@ class Table:
         """
         bounds = {name: bounds_of(scenario, simulates) for name, scenario in scenarios.items()}
         played = grouped(rows)
-        references = {name: reference_of(policies, against) for name, policies in played.items() if len(policies) > 1}
+        references = {
+            name: next(policy for policy in (against, *_REFERENCES, *policies) if policy in policies)
+            for name, policies in played.items()
+            if len(policies) > 1
+        }
         scores = {name: task_score(scenario) for name, scenario in scenarios.items()}
         played = {
             name: with_derived(policies, bounds[name], scores[name], references.get(name))
@@ -107,12 +111,6 @@ def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, Rows]]:
     for row in rows:
         by_scenario.setdefault(row["scenario"], {}).setdefault(row["policy"], []).append(row)
     return by_scenario
-
-
-def reference_of(policies: Iterable[str], against: str | None = None) -> str:
-    """Return the policy that others are compared with: `against`, the first of `_REFERENCES` or the first policy."""
-    played = [*policies]
-    return next(name for name in (against, *_REFERENCES, *played) if name in played)
 
 
 def ranked(policies: Policies, column: Column) -> Policies:

@@ -4,6 +4,7 @@ import dataclasses
 
 import tyro
 
+from baselines.benchmark import written
 from baselines.benchmark.running import measure
 from baselines.benchmark.types import Benchmark
 from lissajous_env.console.terminal import (
@@ -32,8 +33,6 @@ def benchmark(
     Args:
         settings: Episodes to play, and the folder of the results.
     """
-    from baselines.benchmark import written
-
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides, rogues))
     try:
         outcome = measure(settings, console=output.console(), progress=output.progress())

@@ -4,8 +4,12 @@ from typing import Annotated, Any
 
 import tyro
 
+from baselines.benchmark import shown
 from baselines.benchmark.local import play
 from baselines.benchmark.progress import Progress
+from baselines.benchmark.table import Table
+from baselines.benchmark.theorem import about_theorem
+from baselines.benchmark.written import as_csv
 from baselines.commands.playing import DEFAULT_PLAY, Play, check_file, naming, with_policy
 from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.storage.files import write_atomically
@@ -38,11 +42,6 @@ def evaluate(
         batch: number of episodes that are played together; it changes the speed, not the results.
         out: CSV file to which the score rows are written; without it they are only summarized.
     """
-    from baselines.benchmark import shown
-    from baselines.benchmark.table import Table
-    from baselines.benchmark.theorem import about_theorem
-    from baselines.benchmark.written import as_csv
-
     check_file(out, ".csv")
     settings, cells = common.cells(names, episodes, batch, rogues)
     rows: list[dict[str, Any]] = []

@@ -5,6 +5,9 @@ from typing import Annotated, Literal
 
 import tyro
 
+from baselines.benchmark import results_folder
+from baselines.benchmark.table import Table
+from baselines.benchmark.written import latex
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import counted
@@ -39,24 +42,22 @@ def figures(
     Raises:
         ValueError: the folder contains no results.
     """
-    from baselines.benchmark import paper_figures, results_folder
-    from baselines.benchmark.table import Table
-    from baselines.benchmark.written import latex
+    from baselines.benchmark import paper_figures  # the import of matplotlib takes a second
 
     if not (folder / results_folder.SETTINGS).is_file():
         raise ValueError(f"folder must contain the results of a benchmark (settings.json), got {folder}")
-    with Folder(folder, results_folder.FILES) as source, results_folder.Results(source) as results:
+    with Folder(folder, results_folder.FILES) as source:
+        results = results_folder.Results(source)
         rows, scenarios = results.rows(), results.scenarios
     if not rows:
         raise ValueError(f"folder must contain at least one episode, got {folder}")
     table = Table.of(rows, scenarios)
-    drawn = list(paper_figures.draw(table, format))
+    files = {TABLE: latex(table), **dict(paper_figures.draw(table, format))}
     place = out or folder / "figures"
-    with Folder(place, (TABLE, *(name for name, _ in drawn))) as written:
-        written.write(TABLE, latex(table))
-        for name, content in drawn:
+    with Folder(place, files) as written:
+        for name, content in files.items():
             written.write(name, content)
-    output.print(f"{counted(len(drawn), 'figure')} and {TABLE} are in {place}")
-    paths = [place / name for name in (TABLE, *(name for name, _ in drawn))]
+    output.print(f"{counted(len(files) - 1, 'figure')} and {TABLE} are in {place}")
+    paths = [place / name for name in files]
     output.print_json([str(path) for path in paths])
     return paths

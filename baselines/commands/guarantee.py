@@ -10,7 +10,6 @@ from rich.text import Text
 
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
-    Column,
     OutputOptions,
     Overrides,
     ScenarioNames,
@@ -98,5 +97,5 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]
         ]
         for row in rows
     ]
-    print_table(console, [Column(title) for title in columns], shown)
+    print_table(console, columns, shown)
     console.print()

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from baselines.commands.playing import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_table
 from lissajous_env.logs.poses import TOPICS
-from lissajous_env.logs.reading import COMMAND
+from lissajous_env.logs.reading import COMMAND, read
+from lissajous_env.logs.scoring import own_scenario
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
+from lissajous_env.storage.files import write_atomically
 
 if TYPE_CHECKING:
     from lissajous_env.logs.identification import Identified
-    from lissajous_env.parameters.scenario import Scenario
 
 _Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
@@ -47,10 +50,6 @@ def identify(
     """
     from lissajous_env.logs.identification import MODELS
     from lissajous_env.logs.identification import identify as fit
-    from lissajous_env.logs.reading import read
-    from lissajous_env.logs.scoring import own_scenario
-    from lissajous_env.parameters import named
-    from lissajous_env.storage.files import write_atomically
 
     check_file(out, ".toml")
     log = read(logs, topics, commands)
@@ -87,7 +86,7 @@ def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str
     rows = [
         [robot, *(_with_error(car.values[name], car.errors[name]) for name in units)] for robot, car in cars.items()
     ]
-    print_table(output.console(), [Column("robot"), *map(Column, titles)], rows)
+    print_table(output.console(), ["robot", *titles], rows)
     if any(math.isnan(error) for car in cars.values() for error in car.errors.values()):
         why = "throttle in it lies within the dead zone" if "dead_zone" in units else "command is beyond the limit"
         output.print(f"(given): the log does not determine this constant; no {why}.")
@@ -109,7 +108,7 @@ def _with_error(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def _as_toml(cars: "dict[str, Identified]", scenario: "Scenario", log: str, units: dict[str, str]) -> str:
+def _as_toml(cars: "dict[str, Identified]", scenario: Scenario, log: str, units: dict[str, str]) -> str:
     """Return the file of a scenario with the mean of the robots, the standard errors in comments."""
     mean, lines = {}, [f"# Robots identified from {log}: means with standard errors."]
     for name, unit in units.items():

@@ -2,11 +2,11 @@
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import tyro
 
@@ -14,13 +14,16 @@ from baselines.benchmark.progress import Progress, bar
 from baselines.benchmark.types import ALL, Benchmark, Cell, cells_of
 from baselines.policies import registry
 from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
-from lissajous_env.console.terminal import CommandError, Device, Output, Overrides, parse_overrides
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, Device, Output, Overrides, parse_overrides
+from lissajous_env.episodes.recording import Recording, record
+from lissajous_env.logs.messages import rosbags
+from lissajous_env.logs.writing import save_mcap
+from lissajous_env.render import film
+from lissajous_env.replay import Replay
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.wording import few_of, nearest, require, where_raised
 
-if TYPE_CHECKING:
-    from lissajous_env.episodes.recording import Recording
-
+T = TypeVar("T")
 _MOST_PICTURES = 20_000
 """Limit on the pictures of a GIF or a film."""
 FORMATS = (".html", ".mp4", ".gif", ".npz", ".mcap")
@@ -74,17 +77,23 @@ def only(cells: Sequence[Cell]) -> Cell:
     return cells[0]
 
 
-def record_one(settings: Benchmark, cells: Sequence[Cell], output: Output) -> "Recording":
-    """Record an episode of a policy on a scenario, the only cell."""
-    from lissajous_env.episodes.recording import record
-
-    cell = only(cells)
-    with Progress([(cell, [0])], output.progress()) as progress:
+def of_each_seed(settings: Benchmark, cell: Cell, output: Output, play: Callable[..., T]) -> list[T]:
+    """Return `play(policy, scenario, seed, device)` for each seed, with progress, and errors that name the policy."""
+    results, seeds = [], range(settings.seed, settings.seed + settings.episodes)
+    with Progress([(cell, [*seeds])], output.progress()) as progress:
         progress.begin(cell)
-        acting = with_policy(cell, settings).factory(cell.scenario, 1, settings.device)
-        with naming(cell):
-            recording = record(acting, cell.scenario, settings.seed, settings.device)
-        progress.finished(cell, 1)
+        policy = with_policy(cell, settings).factory(cell.scenario, 1, settings.device)
+        for seed in seeds:
+            with naming(cell):
+                results.append(play(policy, cell.scenario, seed, settings.device))
+            progress.finished(cell, 1)
+    return results
+
+
+def record_one(settings: Benchmark, cells: Sequence[Cell], output: Output) -> Recording:
+    """Record an episode of a policy on a scenario, the only cell."""
+    cell = only(cells)
+    (recording,) = of_each_seed(settings, cell, output, record)
     return replace(recording, score=recording.score | {"policy": cell.policy})
 
 
@@ -124,33 +133,25 @@ def check_file(out: Path | None, *suffixes: str) -> None:
     if suffix not in suffixes:
         raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{nearest(suffix, suffixes)}")
     if suffix == ".mp4":
-        from lissajous_env.render.film import pyav
-
-        pyav()
+        film.pyav()
     if suffix == ".mcap":
-        from lissajous_env.logs.messages import rosbags
-
         rosbags()
     check_writable_file(out)
 
 
 def show(
-    recording: "Recording",
+    recording: Recording,
     out: Path | None,
-    output: Output | None = None,
+    output: Output = DEFAULT_OUTPUT,
     speed: float = 1.0,
     fps: float = 10.0,
-    against: "Recording | None" = None,
+    against: Recording | None = None,
 ) -> None:
     """Show a recording in a window or, if a file is given, write it in the format of its suffix.
 
     Raises:
         ValueError: a GIF or film would have more than 20,000 pictures.
     """
-    from lissajous_env.render import film
-    from lissajous_env.replay import Replay
-
-    output = output or Output()
     suffix = "" if out is None else out.suffix.lower()
     if suffix in film.FILMS and (pictures := recording.duration * fps / speed) > _MOST_PICTURES:
         raise ValueError(
@@ -167,8 +168,6 @@ def show(
         elif suffix in film.FILMS:
             film.save_film(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
         elif suffix == ".mcap":
-            from lissajous_env.logs.writing import save_mcap
-
             save_mcap(recording, out)
         else:
             recording.save(out)

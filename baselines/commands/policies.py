@@ -1,6 +1,5 @@
 """The command `lissajous policies`: a list of the policies."""
 
-from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
@@ -31,7 +30,11 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
         Column("for", prose=True, rank=1),
         Column("description", prose=True),
     ]
-    rows = [_described(**entry) for entry in listed]
+    rows = [
+        [of["name"], of["kind"] or "any", "learned" if of["learned"] else "classical", made_for, of["description"]]
+        for of in listed
+        for made_for in [", ".join(of["made_for"]) or "any"]
+    ]
     print_table(console, columns, rows)
     words = (
         "\nA policy can also be given as a checkpoint's folder; as module:factory, where factory(scenario, num_worlds, "
@@ -39,7 +42,3 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
         "registers which --import MODULE imports."
     )
     console.print(words, style="dim", highlight=False)
-
-
-def _described(name: str, kind: str | None, made_for: Sequence[str], learned: bool, description: str) -> list[str]:
-    return [name, kind or "any", "learned" if learned else "classical", ", ".join(made_for) or "any", description]

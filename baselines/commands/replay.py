@@ -1,7 +1,7 @@
 """The command `lissajous replay`: an episode, played now or recorded before, as a page, in a window, or as a film."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
@@ -18,11 +18,9 @@ from baselines.commands.playing import (
 )
 from baselines.policies import registry
 from lissajous_env.console.terminal import OutFile, RogueName
+from lissajous_env.episodes.recording import Recording, load
 from lissajous_env.plugins import beside
 from lissajous_env.wording import nearest, require
-
-if TYPE_CHECKING:
-    from lissajous_env.episodes.recording import Recording
 
 _Against = Annotated[str | None, tyro.conf.arg(metavar="POLICY")]
 _Names = Annotated[
@@ -78,10 +76,8 @@ def replay(
     common.print_json({"wrote": out, **scores})
 
 
-def _recorded(names: tuple[str, ...], common: PlayOptions, rogues: str | None) -> "Recording":
+def _recorded(names: tuple[str, ...], common: PlayOptions, rogues: str | None) -> Recording:
     """Read the recording of a file, or play a policy on a scenario."""
-    from lissajous_env.episodes.recording import load
-
     first, *others = names
     if others or registry.is_folder(first):
         return record_one(*common.cells(names, rogues=rogues), common)

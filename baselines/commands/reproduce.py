@@ -3,7 +3,7 @@
 import dataclasses
 import shlex
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,18 +11,9 @@ import tyro
 from rich.console import Console
 
 from baselines.benchmark.progress import bar
-from baselines.reproduce import (
-    claims,
-    conditions,
-    detection,
-    equilibria,
-    experiment,
-    resilience,
-    three_dimensions,
-    tracking,
-)
+from baselines.reproduce import claims, detection, experiment, resilience, theorems, three_dimensions, tracking
 from baselines.reproduce.claims import Claim, Part
-from baselines.reproduce.drawing import Format
+from baselines.reproduce.drawing import Format, Picture
 from baselines.reproduce.episodes import Player
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, OutputOptions
 from lissajous_env.device.devices import as_device
@@ -39,13 +30,13 @@ PARTS: dict[str, Callable[[Player], Part]] = {
     "fig7": experiment.fig7,
     "fig8": experiment.fig8,
     "fig9": tracking.fig9,
-    "theorem1": equilibria.theorem1,
-    "theorem2": equilibria.theorem2,
+    "theorem1": theorems.theorem1,
+    "theorem2": theorems.theorem2,
     "theorem3": resilience.theorem3,
     "theorem4": resilience.theorem4,
-    "lemmas": equilibria.lemmas,
-    "bounds": conditions.bounds,
-    "rogues": conditions.rogues,
+    "lemmas": theorems.lemmas,
+    "bounds": theorems.bounds,
+    "rogues": theorems.rogues,
     "knot": three_dimensions.knot,
     "experiment1": tracking.experiment1,
     "printed": tracking.printed,
@@ -90,21 +81,23 @@ def reproduce(
     chosen = _chosen(figures)
     whole_number("seed", seed, 0, 2**31 - 1001)
     as_device(device)
-    player, results, pictures = Player(seed, device), [], []
+    results: list[Claim] = []
+    pictures: list[Picture] = []
     formatted = [] if format == "png" else ["--format", format]
     command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed), *formatted])
     console, notes = output.console(), output.progress()
     with Folder(out, (_PAGE, *(f"{name}.{format}" for name in chosen))) as folder:
         try:
-            for part in _played(chosen, player, notes):
-                for picture in part.pictures:
-                    folder.write(f"{picture.name}.{format}", picture.content(format))
-                results += part.claims
-                pictures += part.pictures
+            for result in _played(chosen, Player(seed, device), notes):
+                if isinstance(result, Picture):
+                    folder.write(f"{result.name}.{format}", result.content(format))
+                    pictures.append(result)
+                else:
+                    results.append(result)
         except KeyboardInterrupt:
-            folder.write(_PAGE, claims.as_page(results, pictures, format, command))
             raise KeyboardInterrupt(f"what was finished is in {out}") from None
-        folder.write(_PAGE, claims.as_page(results, pictures, format, command))
+        finally:
+            folder.write(_PAGE, claims.as_page(results, pictures, format, command))
     claims.print_claims(console, results)
     words = f"\n{claims.summary(results)}. {len(pictures)} pictures and README.md are in {out}"
     output.print(words)
@@ -120,7 +113,7 @@ def _chosen(figures: Sequence[str]) -> list[str]:
     return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
 
 
-def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable[Part]:
+def _played(chosen: Sequence[str], player: Player, console: Console) -> Part:
     """Make the parts one after the other, with a bar on stderr, or a line for each where that is no terminal."""
     with bar(console, "{task.completed}/{task.total}") as progress:
         task = progress.add_task("", total=len(chosen))
@@ -128,9 +121,8 @@ def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable
             about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")
             progress.update(task, description=f"[bold cyan]{name}[/] [dim]{about}[/]")
             began = time.monotonic()
-            part = PARTS[name](player)
-            part.claims = [dataclasses.replace(claim, part=name) for claim in part.claims]
-            yield part
+            for result in list(PARTS[name](player)):
+                yield result if isinstance(result, Picture) else dataclasses.replace(result, part=name)
             progress.advance(task)
             if not console.is_interactive:
                 console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)

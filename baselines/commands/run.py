@@ -4,15 +4,9 @@ from typing import Annotated
 
 import tyro
 
-from baselines.commands.playing import (
-    DEFAULT_PLAY,
-    FORMATS,
-    Play,
-    check_file,
-    has_display,
-    record_one,
-    show,
-)
+from baselines.benchmark import shown
+from baselines.benchmark.theorem import about_theorem
+from baselines.commands.playing import DEFAULT_PLAY, FORMATS, Play, check_file, has_display, record_one, show
 from lissajous_env.console.terminal import OutFile, RogueName, ScenarioName, print_line
 
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
@@ -37,9 +31,6 @@ def run(
         out: file to write, ending in .html, .mp4, .gif, .npz (a recording) or .mcap (a log of
             ROS); without it, a window opens if there is a display.
     """
-    from baselines.benchmark import shown
-    from baselines.benchmark.theorem import about_theorem
-
     check_file(out, *FORMATS)
     settings, cells = common.cells((scenario,) if policy is None else (scenario, policy), rogues=rogues)
     recording = record_one(settings, cells, common)

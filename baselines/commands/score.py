@@ -5,12 +5,17 @@ from typing import Annotated
 
 import tyro
 
+from baselines.benchmark import shown
 from baselines.benchmark.progress import bar
+from baselines.benchmark.table import Table
+from baselines.benchmark.written import as_csv
 from baselines.commands.playing import FORMATS, check_file, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, parse_overrides
 from lissajous_env.logs.poses import TOPICS
+from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import own_scenario
 from lissajous_env.logs.scoring import score as score_log
+from lissajous_env.logs.writing import save_mcap
 from lissajous_env.parameters import named
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.files import write_atomically
@@ -50,12 +55,6 @@ def score(
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
     """
-    from baselines.benchmark import shown
-    from baselines.benchmark.table import Table
-    from baselines.benchmark.written import as_csv
-    from lissajous_env.logs.reading import read
-    from lissajous_env.logs.writing import save_mcap
-
     whole_number("episodes", episodes)
     for file in out:
         check_file(file, ".csv", *FORMATS)

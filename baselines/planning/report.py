@@ -202,7 +202,6 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
         if "/" in name and not name.endswith("/"):
             folder.remove(name)
     for k, planned in enumerate(plans, start=1):
-        folder.make_folder(str(k))
         plan = planned.plan
         name, words = f"{plan.scenario.name[:80]}-{k}", f"{plan.settings.policy} ({plan.about})."
         renamed = dataclasses.replace(plan.scenario, name=name, description=words)

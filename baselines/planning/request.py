@@ -17,7 +17,7 @@ from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import Checked, number, whole
+from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, whole
 from lissajous_env.settings.parts import Formation, Robot
 from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory import closed_forms
@@ -63,7 +63,7 @@ class Request(Checked, with_defaults=False, part=""):
     """Width of the rectangle [m]."""
     height: float | None = number(None, *_RANGE, "m")
     """Height of the rectangle [m]."""
-    open: bool = False
+    open: bool = flag(False)
     """Plan for open ground: bodies may leave the rectangle, and the table has the space outside that a plan needs.
     Without it, a rectangle that is given by its width and height has walls."""
     robots: int | str | None = None
@@ -77,13 +77,13 @@ class Request(Checked, with_defaults=False, part=""):
     turning_radius: float | None = number(None, *_RANGE, "m")
     """Radius of a car's tightest circle [m]; without it and a kind of robots, robots are points that stay on the curve,
     and all plans are formations."""
-    robot: Literal["curve", "car", "differential"] | None = None
+    robot: Literal["curve", "car", "differential"] | None = choice(None, "curve", "car", "differential")
     """Kind of the robots: points on the curve, cars, or differential drives, which turn on the spot."""
     acceleration: float | None = number(None, *_RANGE, "m/s^2")
     """Largest acceleration of differential drives [m/s^2]."""
     rogue_speed: float | None = number(None, 0, 100, "m/s")
     """Top speed of evading targets that know the robots' future [m/s]; 0 by default."""
-    entry: Literal["inside", "boundary", "unseen"] | None = None
+    entry: Literal["inside", "boundary", "unseen"] | None = choice(None, "inside", "boundary", "unseen")
     """Place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs."""
     failures: int = 0
     """Number of robots that fail for good, besides those that the scenario removes at random (`faults.lost`): each
@@ -100,7 +100,7 @@ class Request(Checked, with_defaults=False, part=""):
     then simulated to the end. The result does not depend on the speed of the machine."""
     seconds: float | None = number(None, 1, _LONGEST, "s")
     """Duration of the search [s], in place of a number of plans."""
-    fixed_start: bool = False
+    fixed_start: bool = flag(False)
     """Include only plans whose robots begin where the scenario places them."""
     seed: int = whole(0, 0, 2**31 - 1000)
     """Seed of the simulated episodes and of the search."""
@@ -112,7 +112,7 @@ class Request(Checked, with_defaults=False, part=""):
         self._check_kind()
         self._require(self.plans is None or self.seconds is None, "plans", "must be omitted if seconds is given")
         most = max(self.team_sizes[0] - 1 - (0 if self.base is None else self.base.faults.lost), 0)
-        fits = isinstance(self.failures, int) and 0 <= self.failures <= most
+        fits = is_whole(self.failures) and 0 <= self.failures <= most
         self._require(fits, "failures", f"must be a whole number from 0 to {most}, so that a robot remains")
 
     def _check_kind(self) -> None:

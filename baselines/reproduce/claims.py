@@ -1,16 +1,27 @@
 """The table of the claims: the number in the paper, ours, and whether the two agree."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from baselines.benchmark.written import markdown
 from baselines.reproduce.drawing import Picture
 from lissajous_env.console.terminal import Column, print_table
 
+_COLUMNS = [
+    Column("", left=True, style="bold cyan"),
+    Column("claim", prose=True),
+    Column("paper", prose=True, rank=1),
+    Column("ours", prose=True),
+    Column("tolerance", prose=True, rank=2),
+    Column("agrees", left=True),
+    Column("why, or what was chosen", prose=True, rank=3),
+]
 _STYLE = {"yes": "green", "no": "bold red", "-": "dim"}
 SILENT = "not stated"
 """Text in place of a number that the paper does not state."""
@@ -35,12 +46,8 @@ class Claim:
     """Name of the part of the paper, filled in by `lissajous reproduce`."""
 
 
-@dataclass
-class Part:
-    """Claims and pictures of one part of the paper."""
-
-    claims: list[Claim]
-    pictures: list[Picture] = field(default_factory=list)
+Part = Iterator[Claim | Picture]
+"""Claims and pictures of one part of the paper."""
 
 
 def near(
@@ -91,22 +98,19 @@ def verdict(claim: Claim) -> str:
 
 def print_claims(console: Console, claims: Sequence[Claim]) -> None:
     """Print the table, a rule between the parts."""
-    columns = [
-        Column("", left=True, style="bold cyan"),
-        Column("claim", prose=True),
-        Column("paper", prose=True, rank=1),
-        Column("ours", prose=True),
-        Column("tolerance", prose=True, rank=2),
-        Column("agrees", left=True),
-        Column("why, or what was chosen", prose=True, rank=3),
-    ]
     rows: list[list[str | Text]] = []
-    for number, row in enumerate(claims):
-        first = number == 0 or claims[number - 1].part != row.part
-        agrees = Text(verdict(row), style=_STYLE[verdict(row)])
-        rows.append([row.part if first else "", row.claim, row.paper, row.ours, row.tolerance, agrees, row.why])
-    ends = [k for k in range(len(claims)) if k + 1 == len(claims) or claims[k + 1].part != claims[k].part]
-    print_table(console, columns, rows, ends, "README.md has them")
+    ends = []
+    for _, of_part in itertools.groupby(claims, key=lambda claim: claim.part):
+        for k, claim in enumerate(of_part):
+            part, *cells, agrees, why = _cells(claim)
+            rows.append(["" if k else part, *cells, Text(agrees, style=_STYLE[agrees]), why])
+        ends.append(len(rows) - 1)
+    print_table(console, _COLUMNS, rows, ends, "README.md has them")
+
+
+def _cells(claim: Claim) -> list[str]:
+    """Return the cells of a claim in the order of `_COLUMNS`."""
+    return [claim.part, claim.claim, claim.paper, claim.ours, claim.tolerance, verdict(claim), claim.why]
 
 
 def summary(claims: Sequence[Claim]) -> str:
@@ -121,15 +125,11 @@ def summary(claims: Sequence[Claim]) -> str:
 
 def as_page(claims: Sequence[Claim], pictures: Sequence[Picture], format: str, command: str) -> str:
     """Return a page in Markdown: the table, then every picture with its caption."""
-    table = ["| | claim | paper | ours | tolerance | agrees | why, or what was chosen |", "|---" * 7 + "|"]
-    for claim in claims:
-        agrees = verdict(claim).replace("no", "**no**")
-        cells = (claim.part, claim.claim, claim.paper, claim.ours, claim.tolerance, agrees, claim.why)
-        table.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    rows = [["**no**" if cell == "no" else cell for cell in _cells(claim)] for claim in claims]
     parts = [
         "# The paper, simulated again",
         f"Made by `{command}`. {summary(claims)}.",
-        "\n".join(table) + "\n",
+        markdown({"columns": [column.title for column in _COLUMNS], "rows": rows}),
         *(f"## {drawn.title}\n\n![{drawn.title}]({drawn.name}.{format})\n\n{drawn.caption}\n" for drawn in pictures),
     ]
     return "\n\n".join(parts)

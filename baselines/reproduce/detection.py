@@ -58,24 +58,21 @@ def fig2(player: Player) -> Part:
             axes.set_ylim(-1.3 * curve.half_height, 1.3 * curve.half_height)
         picture.caption = (
             f"Robots blue, with their sensing discs of {ideal.detection_radius:.2f} m, the smallest by (8); edges of "
-            "the ring "
-            f"orange; ellipse (5) green, dashed. The ellipse passes over every point of the rectangle within T_max = "
-            f"{whole:.2f} s, of which eight instants are shown. {_CHOSEN}, and alpha = {ideal.alpha} (Lemma 2), which "
-            "makes ring neighbours neighbours on the ellipse."
+            "the ring orange; ellipse (5) green, dashed. The ellipse passes over every point of the rectangle within "
+            f"T_max = {whole:.2f} s, of which eight instants are shown. {_CHOSEN}, and alpha = {ideal.alpha} (Lemma "
+            "2), which makes ring neighbours neighbours on the ellipse."
         )
     body = f"bodies of {ideal.robot.radius} m, (6) allows {ideal.robot_radius_bound:.4f} m"
-    claims = [
-        at_most("robots stay on ellipse (5): residual", "0", float(np.abs(residual).max()), 1e-4, why=_CHOSEN),
-        at_most("no collision, r_i < r_max of (6)", "0", played.score(COLLISIONS).max(), 0, why=body),
-        at_most(
-            "sensing discs of ring neighbours overlap, r_s by (8): largest distance / 2 r_s",
-            "1",
-            played.score(SPACING).max(),
-            1 + 1e-6,
-            digits=".4f",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield at_most("robots stay on ellipse (5): residual", "0", float(np.abs(residual).max()), 1e-4, why=_CHOSEN)
+    yield at_most("no collision, r_i < r_max of (6)", "0", played.score(COLLISIONS).max(), 0, why=body)
+    yield at_most(
+        "sensing discs of ring neighbours overlap, r_s by (8): largest distance / 2 r_s",
+        "1",
+        played.score(SPACING).max(),
+        1 + 1e-6,
+        digits=".4f",
+    )
+    yield picture
 
 
 def fig3(player: Player) -> Part:
@@ -83,9 +80,7 @@ def fig3(player: Player) -> Part:
     step = 0.05
     fine = {"task.step": step, "task.grid": None}
     played = player.play("kuramoto", scenario("ideal", **fine | {"formation.start": "equilibrium"}))
-    turned = player.play(
-        "kuramoto", scenario("ideal", **fine | {"formation.start": "rotated"}), worlds=_STARTS, only_ends=True
-    )
+    turned = player.play("kuramoto", scenario("ideal", **fine | {"formation.start": "rotated"}), worlds=_STARTS)
     ideal, waited = played.scenario, played.waited[0]
     last, last_turned = float(waited.max()), np.array([times.max() for times in turned.waited])
     bound = ideal.detection_time_bound
@@ -122,35 +117,33 @@ def fig3(player: Player) -> Part:
             mark_time(axes, 4.5, "4.5 s\n(paper)", 0.97 if axes is left else 0.22, RED)
             mark_time(axes, bound, "$T_{max}$", 0.97 if axes is left else 0.22, side="right")
         picture.caption = (
-            f"{_CHOSEN}; the paper does not state the targets' motion either: here they wander "
-            f"at {ideal.targets.speed} m/s, their "
-            f"heading changing by {ideal.targets.turn_rate:g} rad in one second. theta_0 = 0 is a slow start: two "
-            "corners are covered only after T_max / 2, when the ellipse is a circle again and stretches towards them."
+            f"{_CHOSEN}; the paper does not state the targets' motion either: here they wander at "
+            f"{ideal.targets.speed} m/s, their heading changing by {ideal.targets.turn_rate:g} rad in one second. "
+            "theta_0 = 0 is a slow start: two corners are covered only after T_max / 2, when the ellipse is a circle "
+            "again and stretches towards them."
         )
     runs = zip([waited, *turned.waited], [played.found[0], *turned.found], strict=True)
     in_time = np.array([detections.all() and times.max() <= bound for times, detections in runs])
     in_sight = 100 * float(np.mean(waited == 0))
     by = " and ".join(f"{x:.2f} s" for x in (last_turned.min(), last_turned.max()))
-    claims = [
-        near("T_max for N = 15, omega = 0.05 rad/s", 8.38, bound, 0.005, "s"),
-        all_of("every target is detected by T_max", "all", in_time, "starts", _CHOSEN),
-        near(
-            "the last of 10,000 targets is detected at",
-            4.5,
-            last,
-            0.3,
-            "s",
-            f"theta_0 = 0; between {by} for {_STARTS} random theta_0. Motion of the targets chosen: "
-            f"{ideal.targets.speed} m/s, wandering",
-        ),
-        reported(
-            "share in sight at the start",
-            SILENT,
-            f"{in_sight:.1f} %",
-            "56 % in an independent simulation",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield near("T_max for N = 15, omega = 0.05 rad/s", 8.38, bound, 0.005, "s")
+    yield all_of("every target is detected by T_max", "all", in_time, "starts", _CHOSEN)
+    yield near(
+        "the last of 10,000 targets is detected at",
+        4.5,
+        last,
+        0.3,
+        "s",
+        f"theta_0 = 0; between {by} for {_STARTS} random theta_0. Motion of the targets chosen: "
+        f"{ideal.targets.speed} m/s, wandering",
+    )
+    yield reported(
+        "share in sight at the start",
+        SILENT,
+        f"{in_sight:.1f} %",
+        "56 % in an independent simulation",
+    )
+    yield picture
 
 
 def _draw_share(axes: Axes, times: np.ndarray, detections: np.ndarray, **line: Any) -> None:

@@ -55,26 +55,24 @@ def fig7(player: Player) -> Part:
     # Standing still: all phase rates of the last second before the resume.
     end = np.flatnonzero(during)[-1]
     drift = np.abs(np.angle(np.exp(1j * (played.phase[end] - played.phase[end - 10])))).max(axis=-1)
-    claims = [
-        at_most(
-            f"(a)-(d) the formation is preserved: largest deviation of {SEEDS} seeds",
-            "preserved",
-            deviation.max(),
-            0.2,
-            "rad",
-            "cars that cannot follow the tight turns always oscillate about it by this much",
-        ),
-        Claim(
-            "(e) another equilibrium, in which all agents are stationary",
-            "stationary",
-            f"{drift.max():.3f} rad in the last second before the resume",
-            "below 0.01 rad",
-            bool(drift.max() < 0.01),
-            f"the worst car of {SEEDS} seeds; (1) requires no motion, and the cars coast to rest",
-        ),
-        _back(played, "(f)-(h) after the resume the previous equilibrium returns"),
-    ]
-    return Part(claims, [picture])
+    yield at_most(
+        f"(a)-(d) the formation is preserved: largest deviation of {SEEDS} seeds",
+        "preserved",
+        deviation.max(),
+        0.2,
+        "rad",
+        "cars that cannot follow the tight turns always oscillate about it by this much",
+    )
+    yield Claim(
+        "(e) another equilibrium, in which all agents are stationary",
+        "stationary",
+        f"{drift.max():.3f} rad in the last second before the resume",
+        "below 0.01 rad",
+        bool(drift.max() < 0.01),
+        f"the worst car of {SEEDS} seeds; (1) requires no motion, and the cars coast to rest",
+    )
+    yield _back(played, "(f)-(h) after the resume the previous equilibrium returns")
+    yield picture
 
 
 def fig8(player: Player) -> Part:
@@ -108,16 +106,14 @@ def fig8(player: Player) -> Part:
             f"that of {SEEDS - 1} further seeds (grey). {_chosen(played)}."
         )
     collisions = played.score(COLLISIONS)
-    claims = [
-        _back(played, "states return to the previous equilibrium, as in Fig. 6(a)"),
-        reported(
-            "collisions in the transient",
-            "not excluded (IV-A)",
-            f"{collisions.min()} to {collisions.max()} an episode",
-            "waiting cars may stop anywhere on a curve that crosses itself: Theorem 4 does not cover bodies",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield _back(played, "states return to the previous equilibrium, as in Fig. 6(a)")
+    yield reported(
+        "collisions in the transient",
+        "not excluded (IV-A)",
+        f"{collisions.min()} to {collisions.max()} an episode",
+        "waiting cars may stop anywhere on a curve that crosses itself: Theorem 4 does not cover bodies",
+    )
+    yield picture
 
 
 def _chosen(played: PlayedEpisodes) -> str:

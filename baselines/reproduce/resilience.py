@@ -38,11 +38,9 @@ _FINE = 0.01
 """Step of the episode that shows what the steps do [s]."""
 
 
-def _displaced(
-    player: Player, name: str, angle: float, duration: float, only_ends: bool = False, **overrides: object
-) -> PlayedEpisodes:
+def _displaced(player: Player, name: str, angle: float, duration: float, **overrides: object) -> PlayedEpisodes:
     bare = {**BARE, "task.duration": duration, "task.step": 0.25, "formation.displaced": ((0, float(angle)),)}
-    return player.play("kuramoto", scenario(name, **bare | overrides), only_ends=only_ends)
+    return player.play("kuramoto", scenario(name, **bare | overrides))
 
 
 def fig4(player: Player) -> Part:
@@ -51,11 +49,9 @@ def fig4(player: Player) -> Part:
     curve, n = perturbation.curve, perturbation.num_robots
     half = closed_forms.admissible_displacement(n, perturbation.p)[1]
     inside = np.random.default_rng(player.seed).uniform(-half, half, 20)
-    back = [_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in inside]
+    back = [_displaced(player, "perturbation", angle, 60).returned[0] for angle in inside]
     outside = np.arange(1.02 * half, np.pi, 0.04)
-    returned = np.array(
-        [_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in outside]
-    )
+    returned = np.array([_displaced(player, "perturbation", angle, 60).returned[0] for angle in outside])
     leaves = float(outside[~returned][0])
 
     with sheet("fig4", "Fig. 4   Ten robots, and how far one of them may be displaced", 7.2, 4.0) as picture:
@@ -88,29 +84,26 @@ def fig4(player: Player) -> Part:
         right.legend(loc="center right", bbox_to_anchor=(1, 0.68), title="robot 1 displaced by", title_fontsize=8)
         picture.caption = (
             f"N = 10, a = 7, b = 3, A = B = 5 m as in the paper; p = {perturbation.p} and the ring 1, 2 ... 10 are "
-            "chosen, with "
-            f"which (9) is |displacement| < {half:.3f} rad. The condition is sufficient: simulated, the formation "
-            "comes "
-            f"back from up to {leaves - 0.04:.2f} rad and leaves for another equilibrium from {leaves:.2f} rad on."
+            f"chosen, with which (9) is |displacement| < {half:.3f} rad. The condition is sufficient: simulated, the "
+            f"formation comes back from up to {leaves - 0.04:.2f} rad and leaves for another equilibrium from "
+            f"{leaves:.2f} rad on."
         )
-    claims = [
-        all_of(
-            f"displaced inside (9), |d| < {half:.3f} rad, the same equilibrium returns",
-            "always",
-            back,
-            "random displacements",
-            "p = 3 and K = 1 chosen; robots as points",
-        ),
-        Claim(
-            "displaced outside (9) it need not return",
-            "no guarantee",
-            f"it leaves from {leaves:.2f} rad on",
-            f"some |d| > {half:.3f} rad leaves",
-            not returned.all(),
-            f"(9) is sufficient only: it still returns up to {leaves - 0.04:.2f} rad, {leaves / half:.1f} times (9)",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield all_of(
+        f"displaced inside (9), |d| < {half:.3f} rad, the same equilibrium returns",
+        "always",
+        back,
+        "random displacements",
+        "p = 3 and K = 1 chosen; robots as points",
+    )
+    yield Claim(
+        "displaced outside (9) it need not return",
+        "no guarantee",
+        f"it leaves from {leaves:.2f} rad on",
+        f"some |d| > {half:.3f} rad leaves",
+        not returned.all(),
+        f"(9) is sufficient only: it still returns up to {leaves - 0.04:.2f} rad, {leaves / half:.1f} times (9)",
+    )
+    yield picture
 
 
 def theorem3(player: Player) -> Part:
@@ -125,13 +118,13 @@ def theorem3(player: Player) -> Part:
         at_rest = {"robot.count": n, "formation.p": p, "formation.alpha": 1, "formation.start": "equilibrium",
                    "sensing.radius": 1.0}  # fmt: skip
         angles = [*random.uniform(-half, half, _INSIDE), *np.linspace(-3.1, 3.1, 21)]
-        plays = [_displaced(player, "failure", d, 20 + 5 / slowest, True, **at_rest) for d in angles]
+        plays = [_displaced(player, "failure", d, 20 + 5 / slowest, **at_rest) for d in angles]
         back = np.array([played.returned[0] for played in plays])
         admissible = np.abs(angles) < half
         returned += list(back[admissible])
         unmet, tried = unmet + int(np.sum(back & ~admissible)), tried + int(np.sum(~admissible))
     why = f"{len(_FORMATIONS)} formations; {unmet} of {tried} displacements outside (9) return too: not necessary"
-    return Part([all_of("condition (9) suffices", "always returns", returned, "return", why)])
+    yield all_of("condition (9) suffices", "always returns", returned, "return", why)
 
 
 def fig6(player: Player) -> Part:
@@ -172,44 +165,40 @@ def fig6(player: Player) -> Part:
         picture.caption = (
             "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 (dashed) are stopped "
             "in the shaded time. The paper does not state which formation it simulated, nor which two robots fail: "
-            "those "
-            "of Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a stopped "
-            "robot's reference stops with it."
+            "those of Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a "
+            "stopped robot's reference stops with it."
         )
     kuramoto, rival = runs.values()
     recovery = kuramoto.score(RECOVERY)
     finer = scenario(failure, **{"task.step": _FINE, "task.grid": None})
-    fine = player.play("kuramoto", finer, worlds=SEEDS, only_ends=True).score(RECOVERY)
+    fine = player.play("kuramoto", finer, worlds=SEEDS).score(RECOVERY)
     cosine, offset = kuramoto.largest_cosine.max(), rival.deviation[-1]
     rule = f"deviation below {RECOVERED} rad and stays, by 30 s"
-    claims = [
-        Claim(
-            "(a) Kuramoto returns to the initial equilibrium",
-            "quickly after t2",
-            f"{recovery.max():.1f} s after t2",
-            rule,
-            bool(np.isfinite(recovery).all()),
-            "the paper states no time; five robots of curve (16), K = 1 chosen",
-        ),
-        reported(
-            f"(a) with Euler steps of {_FINE:g} s",
-            SILENT,
-            f"{fine.max():.2f} s after t2",
-            f"the phase rate of points is constant in a control step, {failure.task.step:g} s here: "
-            "Euler's method on (1)",
-        ),
-        at_most("(a) the condition of Theorem 4 is met: largest cos(theta_j - theta_i)", "below 0", cosine, 0),
-        Claim(
-            "(b) tracked references [15] never recover",
-            "does not recover",
-            f"{offset.min():.2f} rad off at 30 s",
-            "no recovery time",
-            bool(np.isnan(rival.score(RECOVERY)).all()),
-            f"the offset stays as it was at t2; {rival.score(COLLISIONS).mean():.0f} collisions in 30 s, with (1) "
-            f"{kuramoto.score(COLLISIONS).mean():.1f}",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield Claim(
+        "(a) Kuramoto returns to the initial equilibrium",
+        "quickly after t2",
+        f"{recovery.max():.1f} s after t2",
+        rule,
+        bool(np.isfinite(recovery).all()),
+        "the paper states no time; five robots of curve (16), K = 1 chosen",
+    )
+    yield reported(
+        f"(a) with Euler steps of {_FINE:g} s",
+        SILENT,
+        f"{fine.max():.2f} s after t2",
+        f"the phase rate of points is constant in a control step, {failure.task.step:g} s here: Euler's method on (1)",
+    )
+    yield at_most("(a) the condition of Theorem 4 is met: largest cos(theta_j - theta_i)", "below 0", cosine, 0)
+    yield Claim(
+        "(b) tracked references [15] never recover",
+        "does not recover",
+        f"{offset.min():.2f} rad off at 30 s",
+        "no recovery time",
+        bool(np.isnan(rival.score(RECOVERY)).all()),
+        f"the offset stays as it was at t2; {rival.score(COLLISIONS).mean():.0f} collisions in 30 s, with (1) "
+        f"{kuramoto.score(COLLISIONS).mean():.1f}",
+    )
+    yield picture
 
 
 def theorem4(player: Player) -> Part:
@@ -226,20 +215,17 @@ def theorem4(player: Player) -> Part:
                     stuck_pair = played
     assert stuck_pair is not None
     why = f"of {len(broken)} failures that violated the condition {sum(broken)} returned nevertheless"
-    claims = [
-        all_of(
-            "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why
-        ),
-        Claim(
-            "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
-            "no guarantee",
-            f"p = 3 to p = {stuck_pair.winding[-1, 0]}, cos reaches {stuck_pair.largest_cosine[0]:.2f}",
-            "it leaves",
-            not stuck_pair.returned[0],
-            "the paper fails two robots of another formation only (Fig. 6)",
-        ),
-    ]
-    return Part(claims)
+    yield all_of(
+        "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why
+    )
+    yield Claim(
+        "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
+        "no guarantee",
+        f"p = 3 to p = {stuck_pair.winding[-1, 0]}, cos reaches {stuck_pair.largest_cosine[0]:.2f}",
+        "it leaves",
+        not stuck_pair.returned[0],
+        "the paper fails two robots of another formation only (Fig. 6)",
+    )
 
 
 def _stuck(n: int, p: int, pair: tuple[int, int], lasts: float) -> Any:

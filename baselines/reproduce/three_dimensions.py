@@ -91,40 +91,38 @@ def fig5(player: Player) -> Part:
     coprime = [c for c in _SHOWN if c != 3]
     free = [bool((branches[c][1:] > 1e-6).all()) for c in coprime]
     best = max(_SHOWN, key=lambda c: formation[c][-1])
-    claims = [
-        at_most(
-            "at C = 0 the largest body is that of the plane curve: difference",
-            "0",
-            at_zero,
-            1e-9,
-            "m",
-            f"{flat:.4f} m, measured; (6) promises {bound:.4f} m",
-        ),
-        all_of(
-            "r_max does not fall with C, whatever c",
-            "curves rise",
-            monotone,
-            "values of c",
-            f"to {formation[best][-1]:.3f} m at C = {depths[-1]:g} m, c = {best}. The paper does not state its curve; "
-            "this is curve (16)",
-        ),
-        all_of(
-            "co-prime a, b, c: the curve does not cross itself for any C > 0",
-            "never",
-            free,
-            "values of c",
-            "one of b and c must be even too, here b = 2",
-        ),
-        Claim(
-            "c that shares a factor with a (3, 2, 3): the curve crosses itself",
-            "not excluded",
-            f"r_max = {branches[3].max():.3f} m",
-            "0 m",
-            bool(branches[3].max() < 1e-6),
-            "co-prime in pairs is needed",
-        ),
-    ]
-    return Part(claims, [picture])
+    yield at_most(
+        "at C = 0 the largest body is that of the plane curve: difference",
+        "0",
+        at_zero,
+        1e-9,
+        "m",
+        f"{flat:.4f} m, measured; (6) promises {bound:.4f} m",
+    )
+    yield all_of(
+        "r_max does not fall with C, whatever c",
+        "curves rise",
+        monotone,
+        "values of c",
+        f"to {formation[best][-1]:.3f} m at C = {depths[-1]:g} m, c = {best}. The paper does not state its curve; "
+        "this is curve (16)",
+    )
+    yield all_of(
+        "co-prime a, b, c: the curve does not cross itself for any C > 0",
+        "never",
+        free,
+        "values of c",
+        "one of b and c must be even too, here b = 2",
+    )
+    yield Claim(
+        "c that shares a factor with a (3, 2, 3): the curve crosses itself",
+        "not excluded",
+        f"r_max = {branches[3].max():.3f} m",
+        "0 m",
+        bool(branches[3].max() < 1e-6),
+        "co-prime in pairs is needed",
+    )
+    yield picture
 
 
 def knot(player: Player) -> Part:
@@ -134,21 +132,18 @@ def knot(player: Player) -> Part:
     deep = player.play("kuramoto", scenario("knot", **turned), worlds=SEEDS)
     curve, limit = deep.scenario.curve, 2 * deep.scenario.robot.radius
     hit = int((flat.score(COLLISIONS) > 0).sum())
-    claims = [
-        Claim(
-            "in the plane a transient can collide, although the condition of Theorem 4 is met",
-            "cannot be ensured",
-            f"{hit} of {SEEDS} starts collide, down to {flat.score(SEPARATION).min():.3f} m",
-            "at least one",
-            hit > 0,
-            f"bodies of {limit / 2} m, the {SEEDS} starts of Fig. 6",
-        ),
-        all_of(
-            "on a knot the same transient does not",
-            "avoids collisions",
-            deep.score(COLLISIONS) == 0,
-            "starts",
-            f"smallest distance {deep.score(SEPARATION).min():.3f} m; C = {curve.half_depth:g} m, c = {curve.c} chosen",
-        ),
-    ]
-    return Part(claims)
+    yield Claim(
+        "in the plane a transient can collide, although the condition of Theorem 4 is met",
+        "cannot be ensured",
+        f"{hit} of {SEEDS} starts collide, down to {flat.score(SEPARATION).min():.3f} m",
+        "at least one",
+        hit > 0,
+        f"bodies of {limit / 2} m, the {SEEDS} starts of Fig. 6",
+    )
+    yield all_of(
+        "on a knot the same transient does not",
+        "avoids collisions",
+        deep.score(COLLISIONS) == 0,
+        "starts",
+        f"smallest distance {deep.score(SEPARATION).min():.3f} m; C = {curve.half_depth:g} m, c = {curve.c} chosen",
+    )

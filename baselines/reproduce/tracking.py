@@ -40,19 +40,17 @@ def fig9(player: Player) -> Part:
     factor, closest = played.score(SPACING), played.score(SEPARATION)
     collisions, touching = played.score(COLLISIONS), int((closest < 2 * task.robot.radius).sum())
     why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(task)}"
-    claims = [
-        within_range("eta_1: largest distance of ring neighbours over 2 r_s of (8)", ETA, factor, "", why),
-        within_range("smallest distance of two robots", CLOSEST, closest, "m", why),
-        at_most(
-            f"collisions in {task.task.duration:g} s, the mean of {SEEDS} seeds (the paper: one, d35 at 20.8 s)",
-            "1",
-            collisions.mean(),
-            2,
-            "",
-            f"{touching} of {SEEDS} seeds collide",
-        ),
-    ]
-    return Part(claims, [_picture_of_distances(played, player.seed)])
+    yield within_range("eta_1: largest distance of ring neighbours over 2 r_s of (8)", ETA, factor, "", why)
+    yield within_range("smallest distance of two robots", CLOSEST, closest, "m", why)
+    yield at_most(
+        f"collisions in {task.task.duration:g} s, the mean of {SEEDS} seeds (the paper: one, d35 at 20.8 s)",
+        "1",
+        collisions.mean(),
+        2,
+        "",
+        f"{touching} of {SEEDS} seeds collide",
+    )
+    yield _picture_of_distances(played, player.seed)
 
 
 def _picture_of_distances(played: PlayedEpisodes, seed: int) -> Picture:
@@ -113,43 +111,40 @@ def experiment1(player: Player) -> Part:
     touched = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
     leaves = _time_above(lost, 2 * _moving_mean(feedback, feedback.deviation).max())
     free, closed, same = (_at_the_end(played) for played in (lost, feedback, alike))
-    claims = [
-        Claim(
-            "without feedback the system leaves the equilibrium",
-            "diverges",
-            f"{free.min():.2f} to {free.max():.2f} rad off after {_LONG:g} s, with feedback at most {closed.max():.2f}",
-            "mean above 3 times that with feedback",
-            bool(free.mean() > 3 * closed.mean()),
-            f"it drifts at the rate at which cars differ, {spread_of_cars(lost.scenario)} here; the paper's differ by "
-            "an unknown amount",
-        ),
-        Claim(
-            "it does so after few seconds",
-            "few seconds",
-            f"twice as far off as ever with feedback after {np.nanmin(leaves):.0f} to {np.nanmax(leaves):.0f} s, half "
-            f"of the seeds by {np.median(np.nan_to_num(leaves, nan=np.inf)):.0f} s",
-            "half of the seeds by 10 s",
-            bool(np.median(np.nan_to_num(leaves, nan=np.inf)) <= 10),
-            f"deviation, mean of {_SETTLED:g} s. Cars that differ by {spread_of_cars(lost.scenario)} drift so slowly; "
-            "the paper's differ by an unknown amount",
-        ),
-        Claim(
-            "until a collision occurs",
-            "after few seconds",
-            f"first after {touched.min():.1f} to {touched.max():.1f} s",
-            "in every seed",
-            bool((lost.score(SEPARATION) < body).all()),
-            f"bodies of {body / 2} m collide {_each_minute(lost).mean():.0f} times a minute, with feedback "
-            f"{_each_minute(feedback).mean():.1f} times",
-        ),
-        reported(
-            "without the feedback of (1), identical cars preserve the formation, too",
-            SILENT,
-            f"{same.max():.2f} rad off after {_LONG:g} s",
-            f"identical cars preserve their phases, but collide {_each_minute(alike).mean():.0f} times a minute",
-        ),
-    ]
-    return Part(claims)
+    yield Claim(
+        "without feedback the system leaves the equilibrium",
+        "diverges",
+        f"{free.min():.2f} to {free.max():.2f} rad off after {_LONG:g} s, with feedback at most {closed.max():.2f}",
+        "mean above 3 times that with feedback",
+        bool(free.mean() > 3 * closed.mean()),
+        f"it drifts at the rate at which cars differ, {spread_of_cars(lost.scenario)} here; the paper's differ by "
+        "an unknown amount",
+    )
+    yield Claim(
+        "it does so after few seconds",
+        "few seconds",
+        f"twice as far off as ever with feedback after {np.nanmin(leaves):.0f} to {np.nanmax(leaves):.0f} s, half "
+        f"of the seeds by {np.median(np.nan_to_num(leaves, nan=np.inf)):.0f} s",
+        "half of the seeds by 10 s",
+        bool(np.median(np.nan_to_num(leaves, nan=np.inf)) <= 10),
+        f"deviation, mean of {_SETTLED:g} s. Cars that differ by {spread_of_cars(lost.scenario)} drift so slowly; "
+        "the paper's differ by an unknown amount",
+    )
+    yield Claim(
+        "until a collision occurs",
+        "after few seconds",
+        f"first after {touched.min():.1f} to {touched.max():.1f} s",
+        "in every seed",
+        bool((lost.score(SEPARATION) < body).all()),
+        f"bodies of {body / 2} m collide {_each_minute(lost).mean():.0f} times a minute, with feedback "
+        f"{_each_minute(feedback).mean():.1f} times",
+    )
+    yield reported(
+        "without the feedback of (1), identical cars preserve the formation, too",
+        SILENT,
+        f"{same.max():.2f} rad off after {_LONG:g} s",
+        f"identical cars preserve their phases, but collide {_each_minute(alike).mean():.0f} times a minute",
+    )
 
 
 def _at_the_end(played: PlayedEpisodes) -> np.ndarray:
@@ -190,29 +185,26 @@ def printed(player: Player) -> Part:
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag
     fastest = geometry.top_speed(task.curve, task.formation.phase_rate)
     closest = order.score(SEPARATION)
-    claims = [
-        Claim(
-            f"beta = {model.offset:g} in (12): the formation is preserved",
-            "preserved",
-            f"cars leave the rectangle by {outside:.1f} m, {beta.deviation.max():.2f} rad off",
-            f"at most {allowed:g} rad",
-            bool(beta.deviation.max() < allowed),
-            f"the slowest car drives {slowest:.1f} m/s at tau = {model.throttle_min:g}, the curve requires "
-            f"{fastest:.2f} m/s at most: beta is misprinted",
-        ),
-        Claim(
-            f"q1 = {weights.weight_lateral:g} on the lag, q2 = {weights.weight_lag:g} on the lateral error: smallest "
-            "distance",
-            f"{CLOSEST:g} m",
-            _range(closest) + " m",
-            f"the range with q1, q2 exchanged: {_range(baseline.score(SEPARATION))} m",
-            bool(closest.min() <= CLOSEST <= closest.max()),
-            f"{order.score(COLLISIONS).mean():.0f} collisions in {order.scenario.task.duration:g} s instead of "
-            f"{baseline.score(COLLISIONS).mean():.1f}: we take q1 as the weight of the lateral error",
-        ),
-        _step(player, baseline),
-    ]
-    return Part(claims)
+    yield Claim(
+        f"beta = {model.offset:g} in (12): the formation is preserved",
+        "preserved",
+        f"cars leave the rectangle by {outside:.1f} m, {beta.deviation.max():.2f} rad off",
+        f"at most {allowed:g} rad",
+        bool(beta.deviation.max() < allowed),
+        f"the slowest car drives {slowest:.1f} m/s at tau = {model.throttle_min:g}, the curve requires "
+        f"{fastest:.2f} m/s at most: beta is misprinted",
+    )
+    yield Claim(
+        f"q1 = {weights.weight_lateral:g} on the lag, q2 = {weights.weight_lag:g} on the lateral error: smallest "
+        "distance",
+        f"{CLOSEST:g} m",
+        _range(closest) + " m",
+        f"the range with q1, q2 exchanged: {_range(baseline.score(SEPARATION))} m",
+        bool(closest.min() <= CLOSEST <= closest.max()),
+        f"{order.score(COLLISIONS).mean():.0f} collisions in {order.scenario.task.duration:g} s instead of "
+        f"{baseline.score(COLLISIONS).mean():.1f}: we take q1 as the weight of the lateral error",
+    )
+    yield _step(player, baseline)
 
 
 def _step(player: Player, baseline: PlayedEpisodes) -> Claim:
@@ -235,28 +227,25 @@ def window(player: Player) -> Part:
     mean = {f"K = {K:g}": float(played.score(COLLISIONS).mean()) for K, played in zip(_GAINS, runs, strict=True)}
     low, high = _around_one([value <= _FEW for value in mean.values()])
     lost = [int((played.score(PHASE_ERROR) > _LOST).sum()) for played in runs]
-    claims = [
-        at_most(
-            f"K = 1, as (1) is printed: collisions in 60 s, the mean of {SEEDS} seeds",
-            "1",
-            mean["K = 1"],
-            _FEW,
-            why="for cars the choice K = 1 matters: see the next rows",
-        ),
-        reported(
-            "the same for other K",
-            SILENT,
-            ", ".join(f"{value:.1f} ({name[4:]})" for name, value in mean.items()),
-            f"at most {_FEW:g} with K = {low:g} to {high:g}",
-        ),
-        reported(
-            f"seeds that lose the formation: more than {_LOST:g} rad off",
-            SILENT,
-            ", ".join(f"{count} ({K:g})" for K, count in zip(_GAINS, lost, strict=True) if count) + f" of {SEEDS}",
-            "at other K none; with small K the formation is preserved, but robots collide",
-        ),
-    ]
-    return Part(claims)
+    yield at_most(
+        f"K = 1, as (1) is printed: collisions in 60 s, the mean of {SEEDS} seeds",
+        "1",
+        mean["K = 1"],
+        _FEW,
+        why="for cars the choice K = 1 matters: see the next rows",
+    )
+    yield reported(
+        "the same for other K",
+        SILENT,
+        ", ".join(f"{value:.1f} ({name[4:]})" for name, value in mean.items()),
+        f"at most {_FEW:g} with K = {low:g} to {high:g}",
+    )
+    yield reported(
+        f"seeds that lose the formation: more than {_LOST:g} rad off",
+        SILENT,
+        ", ".join(f"{count} ({K:g})" for K, count in zip(_GAINS, lost, strict=True) if count) + f" of {SEEDS}",
+        "at other K none; with small K the formation is preserved, but robots collide",
+    )
 
 
 def _around_one(good: list[bool]) -> tuple[float, float]:

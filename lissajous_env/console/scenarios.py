@@ -4,17 +4,16 @@ import functools
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.console import Console
 
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, ScenarioNames, print_table
 from lissajous_env.parameters import named
-from lissajous_env.parameters.scenario import PARTS
+from lissajous_env.parameters.assumptions import violations
+from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.parameters.scenario_file import changed_fields
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import task_score
 
 _FEEDBACK = Path(named.__file__).with_name("feedback.json")
 """Measured values of feedback of scenarios, by name: `python benchmarks/feedback.py --store` writes it."""
@@ -30,9 +29,6 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
         names: names of scenarios, .toml files, or module:attribute; SPACE:SPLIT:COUNT, such as watch-v1:test:2, stands
             for the first COUNT scenarios of a split; all scenarios by default.
     """
-    from lissajous_env.parameters.assumptions import violations
-    from lissajous_env.world.columns import task_score
-
     console = output.console()
     given = [named.build(name) for name in named.expanded(names) or named.scenarios()]
     resolved_scenarios = [scenario.resolve() for scenario in given]
@@ -51,10 +47,10 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
     ])  # fmt: skip
 
 
-def _print_designs(console: "Console", resolved_scenarios: "list[Scenario]") -> None:
+def _print_designs(console: Console, resolved_scenarios: list[Scenario]) -> None:
     titles = "rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]", "feed-\nback"
-    columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
-    columns += [*map(Column, titles), Column("description", prose=True, rank=1)]
+    columns = [Column("name", left=True, style="bold cyan"), "N", Column("robots", left=True)]
+    columns += [*titles, Column("description", prose=True, rank=1)]
     rows = []
     for scenario in resolved_scenarios:
         curve = scenario.curve
@@ -81,10 +77,8 @@ def _print_designs(console: "Console", resolved_scenarios: "list[Scenario]") -> 
     console.print(words, style="dim", highlight=False)
 
 
-def _print_settings(console: "Console", given: "Scenario") -> None:
+def _print_settings(console: Console, given: Scenario) -> None:
     """Print the fields of a scenario that differ from their defaults, and the score of its task."""
-    from lissajous_env.world.columns import task_score
-
     rows = [
         [f"{part}.{name}", str(value), str(getattr(PARTS[part](), name))]
         for part, changed in changed_fields(given).items()
@@ -101,7 +95,7 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
     console.print(words, style="dim", markup=False)
 
 
-def _print_violations(console: "Console", sentences: Sequence[str]) -> None:
+def _print_violations(console: Console, sentences: Sequence[str]) -> None:
     """Print the assumptions of the paper that a scenario violates."""
     if sentences:
         console.print("\nViolated assumptions of the paper:")
@@ -119,7 +113,7 @@ def measured() -> dict[str, dict[str, Any]]:
     return values
 
 
-def value_of_feedback(scenario: "Scenario") -> float | None:
+def value_of_feedback(scenario: Scenario) -> float | None:
     """Return the score of the best rule that reacts to targets over that of the best patrol, which observes none.
 
     Above 1, reacting is better. It is 1 where targets appear independently of everything and leave when they are first

@@ -160,7 +160,7 @@ def make_console(stderr: bool = False, quiet: bool = False) -> Console:
 
 def print_table(
     console: Console,
-    columns: Sequence[Column],
+    columns: Sequence[Column | str],
     rows: Sequence[Sequence[str | Text]],
     sections: Sequence[int] = (),
     where: str = "--json has them",
@@ -171,13 +171,14 @@ def print_table(
 
     Args:
         console: The console.
-        columns: The columns.
+        columns: The columns, or their titles.
         rows: The cells; strings are printed without markup.
         sections: Indices of the rows that are followed by a rule.
         where: Words on where the values of omitted columns are.
     """
     if console.quiet:
         return
+    columns = [Column(column) if isinstance(column, str) else column for column in columns]
     cells = [[column.title, *map(str, (row[k] for row in rows))] for k, column in enumerate(columns)]
     whole = [max(cell_len(line) for cell in of for line in cell.split("\n")) for of in cells]
     words = [max((cell_len(word) for cell in of for word in cell.split()), default=0) for of in cells]

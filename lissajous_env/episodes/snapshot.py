@@ -8,7 +8,7 @@ import numpy as np
 from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.episode import detection_times
 from lissajous_env.world.selection import of_world
-from lissajous_env.world.state import REMOVED
+from lissajous_env.world.state import REMOVED, WORKING
 
 if TYPE_CHECKING:
     from lissajous_env.world.simulation import Simulation
@@ -81,6 +81,14 @@ class Snapshot:
     def found(self) -> np.ndarray:
         """(T,) bool: detected targets."""
         return self.found_at <= self.step
+
+    def in_sight(self, sight: float) -> np.ndarray:
+        """Return (T,) bool: targets in the world that a working robot has within `sight` [m]."""
+        robots = self.position[self.status == int(WORKING), :2]
+        nearest = np.full(len(self.target_position), np.inf)
+        for place in robots:
+            nearest = np.minimum(nearest, np.hypot(*(self.target_position - place).T))
+        return (self.appears_at <= self.step) & (nearest < sight)
 
     def mean_detection_time(self, step: float) -> float:
         """Return the mean detection time of the targets so far [s]; NaN without targets.

@@ -54,10 +54,10 @@ _LONGEST = wp.constant(wp.float64(0.05))
 """Longest integration step [s]."""
 _ON_TIME = wp.constant(wp.float64(1e-9))
 """Difference up to which two times are the same [s]."""
-_SEGMENT = 2.0
-"""Duration of a segment [s]."""
-_GAP = 0.5
-"""Longest time between two poses from which a speed is computed [s]."""
+_SEGMENT, _POSES = 2.0, 10
+"""Least duration of a segment [s], and least number of its poses, of which the start takes about one."""
+_GAP, _PERIODS = 0.5, 4
+"""Longest time between two poses from which a speed is computed [s], and the same in median times between poses."""
 _MOST_SEGMENTS = 120
 _ZONES_FITTED = 4
 """Values of the dead zone to each side that are compared together with the best constants of each."""
@@ -125,7 +125,9 @@ def roll_out(
         while now < time[j] - _ON_TIME:
             until = wp.min(time[j], now + _LONGEST)
             following = int(wp.lower_bound(command_time, now - delay + _ON_TIME))
-            if following < command.shape[0]:
+            if command_time[following] < now - delay + _ON_TIME:
+                following += 1  # `lower_bound` returns the last one at most
+            else:
                 until = wp.min(until, command_time[following] + delay)
             given = command[wp.max(following - 1, 0)]
             state = advanced(robot, is_car, constants, state, given, float(until - now))
@@ -183,16 +185,18 @@ class _Fit:
         if count < 20 or last - first < 2 * _SEGMENT:
             rule = f"log must contain at least 20 poses over {2 * _SEGMENT:g} s with commands"
             raise ValueError(f"{rule}, got {count} over {max(last - first, 0.0):.3g} s")
-        motion = motion_of(track, _GAP)
+        period, has_speeds = float(np.median(np.diff(time))), np.isfinite(track.speed).all()
+        motion = motion_of(track, _GAP if has_speeds else max(_GAP, _PERIODS * period))
+        duration = max(_SEGMENT, _POSES * period)
         measured = np.stack([*track.position.T[:2], motion.track.heading, motion.track.speed], axis=1)[inside]
         turning = 0 if is_car else 1
         if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, turning]) < 1e-3:
             raise ValueError(f"log must be of a robot whose speed and {INPUTS[guess.kind][turning]} change")
-        segment = ((time - time[0]) / _SEGMENT).astype(int)
+        segment = ((time - time[0]) / duration).astype(int)
         failed = np.zeros(count, bool) if status is None else status.before(time) != int(WORKING)
         used = np.setdiff1d(segment, segment[failed])
         if not len(used):
-            raise ValueError(f"log must have {_SEGMENT:g} s in which the robot works, got none")
+            raise ValueError(f"log must have {duration:.3g} s in which the robot works, got none")
         if len(used) > _MOST_SEGMENTS:
             used = used[np.linspace(0, len(used) - 1, _MOST_SEGMENTS).astype(int)]
         chosen = np.isin(segment, used)

@@ -33,7 +33,7 @@ def warn_of_violations(scenario: Scenario, allowed: Iterable[str] = ()) -> None:
 
     Where actions are velocities, no policy follows the formation, and nothing is reported.
     """
-    if scenario.task.action == "velocity":
+    if not scenario.has_formation:
         return
     known = {*_reported, *allowed, *_violated_on_purpose()}
     if new := [words for words in violations(scenario) if words not in known]:

@@ -19,7 +19,7 @@ from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.parts import SPREAD_MAX, SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
-from lissajous_env.settings.task import Sensing, Targets, Task
+from lissajous_env.settings.task import Sensing, Targets, Task, without_laws
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
 
@@ -58,9 +58,9 @@ class Scenario(BringsRogues):
         return self
 
     def without_extensions(self) -> "Scenario":
-        """Return the scenario without its extensions; targets of a law of entry then appear anywhere."""
-        entry = "inside" if self.targets.entry == "custom" else self.targets.entry
-        return dataclasses.replace(self, targets=dataclasses.replace(self.targets, entry=entry), extensions=())
+        """Return the scenario without its extensions; targets of their laws then appear anywhere, and do not move."""
+        targets = dataclasses.replace(self.targets, **without_laws(vars(self.targets)))
+        return dataclasses.replace(self, targets=targets, extensions=())
 
     @cached_property
     def num_robots(self) -> int:
@@ -326,6 +326,11 @@ class Scenario(BringsRogues):
     def actuation(self) -> str:
         """Kind of the robots that policies drive, or `velocity` where an action is a velocity of a car."""
         return "velocity" if self.task.action == "velocity" else self.robot.kind
+
+    @property
+    def has_formation(self) -> bool:
+        """True if actions are those of robots on a curve; where they are velocities, no policy follows the curve."""
+        return self.task.action != "velocity"
 
     @property
     def action_size(self) -> int:

@@ -27,6 +27,7 @@ from lissajous_env.parameters.extensions import Extension
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.plugins import beside
 from lissajous_env.settings.parts import Robot
+from lissajous_env.settings.task import without_laws
 from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import nearest, require, shown
 
@@ -200,7 +201,7 @@ def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) 
 
     Args:
         plain: The values, with lists and with infinity as a word; their extensions are ignored.
-        extensions: The scenario's extensions.
+        extensions: The scenario's extensions; without any, it is that of `Scenario.without_extensions`.
 
     Raises:
         ValueError: a part or a field is unknown, or a value is invalid; the message names it.
@@ -208,9 +209,10 @@ def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) 
     if not isinstance(plain, Mapping):
         raise ValueError(f"scenario must be a table of its parts, got {type(plain).__name__}")
     words = {key: plain[key] for key in ("name", "description") if key in plain}
-    parts = {key: value for key, value in plain.items() if key not in (*words, "extensions")}
-    scenario = overridden(Scenario(), _with_infinity(parts))
-    return dataclasses.replace(scenario, **words, extensions=tuple(extensions))
+    parts = {key: value for key, value in plain.items() if key not in words} | {"extensions": tuple(extensions)}
+    if not parts["extensions"] and isinstance(targets := parts.get("targets"), Mapping):
+        parts["targets"] = without_laws(targets)
+    return dataclasses.replace(overridden(Scenario(), _with_infinity(parts)), **words)
 
 
 def _with_infinity(value: Any) -> Any:

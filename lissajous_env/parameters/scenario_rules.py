@@ -100,11 +100,13 @@ def _of_targets(scenario: Any) -> Rules:
     laws = [extension.name for extension in extensions if isinstance(extension, TargetEntry)]
     rule = f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
     yield (targets.entry == "custom") == bool(laws), "targets.entry", rule
-    if targets.rogues is not None:
+    motions = [extension.name for extension in extensions if isinstance(extension, TargetMotion)]
+    if targets.rogues is None:
+        yield targets.custom == 0 or motions, "targets.custom", "must be 0 without a target_motion"
+    else:
         rogue_of(targets.rogues)
         limit = scenario.rogue_speed
         yield limit > 0, "targets.speed_limit", "must be above 0 if rogues move the targets [m/s]", limit
-        motions = [extension.name for extension in extensions if isinstance(extension, TargetMotion)]
         yield not motions, "targets.rogues", f"must be None with the target motion {', '.join(motions)}"
     rule = f"must bring at most {MOST_TARGETS} targets per episode, with those of the start and six deviations [1/s]"
     yield scenario.target_capacity <= MOST_TARGETS, "targets.arrival_rate", rule

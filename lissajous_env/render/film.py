@@ -15,7 +15,7 @@ from lissajous_env.plugins import of_extra
 from lissajous_env.render import palette
 from lissajous_env.render.renderer import Renderer, Window
 from lissajous_env.storage.files import replacing
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 
 FILMS = ".gif", ".mp4"
 """Suffixes of films."""
@@ -82,7 +82,8 @@ def save_film(
 
 def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
     """Return the number of moments per picture and the duration of a picture [s]."""
-    _require_positive(fps=fps, speed=speed)
+    for name, value in (("fps", fps), ("speed", speed)):
+        require(0 < value < math.inf, name, "must be positive", value)
     step = recording.scenario.task.step
     every = max(math.ceil(min(speed / (min(fps, DENSEST) * step), len(recording)) - 1e-9), 1)
     seconds = every * step / speed
@@ -130,7 +131,7 @@ def play(recording: Recording, *, speed: float = 1.0) -> None:
     Raises:
         OSError: there is no display to open a window on.
     """
-    _require_positive(speed=speed)
+    require(0 < speed < math.inf, "speed", "must be positive", speed)
     renderer = Renderer(recording.scenario)
     window = Window(renderer.view.size, f"{recording.scenario.name}, {recording.score.get('policy', '')} - lissajous")
     at, drawn, before = 0.0, -1, time.perf_counter()
@@ -143,9 +144,3 @@ def play(recording: Recording, *, speed: float = 1.0) -> None:
         # A machine that is too slow plays in slow motion instead of skipping moments.
         at = min(at + min(now - before, 0.2) * speed / recording.scenario.task.step, len(recording) - 1.0)
         before = now
-
-
-def _require_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not 0 < value < math.inf:
-            raise ValueError(f"{name} must be positive, got {shown(value)}")

@@ -15,6 +15,8 @@ _MOST_POINTS = 60_000
 """Limit on the points of the curve."""
 _FILL, _RIM = (*palette.SENSING, 22), (*palette.SENSING, 105)
 """Colours of sensing discs and of their rims, with opacity."""
+_SIGHT = *palette.SENSING, 60
+"""Colour of the circle within which a robot sees targets, where it is farther than it detects them."""
 _FARTHEST = 1e6
 """Radius [fine px] at which a rim is as good as straight."""
 
@@ -33,7 +35,8 @@ class Ground:
         self.base.fill(palette.PAPER)
         self.base.fill(palette.GROUND, self.rectangle)
         self._curve = _curve(scenario, view)
-        self._radius = min(FINE * view.scale * scenario.sensing_radius, _FARTHEST)
+        radii = {scenario.sensing_radius, scenario.sight}
+        self._radius, *self._farther = sorted(min(FINE * view.scale * radius, _FARTHEST) for radius in radii)
         self._discs = transparent(self.rectangle.size)
 
     def draw(self, surface: pygame.Surface, sensed_at: np.ndarray, step: int, sensing: np.ndarray) -> None:
@@ -41,7 +44,11 @@ class Ground:
         surface.blit(self.base, (0, 0))
         if self._task.grid is not None:
             surface.blit(self._heat(sensed_at, step), self.rectangle)
-        draw_union(self._discs, self.view.fine(sensing) - self.rectangle.topleft, self._radius)
+        middles = self.view.fine(sensing) - self.rectangle.topleft
+        draw_union(self._discs, middles, self._radius)
+        for radius in self._farther:
+            for middle in np.rint(middles).tolist():
+                pygame.draw.circle(self._discs, _SIGHT, middle, radius, FINE)
         surface.blit(self._discs, self.rectangle)
         surface.blit(self._curve, (0, 0))
         pygame.draw.rect(surface, palette.EDGE, self.rectangle.inflate(2 * FINE, 2 * FINE), FINE)
@@ -66,9 +73,11 @@ def draw_union(layer: pygame.Surface, middles: np.ndarray, radius: float) -> Non
 
 
 def _curve(scenario: Scenario, view: View) -> pygame.Surface:
-    """Draw the Lissajous curve; at crossings, the lower branch is interrupted."""
+    """Draw the Lissajous curve of a formation; at crossings, the lower branch is interrupted."""
     curve, rectangle = scenario.driven, view.rectangle()
     surface = transparent(view.fine_size)
+    if not scenario.has_formation:
+        return surface
     # Dense curves are drawn fainter.
     share = float(np.clip(16 / curve.oscillations, 0.35, 1.0)) ** 0.5
     width, colour = max(round(1.3 * share * FINE), 2), (*palette.CURVE, round(235 * share))

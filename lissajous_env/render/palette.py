@@ -24,6 +24,8 @@ GLASS = (196, 220, 240)
 FAILED = (222, 128, 10)
 REMOVED = (150, 156, 164)
 TARGET = (212, 48, 56)
+UNSEEN = (238, 172, 175)
+"""A target out of sight, where targets are seen before they are detected."""
 DETECTED = (8, 176, 120)
 CONTACT = (222, 44, 196)
 

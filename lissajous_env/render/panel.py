@@ -8,9 +8,8 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FINE, FOOTER, HEADER, MARGIN, View
-from lissajous_env.render.targets import draw_dots, draw_flash
-from lissajous_env.render.text import width_of, write
+from lissajous_env.render.canvas import FINE, FOOTER, HEADER, MARGIN, View, width_of, write
+from lissajous_env.render.targets import draw_dots, draw_flash, has_sightings
 
 _GAP = 22
 """Space between entries [px]."""
@@ -62,8 +61,13 @@ class Panel:
         time = f"{snapshot.step * task.step:.{decimals}f} of {task.duration:g} s"
         entries = [time, f"collisions {snapshot.collisions}"]
         if self.scenario.target_capacity > 0:
-            mean = snapshot.mean_detection_time(task.step)
             appeared = np.count_nonzero(snapshot.appears_at <= snapshot.step)
+            if not self.scenario.targets.leave:
+                return [
+                    *entries,
+                    f"in sight {np.count_nonzero(snapshot.in_sight(self.scenario.sight)):,} of {appeared:,}",
+                ]
+            mean = snapshot.mean_detection_time(task.step)
             entries += [
                 f"detected {np.count_nonzero(snapshot.found):,} of {appeared:,}",
                 "mean detection time " + ("none" if math.isnan(mean) else f"{mean:.{decimals + 1}f} s"),
@@ -75,6 +79,9 @@ class Panel:
         entries = [("bar", self._bar * self.view.scale + 8, f"{self._bar:g} m")]
         if self.scenario.target_capacity > 0:
             entries += [("target", 15.0, "target"), ("detected", 20.0, "detected")]
+            if has_sightings(self.scenario):
+                stays = not self.scenario.targets.leave
+                entries.insert(2, ("seen", 15.0, "in sight") if stays else ("unseen", 15.0, "out of sight"))
             if self.scenario.targets.fleeing > 0:
                 entries.insert(2, ("fleeing", 15.0, "evading target"))
         if self.scenario.task.grid is not None:
@@ -92,7 +99,8 @@ class Panel:
         elif kind == "detected":
             draw_flash(fine, np.array([[FINE * (x + 8), y]]), FINE * 3.2, 0.4)
         else:
-            draw_dots(fine, np.array([[FINE * (x + 6), y]]), self._dot, flees=kind == "fleeing")
+            colour = {"seen": palette.DETECTED, "unseen": palette.UNSEEN}.get(kind, palette.TARGET)
+            draw_dots(fine, np.array([[FINE * (x + 6), y]]), self._dot, kind == "fleeing", colour)
 
 
 def _round_length(about: float) -> float:

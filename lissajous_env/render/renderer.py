@@ -1,7 +1,6 @@
 """The renderer, which combines ground, targets, team and panel to one picture, and the window that shows it."""
 
 from collections import deque
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pygame
@@ -9,16 +8,13 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render.canvas import View, opaque, pixels
+from lissajous_env.render.canvas import View, opaque, pixels, plain
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
 from lissajous_env.render.targets import Targets
 from lissajous_env.render.team import Team
-from lissajous_env.render.text import plain
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import WORKING
-
-if TYPE_CHECKING:
-    from lissajous_env.world.simulation import Simulation
 
 _LONGEST_TRAIL = 60
 """Limit on the moments of a trail."""
@@ -47,7 +43,7 @@ class Renderer:
         self._episode: tuple[int, int] | None = None
         self._past: deque[tuple[int, np.ndarray]] = deque()
 
-    def draw(self, simulation: "Simulation | Snapshot", world: int = 0) -> np.ndarray:
+    def draw(self, simulation: Simulation | Snapshot, world: int = 0) -> np.ndarray:
         """Return the picture of one world of a simulation, or of a snapshot.
 
         Trails show where the robots were when the same episode was drawn before.
@@ -55,9 +51,7 @@ class Renderer:
         Returns:
             (H, W, 3) uint8, the caller's own.
         """
-        snapshot = simulation
-        if not isinstance(snapshot, Snapshot):
-            snapshot = Snapshot.of(snapshot, world)
+        snapshot = simulation if isinstance(simulation, Snapshot) else Snapshot.of(simulation, world)
         steps, trail = self._trail(snapshot)
         sensing = snapshot.position[snapshot.status == int(WORKING), :2]
         self._ground.draw(self._fine, snapshot.sensed_at, snapshot.step, sensing)

@@ -1,4 +1,8 @@
-"""The targets: dots while undetected, and a widening, fading ring after detection."""
+"""The targets: dots while undetected, and a widening, fading ring after detection.
+
+Targets that stay after their detection are green while they are in sight. Where targets are seen before they are
+detected, those out of sight are pale.
+"""
 
 import math
 
@@ -31,26 +35,36 @@ class Targets:
         self._flash = flash_time(scenario) / scenario.task.step
 
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
-        """Draw the undetected and the just detected targets."""
-        places = self.view.fine(snapshot.target_position)
-        detected = snapshot.found
-        if not self.scenario.targets.leave:
-            stamp(surface, places[detected], FINE * self.radius, palette.DETECTED)
+        """Draw the targets that are there, and the detections of late."""
+        scenario, places, detected = self.scenario, self.view.fine(snapshot.target_position), snapshot.found
         age = (snapshot.step - snapshot.found_at) / self._flash
         recent = np.flatnonzero(detected & (age < 1))
         shade = np.floor(SHADES * age[recent] + 1e-6) / SHADES
         for level in np.unique(shade):
             draw_flash(surface, places[recent[shade == level]], FINE * self.radius, float(level))
-        present, flees = snapshot.present, snapshot.motion == int(FLEEING)
-        draw_dots(surface, places[present & ~flees], FINE * self.radius, flees=False)
-        draw_dots(surface, places[present & flees], FINE * self.radius, flees=True)
+        stays = not scenario.targets.leave
+        present = snapshot.present | (detected & stays)
+        seen = snapshot.in_sight(scenario.sight) if has_sightings(scenario) else present
+        flees = snapshot.motion == int(FLEEING)
+        colours = (palette.TARGET, palette.DETECTED) if stays else (palette.UNSEEN, palette.TARGET)
+        for is_seen, colour in enumerate(colours):
+            for has_core in (False, True):
+                chosen = present & (seen == is_seen) & (flees == has_core)
+                draw_dots(surface, places[chosen], FINE * self.radius, has_core, colour)
 
 
-def draw_dots(surface: pygame.Surface, points: np.ndarray, radius: float, flees: bool) -> None:
-    """Draw undetected targets; fleeing targets have a light core."""
+def has_sightings(scenario: Scenario) -> bool:
+    """Return whether targets are in sight for longer than the moment of their detection."""
+    return not scenario.targets.leave or scenario.sight > scenario.sensing_radius
+
+
+def draw_dots(
+    surface: pygame.Surface, points: np.ndarray, radius: float, flees: bool, colour: palette.Colour = palette.TARGET
+) -> None:
+    """Draw targets; fleeing targets have a light core."""
     if radius > SMALL:
         stamp(surface, points, radius + FINE, palette.GROUND, alpha=0.85)
-    stamp(surface, points, radius, palette.TARGET)
+    stamp(surface, points, radius, colour)
     if flees:
         stamp(surface, points, 0.45 * radius, palette.GROUND)
 

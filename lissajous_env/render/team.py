@@ -7,8 +7,7 @@ from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FINE, View, draw_line, transparent, within
-from lissajous_env.render.text import write_outlined
+from lissajous_env.render.canvas import FINE, View, draw_line, transparent, within, write_outlined
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
@@ -30,7 +29,7 @@ class Team:
         self.trail_steps = max(round(min(longest / scenario.task.step, 2**20)), 2)
         """Length of a trail [step]."""
         self._room = view.plot()
-        ring = scenario.ring
+        ring = drawn_ring(scenario)
         self._edges = [(ring[k - 1], ring[k]) for k in range(len(ring)) if len(ring) > 2 or k == 1]
         self._soft = transparent(view.fine_size)
         shape = model_of(scenario.robot.kind).shape
@@ -104,6 +103,11 @@ def _drop(tip: float) -> np.ndarray:
     touch = np.arccos(1 / tip)
     around = np.linspace(touch, 2 * np.pi - touch, 40)
     return np.concatenate([[[tip, 0.0]], np.stack([np.cos(around), np.sin(around)], axis=-1)])
+
+
+def drawn_ring(scenario: Scenario) -> tuple[int, ...]:
+    """Return the robots in the order of the communication ring, or none if no policy communicates along it."""
+    return scenario.ring if scenario.has_formation or scenario.sensing.shared == "ring" else ()
 
 
 def trail_time(scenario: Scenario) -> float:

@@ -19,9 +19,11 @@ from lissajous_env.episodes.missed import MissedRogue
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.episodes.snapshot import thinned
 from lissajous_env.parameters.robot_models import model_of
-from lissajous_env.render.targets import flash_time
-from lissajous_env.render.team import MOST_CONTACTS, trail_time
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.render.targets import flash_time, has_sightings
+from lissajous_env.render.team import MOST_CONTACTS, drawn_ring, trail_time
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.columns import task_score
 from lissajous_env.world.state import NEVER
 
 FORMAT = "lissajous replay 1"
@@ -62,11 +64,11 @@ def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue |
         "scenario": _about(recording),
         "policy": str(recording.score.get("policy", "")),
         "seed": recording.score["seed"],
-        "score": {str(name): _plain(value) for name, value in recording.score.items()},
+        "score": {str(name): _plain(recording.score[name]) for name in _score_names(recording)},
         "step": scenario.task.step,
         "every": every,
         "moments": len(recording.position[moments]),
-        "curve": quantised(_curve(recording)),
+        "curve": quantised(_curve(scenario)),
         "robots": _robots(recording, moments, detail.observed),
         "targets": _targets(recording, moments),
         "ground": _ground(recording, every, detail),
@@ -78,6 +80,12 @@ def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue |
         },
         "rogue": None if missed is None else _rogue(missed),
     }
+
+
+def _score_names(recording: Recording) -> list[str]:
+    """Return the names of the score row, that of the scenario's task first."""
+    first = task_score(recording.scenario).name
+    return sorted(recording.score, key=lambda name: name != first)
 
 
 def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
@@ -92,7 +100,7 @@ def _since_stored(values: np.ndarray, every: int) -> np.ndarray:
 
 def _about(recording: Recording) -> dict[str, Any]:
     scenario = recording.scenario
-    curve, ring = scenario.curve, scenario.ring
+    curve, ring = scenario.curve, drawn_ring(scenario)
     model = model_of(scenario.robot.kind)
     parts = model.shape(scenario.robot) if model.shape else []
     return {
@@ -101,6 +109,7 @@ def _about(recording: Recording) -> dict[str, Any]:
         "half": [curve.half_width, curve.half_height, curve.half_depth],
         "radius": scenario.robot.radius,
         "sensing": scenario.sensing_radius,
+        "sight": scenario.sight,
         "bound": scenario.detection_time_bound,
         "bound_name": scenario.detection_time_label,
         "trail": 2 * trail_time(scenario),
@@ -115,9 +124,11 @@ def _about(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _curve(recording: Recording) -> np.ndarray:
-    """Return (K, 3) points of the curve [m]."""
-    curve = recording.scenario.driven
+def _curve(scenario: Scenario) -> np.ndarray:
+    """Return (K, 3) points of the curve of a formation [m]."""
+    curve = scenario.driven
+    if not scenario.has_formation:
+        return np.zeros((0, 3))
     lap = np.linspace(0.0, 2 * np.pi, int(np.clip(90 * curve.oscillations, 600, 12_000)))
     return closed_forms.curve_point_3d(curve, lap)
 
@@ -160,12 +171,21 @@ def _targets(recording: Recording, moments: slice) -> dict[str, Any]:
         "total": int(np.count_nonzero(recording.appears_at < len(recording))) if total else 0,
         "x": quantised(places[:, appeared, 0]),
         "y": quantised(places[:, appeared, 1]),
+        "seen": counts(_in_sight(recording, moments)[:, appeared], 1),
         "motion": recording.motion[appeared].tolist(),
         "appears": recording.appears_at[appeared].tolist(),
         "found": np.where(found_at < len(recording), found_at - recording.found_early[appeared], -1.0)
         .round(4)
         .tolist(),
     }
+
+
+def _in_sight(recording: Recording, moments: slice) -> np.ndarray:
+    """Return (F, T) 1 for targets in sight in the stored moments; 0 where nothing is drawn for them."""
+    steps, sight = range(len(recording))[moments], recording.scenario.sight
+    if not has_sightings(recording.scenario):
+        return np.zeros(recording.target_position[moments].shape[:2], np.uint8)
+    return np.stack([recording.snapshot(step).in_sight(sight) for step in steps])
 
 
 def _rogue(missed: MissedRogue) -> dict[str, Any]:

@@ -45,7 +45,7 @@ def whole(default: int | None, low: int, high: int, odd: bool = False) -> Any:
     return _checked(default, rule, lambda v: is_whole(v) and low <= v <= high and (v % 2 or not odd), operator.index)
 
 
-def choice(default: str, *options: str) -> Any:
+def choice(default: str | None, *options: str) -> Any:
     """Declare one of a few words."""
     rule = f"must be one of {', '.join(options)}"
     return _checked(default, rule, lambda v: isinstance(v, str) and v in options, options=options)

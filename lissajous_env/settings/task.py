@@ -1,6 +1,8 @@
 """The targets of a scenario, the sensors that detect them, and the task; the other parts are in `parts.py`."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from lissajous_env.settings.checks import Checked, choice, columns_and_rows, flag, number, whole, word
 
@@ -128,6 +130,12 @@ class Targets(Checked):
         """Highest speed of drifting, wandering and fleeing targets [m/s]."""
         roaming = self.drifting + self.wandering + self.fleeing > 0
         return max(self.speed if roaming else 0.0, self.flee_speed if self.fleeing > 0 else 0.0)
+
+
+def without_laws(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return fields of targets without the laws of extensions: these targets appear anywhere, and do not move."""
+    laws = {"entry": "inside"} if fields.get("entry") == "custom" else {}
+    return {**fields, **laws} | ({"custom": 0.0} if fields.get("rogues") is None else {})
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from lissajous_env.wording import shown
 
@@ -22,20 +22,6 @@ LARGEST_JSON = 1 << 26
 _DEEPEST = 100
 _WITHOUT_LINKS = os.O_NOFOLLOW | os.O_NONBLOCK
 """Flags of `os.open` with which it does not follow a link or wait for a pipe."""
-
-
-class Closing:
-    """Base of what a `with` block closes at its end."""
-
-    def close(self) -> None:
-        """Close the file or unlock the folder."""
-        raise NotImplementedError
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def read_json(path: str | Path, largest: int = LARGEST_JSON) -> Any:
@@ -162,11 +148,7 @@ def check_writable_file(path: str | Path) -> None:
 def write_atomically(path: str | Path, data: str | bytes, temporary: Path | None = None) -> None:
     """Write a file under a temporary name in its folder, flush it to the disk, then rename it into place."""
     with replacing(path, temporary) as file:
-        descriptor = os.open(file, os.O_WRONLY | os.O_TRUNC)
-        try:
-            write_all(descriptor, data.encode() if isinstance(data, str) else data)
-        finally:
-            os.close(descriptor)
+        file.write_bytes(data.encode() if isinstance(data, str) else data)
 
 
 @contextlib.contextmanager

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from lissajous_env.storage.files import Closing, open_plainly, parse_json, sync, write_all, write_atomically
+from lissajous_env.storage.files import open_plainly, parse_json, sync, write_all, write_atomically
 from lissajous_env.wording import shown
 
 LIST = ".lissajous.jsonl"
@@ -27,7 +27,7 @@ _TEMPORARY = ".lissajous-writing"
 """Name of a file that is being written, before its suffix."""
 
 
-class Journal(Closing):
+class Journal:
     """A JSON Lines file that only grows; its lines are on the disk when `append` returns.
 
     When the file is opened, a last line that a kill left unfinished is dropped, and `torn` is its length [bytes].
@@ -98,8 +98,10 @@ class Journal(Closing):
         os.close(self._descriptor)
 
 
-class Folder(Closing):
+class Folder(contextlib.ExitStack):
     """An output folder in which only this process writes; the system unlocks it however the process ends.
+
+    Its end, or `close`, unlocks it and closes its files that grow.
 
     Args:
         path: The folder; it is created if it does not exist.
@@ -112,6 +114,7 @@ class Folder(Closing):
     """
 
     def __init__(self, path: str | Path, writes: Iterable[str] = ()):
+        super().__init__()
         self.path = Path(path)
         writes = tuple(writes)
         self._written: set[str] = set()
@@ -124,13 +127,14 @@ class Folder(Closing):
         except OSError as error:
             words = f"got {shown(str(self.path))}: {error.strerror}"
             raise ValueError(f"out must be a folder that can be written to, {words}") from error
+        self.callback(self._list.close)
         try:
             self._read_list()
             self._check(writes)
             for leftover in self.path.glob(f"{_TEMPORARY}*"):
                 leftover.unlink()
         except BaseException:
-            self._list.close()
+            self.close()
             raise
 
     @property
@@ -142,27 +146,25 @@ class Folder(Closing):
         """Write a file as a whole.
 
         Args:
-            name: Its name in the folder, or in one that `make_folder` made, as in `best/checkpoint.json`.
+            name: Its name in the folder, or in one inside it, which is created, as in `best/checkpoint.json`.
             data: Its contents.
 
         Raises:
             ValueError: a file of that name exists that this package did not write, or it is a link.
             OSError: the file cannot be written; its earlier version is unchanged.
         """
+        _require_plain(name)
+        if (subfolder := name.rpartition("/")[0]) and not (made := self._claim(f"{subfolder}/")).is_dir():
+            made.mkdir()
+            sync(self.path)
         path = self._claim(name)
         write_atomically(path, data, self.path / f"{_TEMPORARY}{path.suffix}")
 
     def journal(self, name: str) -> Journal:
         """Open a file that only grows."""
-        return Journal(self._claim(name))
-
-    def make_folder(self, name: str) -> Path:
-        """Create a folder in this one if it does not exist, and return its path."""
-        path = self._claim(name + "/")
-        if not path.is_dir():
-            path.mkdir()
-            sync(self.path)
-        return path
+        journal = Journal(self._claim(name))
+        self.callback(journal.close)
+        return journal
 
     def remove(self, name: str) -> None:
         """Remove a file that was written by this package; other files are left alone."""
@@ -170,10 +172,6 @@ class Folder(Closing):
             self._path(name).unlink(missing_ok=True)
             self._list.append([{"removed": name}])
             self._written.remove(name)
-
-    def close(self) -> None:
-        """Unlock the folder."""
-        self._list.close()
 
     def _claim(self, name: str) -> Path:
         """List a name before its file is written, and return its path; names of other origin raise an error."""
@@ -200,11 +198,8 @@ class Folder(Closing):
     def _path(self, name: str) -> Path:
         """Return the path of a name, and require that its folder was made here and is no link."""
         _require_plain(name)
-        folder, _, _ = name.rstrip("/").rpartition("/")
-        if folder:
-            if folder + "/" not in self._written:
-                raise ValueError(f"{self.path / folder} must be a folder that was made here, to write {name}")
-            self._check([folder + "/"])
+        if folder := name.rstrip("/").rpartition("/")[0]:
+            self._check([f"{folder}/"])
         return self.path / name
 
     def _locked_list(self, path: Path) -> Journal:

@@ -88,14 +88,14 @@ def test_an_error_stops_the_other_jobs_and_is_raised(monkeypatch):
     monkeypatch.setattr(local, "cores", lambda: 2)
     waited = []
 
-    def fail(stopped):
-        raise OSError("full")
-
-    def wait(stopped):
+    def play(_, numbers, stopped):
+        if not numbers:
+            raise OSError("full")
         waited.append(stopped.wait(600))
 
+    cell = Cell(lissajous_env.scenario("failure"), "kuramoto", None)
     with pytest.raises(OSError, match="full"):
-        on_cores([(wait, True), (fail, True)])
+        on_cores([(cell, [1]), (cell, [])], "cpu", play)
     assert waited == [True]
 
 

@@ -6,9 +6,12 @@ import zipfile
 import numpy as np
 import pytest
 
+import baselines
 import lissajous_env
 from lissajous_env.episodes import recording as recordings
-from lissajous_env.render import Renderer, Snapshot, film
+from lissajous_env.render import Renderer, Snapshot, film, palette
+from lissajous_env.replay.contents import contents
+from lissajous_env.world.columns import task_score
 from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.state import REMOVED
 
@@ -175,3 +178,40 @@ def test_a_pair_is_in_contact_until_one_of_it_is_gone():
     assert Snapshot.of(simulation).contact.tolist() == [[0, 1]]
     simulation.robots.status.numpy()[0, 1] = REMOVED
     assert Snapshot.of(simulation).contact.tolist() == []
+
+
+@pytest.mark.parametrize(("name", "score"), [("watch", "observed_fraction"), ("intercept", None)])
+def test_the_targets_in_sight_are_those_of_the_simulation(name, score):
+    scenario = lissajous_env.scenario(name, **{"task.duration": 30.0, "faults.schedule": ((1, 5.0, 12.0),)})
+    simulation, policy = lissajous_env.Simulation(scenario, seed=2), baselines.make("greedy-cover", scenario)
+    recorder, shares = recordings.Recorder(simulation), []
+    recorder.take()
+    for _ in range(scenario.task.steps):
+        simulation.step(policy.act(simulation.observation.numpy()))
+        recorder.take()
+        now = Snapshot.of(simulation)
+        in_sight = now.in_sight(scenario.sight)
+        np.testing.assert_array_equal(in_sight[now.present], simulation.targets.in_sight.numpy()[0][now.present] > 0)
+        shares.append(in_sight.mean())
+    assert 0 < np.mean(shares) < 1
+    recording = recorder.recording()
+    if score is not None:
+        assert np.mean(shares) == pytest.approx(recording.score[score])
+    page = contents(recording)
+    assert page["curve"]["shape"] == [3, 0]
+    assert page["scenario"]["ring"] == []
+    assert next(iter(page["score"])) == task_score(scenario).name
+
+
+def test_targets_that_stay_are_green_while_they_are_in_sight_and_no_curve_is_drawn():
+    simulation = lissajous_env.Simulation("watch", seed=2)
+    assert 0 < Snapshot.of(simulation).in_sight(4.0).sum() < 10
+    picture = Renderer("watch").draw(simulation).astype(int)
+    hall = Renderer("hall").draw(lissajous_env.Simulation("hall", seed=2)).astype(int)
+
+    def count(picture, colour):
+        return (np.abs(picture - colour).max(axis=-1) < 12).sum()
+
+    assert count(picture, palette.TARGET) > 20
+    assert count(picture, palette.DETECTED) > 20
+    assert count(picture, palette.CURVE) < 100 < count(hall, palette.CURVE)

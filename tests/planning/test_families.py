@@ -94,6 +94,8 @@ def test_a_scenario_is_the_task_as_it_is():
         ({"scenario": "evaders", "seconds": 0}, "seconds must be from 1 to 1000000 [s], got 0"),
         ({"scenario": "evaders", "plans": 0}, "plans must be a whole number from 1 to 1000000000, got 0"),
         ({"scenario": "evaders", "plans": 9, "seconds": 5}, "plans must be omitted if seconds is given, got 9"),
+        ({"scenario": "evaders", "robot": "tank"}, "robot must be one of curve, car, differential, got 'tank'"),
+        ({"scenario": "evaders", "open": "yes"}, "open must be True or False, got 'yes'"),
         ({"scenario": "evaders", "speed": -1.0}, "speed must be from 0.01 to 10000 [m/s], got -1.0"),
         ({"scenario": "evaders", "rogue_speed": math.nan}, "rogue_speed must be from 0 to 100 [m/s], got nan"),
         ({"scenario": "evaders", "robots": "x"}, "robots must be a number or a range such as 3:8"),
@@ -103,7 +105,7 @@ def test_a_scenario_is_the_task_as_it_is():
         ({**HALL, "robots": 5, "robot": "differential", "turning_radius": 1.0}, "turning_radius must be omitted"),
         ({**HALL, "robots": 5, "robot": "car"}, "turning_radius must be given for robots of kind car [m], got None"),
         ({"scenario": "evaders", "clearance": -1.0}, "clearance must be from 0 to 10000 [m], got -1.0"),
-        ({"scenario": "evaders", "entry": "nowhere"}, "targets.entry must be one of inside, boundary, unseen"),
+        ({"scenario": "evaders", "entry": "nowhere"}, "entry must be one of inside, boundary, unseen, got 'nowhere'"),
     ],
 )
 def test_bad_input(asked, message):

@@ -85,13 +85,20 @@ def test_the_constants_of_a_car_of_another_size_and_pace_than_the_guess_are_reco
 def test_poses_without_speeds_are_enough(noisy):
     # Oracle: the constants with which the car was simulated. Differences of positions are no speeds.
     fields = {} if noisy else dict.fromkeys((name for name in NOISE if name.startswith("noise")), 0.0)
-    ((track, commands, true),) = logs([2], **fields, **{"task.duration": 60.0 if noisy else 20.0})
+    ((track, commands, true),) = logs([2], **fields, **{"task.duration": 61.0 if noisy else 21.0})
     found = identify(without_speeds(track, 0 * track.speed if noisy else np.nan * track.speed), commands, Robot())
     check(found, true, 0.02 if noisy else 1e-3)
     for name in CONSTANTS[:4]:
         assert abs(found.values[name] - true[name]) < 5 * found.errors[name] + 1e-4 * true[name], name
     assert np.isnan(found.residual["speed"])
     assert found.misfits == ()
+
+
+def test_poses_that_are_most_of_a_second_apart_are_enough():
+    # Oracle: the constants with which the car was simulated. The last pose is later than the last command.
+    coarse = {"task.step": 0.8, "task.duration": 100.8, "task.substeps": 8}
+    ((track, commands, true),) = logs([1], same=1, share=0.4, **coarse)
+    check(identify(without_speeds(track, np.nan * track.speed), commands), true, 0.02)
 
 
 def test_commands_in_another_order_are_matched_by_name_or_named_as_a_misfit():

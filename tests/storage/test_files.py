@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+from contextlib import closing
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -262,19 +264,19 @@ def test_a_full_disk_leaves_whole_lines_alone(tmp_path, monkeypatch, call):
             write(descriptor, data[0][:3])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    with Journal(tmp_path / "journal") as journal:
+    with closing(Journal(tmp_path / "journal")) as journal:
         journal.append([{"a": 1}])
         with monkeypatch.context() as patch:
             patch.setattr(os, call, full)
             with pytest.raises(OSError, match=r"No space left on device: '.*journal'"):
                 journal.append([{"a": 2}])
         journal.append([{"a": 3}])
-    with Journal(tmp_path / "journal") as journal:
+    with closing(Journal(tmp_path / "journal")) as journal:
         assert journal.entries == [{"a": 1}, {"a": 3}]
 
 
-@pytest.mark.parametrize("call", ["write", "fsync", "replace"])
-def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, call):
+@pytest.mark.parametrize(("place", "call"), [(Path, "write_bytes"), (os, "fsync"), (os, "replace")])
+def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, place, call):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -282,7 +284,7 @@ def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, call):
         folder.write("a.json", "old")
         before = sorted(path.name for path in tmp_path.iterdir())
         with monkeypatch.context() as patch:
-            patch.setattr(os, call, full)
+            patch.setattr(place, call, full)
             with pytest.raises(OSError, match=r"^\[Errno 28\] No space left on device: '.*a\.json'"):
                 folder.write("a.json", "new")
         assert (tmp_path / "a.json").read_text() == "old"

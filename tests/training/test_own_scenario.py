@@ -107,7 +107,7 @@ def test_a_scenario_that_has_changed_is_not_trained_on(here):
 
 def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, monkeypatch):
     (here / "my_extras.py").write_text(EXTRAS)
-    wanted = trained(overrides={"extensions": "my_extras:doubled"})
+    wanted = trained(overrides={"extensions": [{"place": "my_extras:doubled", "low": -2.0}]})
     assert training.load("run").scenario == wanted
     # An extension that is given as an object is recorded as in any other process, so that a training resumes there.
     given = settings(overrides={"extensions": [sys.modules["my_extras"].doubled]})

@@ -52,8 +52,6 @@ class Lattice:
     """(N,) positions around which the robots are during the moves [m]."""
     near: wp.array(dtype=float)
     """(N,) distances from these beyond which no end of a move is that of a detected one [m]."""
-    block: int
-    """Rows and columns of a block of nodes; no move is longer."""
 
 
 @wp.func
@@ -95,32 +93,12 @@ def is_sensed(place: wp.vec2, step: int, lattice: Lattice) -> bool:
 
 
 @wp.kernel
-def appear(
-    step: int,
-    on_edges: bool,
-    lattice: Lattice,
-    nodes_out: wp.array2d(dtype=wp.bool),
-    blocks_out: wp.array2d(dtype=wp.bool),
-):
+def appear(step: int, on_edges: bool, lattice: Lattice, nodes_out: wp.array2d(dtype=wp.bool)):
     """Mark the nodes at which a rogue can appear undetected at the end of a step."""
     row, column = wp.tid()
     is_inside = row > 0 and column > 0 and row < nodes_out.shape[0] - 1 and column < nodes_out.shape[1] - 1
-    if (on_edges and is_inside) or is_sensed(place_of(row, column, lattice), step, lattice):
-        return
-    nodes_out[row, column] = True
-    blocks_out[row / lattice.block, column / lattice.block] = True
-
-
-@wp.func
-def has_neighbour(row: int, column: int, block: int, blocks: wp.array2d(dtype=wp.bool)) -> bool:
-    """Return whether a rogue can be in the block of a node or in one beside it."""
-    for k in range(9):
-        r = row / block + k / 3 - 1
-        c = column / block + k % 3 - 1
-        if r >= 0 and c >= 0 and r < blocks.shape[0] and c < blocks.shape[1]:  # noqa: SIM102 - the index must be valid
-            if blocks[r, c]:
-                return True
-    return False
+    if not (on_edges and is_inside):
+        nodes_out[row, column] = not is_sensed(place_of(row, column, lattice), step, lattice)
 
 
 @wp.kernel
@@ -129,14 +107,10 @@ def move(
     last: int,
     lattice: Lattice,
     nodes: wp.array2d(dtype=wp.bool),
-    blocks: wp.array2d(dtype=wp.bool),
     nodes_out: wp.array2d(dtype=wp.bool),
-    blocks_out: wp.array2d(dtype=wp.bool),
 ):
     """Mark the nodes that an undetected move reaches."""
     row, column = wp.tid()
-    if not has_neighbour(row, column, lattice.block, blocks):
-        return
     end = place_of(row, column, lattice)
     if is_sensed(end, last, lattice):
         return
@@ -148,7 +122,6 @@ def move(
         if nodes[r, c]:  # noqa: SIM102 - Warp computes both sides of `and`
             if is_undetected(place_of(r, c, lattice), end, first, last, lattice):
                 nodes_out[row, column] = True
-                blocks_out[row / lattice.block, column / lattice.block] = True
                 return
 
 
@@ -253,27 +226,26 @@ class _Search:
         self.lattice = Lattice()
         self.lattice.half, self.lattice.spacing = wp.vec2(*self.half), wp.vec2(*self.spacing)
         self.lattice.radius = scenario.sensing_radius + _MARGIN * (self.half.sum() + scenario.sensing_radius)
-        self.lattice.block = int(max(np.abs(self.moves[self.period]).max(), 1))
 
     def path(self, since: int) -> Path | None:
         """Return the longest path of a rogue that appears at the end of step `since`; None if none is undetected."""
         lattice, played = self.lattice, self.played
         lattice.path, lattice.works = wp.array(played.path, dtype=wp.vec2), wp.array(played.works, dtype=wp.bool)
-        nodes, on_edges = self._empty(), played.scenario.targets.entry == "boundary"
-        wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, *nodes])
-        if not nodes[1].numpy().any():
+        nodes, on_edges = wp.zeros(self.shape, dtype=wp.bool), played.scenario.targets.entry == "boundary"
+        wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, nodes])
+        if not nodes.numpy().any():
             return None
-        ends, reached, steps = [since], [_packed(nodes[0])], self.period
+        ends, reached, steps = [since], [_packed(nodes)], self.period
         while ends[-1] < played.steps and steps > 0:
             steps = min(steps, played.steps - ends[-1])
-            after = self._empty()
+            after = wp.zeros(self.shape, dtype=wp.bool)
             self._prepare(ends[-1], ends[-1] + steps)
-            wp.launch(move, dim=self.shape, inputs=[ends[-1], ends[-1] + steps, lattice, *nodes, *after])
-            if not after[1].numpy().any():
+            wp.launch(move, dim=self.shape, inputs=[ends[-1], ends[-1] + steps, lattice, nodes, after])
+            if not after.numpy().any():
                 steps //= 2  # to less than a step, after which the rogue is detected wherever it goes
                 continue
             ends.append(ends[-1] + steps)
-            reached.append(_packed(after[0]))
+            reached.append(_packed(after))
             nodes, steps = after, self.period
         return self._traced(ends, reached)
 
@@ -286,11 +258,6 @@ class _Search:
         self.lattice.moves = wp.array(moves, dtype=wp.vec2i)
         self.lattice.middle = wp.array(middle, dtype=wp.vec2)
         self.lattice.near = wp.array(away + longest + 1.001 * self.lattice.radius, dtype=float)
-
-    def _empty(self) -> tuple[wp.array, wp.array]:
-        """Return an array for the nodes that are reached, and one for the blocks of them."""
-        blocks = tuple(-(-count // self.lattice.block) for count in self.shape)
-        return wp.zeros(self.shape, dtype=wp.bool), wp.zeros(blocks, dtype=wp.bool)
 
     def _traced(self, ends: Sequence[int], reached: Sequence[np.ndarray]) -> Path:
         """Return the path to the node of the last moment that is farthest from all discs a step later."""

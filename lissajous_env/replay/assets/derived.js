@@ -78,6 +78,22 @@ export function detections(episode) {
   return { appeared, detected };
 }
 
+// Targets that are in the rectangle, and those of them in sight, at each moment.
+export function inSight(episode) {
+  const { moments, raw, about, targets } = episode,
+    [seen, there] = [new Float64Array(moments), new Float64Array(moments)];
+  for (let t = 0; t < raw.targets.count; t++) {
+    for (let f = 0; f < moments; f++) {
+      const step = f * raw.every,
+        left = about.leave && raw.targets.found[t] >= 0 && raw.targets.found[t] <= step;
+      if (raw.targets.appears[t] > step || left) continue;
+      there[f] += 1;
+      seen[f] += targets.seen[t * moments + f];
+    }
+  }
+  return { seen, there };
+}
+
 // Cumulative sums of the terms of the reward that are not always zero, and of all: {used: [{name, values}], all}.
 export function returns(episode) {
   const used = episode.terms

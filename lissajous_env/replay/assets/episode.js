@@ -31,7 +31,7 @@ export async function unpackedEpisode(raw) {
   ];
   const found = {
     robots: Object.assign(...(await Promise.all(robots))),
-    targets: await of(["x", "y"], reals, raw.targets),
+    targets: Object.assign(await of(["x", "y"], reals, raw.targets), await of(["seen"], wholes, raw.targets)),
     ground: Object.assign({}, ...(await Promise.all(ground))),
     terms: await each(raw.reward.terms),
     ...(await of(["collisions"], wholes, raw)),
@@ -53,6 +53,7 @@ class Episode {
     this.x = Float64Array.from({ length: raw.moments }, (_, f) => f * this.step);
     this.events = eventsOf(this);
     this.losesMessages = losesMessages(this);
+    this.hasSightings = raw.targets.count > 0 && (!this.about.leave || this.about.sight > this.about.sensing);
   }
 
   // Return the moment before a time [s] and the fraction to the next one.

@@ -10,6 +10,7 @@ export function legendOf(episode, ground, layer) {
   const kinds = new Set(episode.events.map((event) => event.kind));
   if (targets.count > 0) entries.push(["target", "target"]);
   if (targets.motion.includes(FLEEING)) entries.push(["flees", "evading target"]);
+  if (episode.hasSightings) entries.push(episode.about.leave ? ["pale", "out of sight"] : ["seen", "in sight"]);
   if (kinds.has("missed")) entries.push(["missed", "never detected"]);
   if (targets.count > 0) entries.push(["found", "just detected"]);
   if (kinds.has("rogue")) entries.push(["rogue", "the rogue that this policy misses"]);

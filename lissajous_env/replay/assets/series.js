@@ -1,7 +1,7 @@
 // The charts of an episode and their lines.
 
 import { ROBOT_COLOURS, robotColour } from "./colours.js";
-import { detections, deviations, edges, returns, ringDistances, separations } from "./derived.js";
+import { detections, deviations, edges, inSight, returns, ringDistances, separations } from "./derived.js";
 
 const MOST_LINES = 40;
 
@@ -9,7 +9,8 @@ const MOST_LINES = 40;
 // least, most, stepped, summary}].
 export function chartsOf(episode) {
   const found = [];
-  if (episode.about.ring.length > 1) found.push(phases(episode), distances(episode));
+  if (episode.curve.length > 0 && episode.about.ring.length > 1) found.push(phases(episode), distances(episode));
+  if (episode.hasSightings) found.push(sightings(episode));
   if (episode.raw.targets.count > 0) found.push(seen(episode));
   if (episode.ground.ageWorst) found.push(ages(episode, "Undetected time", "age", "unseen"));
   else if (episode.ground.idleWorst) found.push(ages(episode, "Idleness", "idle", "idle"));
@@ -39,6 +40,15 @@ function seen(episode) {
     { label: "detected", values: detected, colour: "var(--found)", filled: true, whole: true },
   ];
   return { id: "detections", title: "Detections", unit: "targets", series, stepped: true, least: 0 };
+}
+
+function sightings(episode) {
+  const { seen, there } = inSight(episode);
+  const series = [
+    { label: "in the rectangle", values: there, colour: "var(--muted)", dashed: true, whole: true },
+    { label: "in sight", values: seen, colour: "var(--found)", filled: true, whole: true },
+  ];
+  return { id: "sightings", title: "Targets in sight", unit: "targets", series, stepped: true, least: 0 };
 }
 
 function ages(episode, title, name, colour) {

@@ -123,7 +123,8 @@ export class Stage {
   }
 
   paintDiscs(places) {
-    const { context, episode } = this;
+    const { context, episode } = this,
+      { sensing, sight } = episode.about;
     context.save();
     context.beginPath();
     context.rect(...this.rectangle());
@@ -136,8 +137,12 @@ export class Stage {
     for (const place of places) {
       if (place.status === REMOVED || place.status === FAILED) continue;
       context.beginPath();
-      context.arc(place.x, place.y, this.scale * episode.about.sensing, 0, 2 * Math.PI);
+      context.arc(place.x, place.y, this.scale * sensing, 0, 2 * Math.PI);
       context.fill();
+      context.stroke();
+      if (sight <= sensing) continue;
+      context.beginPath();
+      context.arc(place.x, place.y, this.scale * sight, 0, 2 * Math.PI);
       context.stroke();
     }
     context.restore();

@@ -1,4 +1,5 @@
-// Draws the targets, undetected, just detected or never detected, and the rogue that a policy misses.
+// Draws the targets, undetected, just detected or never detected, and the rogue that a policy misses. Targets that stay
+// are green while they are in sight; where targets are seen before they are detected, those out of sight are pale.
 
 import { COLOURS, faded } from "./colours.js";
 import { FLEEING } from "./episode.js";
@@ -11,13 +12,16 @@ export class Targets {
   paint(at) {
     const { context, stage } = this,
       { episode } = stage,
-      { x, y } = episode.targets,
+      { x, y, seen } = episode.targets,
       raw = episode.raw.targets;
     const step = at.now * episode.raw.every,
       flash = episode.about.flash / episode.raw.step;
     const closer = Math.min(Math.max(Math.sqrt(stage.camera.zoom), 1), 2),
       size = closer * (raw.count > 400 ? 1.8 : raw.count > 150 ? 2.6 : 3.8);
-    const groups = { plain: [], flees: [], missed: [], stays: [] };
+    const { leave, sight, sensing } = episode.about;
+    const pale = faded(COLOURS.target, 0.4);
+    const colours = leave ? [sight > sensing ? pale : COLOURS.target, COLOURS.target] : [COLOURS.target, COLOURS.found];
+    const groups = { plain: [[], []], flees: [[], []], missed: [] };
     for (let t = 0; t < raw.count; t++) {
       if (raw.appears[t] > step) continue;
       const found = raw.found[t],
@@ -25,10 +29,10 @@ export class Targets {
       if (found >= 0 && found <= step) {
         const age = (step - found) / flash;
         if (age < 1) this.paintFlash(place, age, size);
-        if (!episode.about.leave) groups.stays.push(place);
-      } else {
-        groups[found < 0 ? "missed" : raw.motion[t] === FLEEING ? "flees" : "plain"].push(place);
+        if (leave) continue;
       }
+      if (found < 0) groups.missed.push(place);
+      else groups[raw.motion[t] === FLEEING ? "flees" : "plain"][seen[t * episode.moments + at.moment]].push(place);
     }
     const dots = (places, colour, radius) => {
       context.fillStyle = colour;
@@ -39,11 +43,9 @@ export class Targets {
       }
       context.fill();
     };
-    dots(groups.stays, COLOURS.found, size);
-    if (size > 2) dots([...groups.plain, ...groups.flees], COLOURS.card, size + 1.2);
-    dots(groups.plain, COLOURS.target, size);
-    dots(groups.flees, COLOURS.target, size);
-    dots(groups.flees, COLOURS.card, 0.42 * size);
+    if (size > 2) dots([...groups.plain, ...groups.flees].flat(), COLOURS.card, size + 1.2);
+    colours.forEach((colour, k) => dots([...groups.plain[k], ...groups.flees[k]], colour, size));
+    dots(groups.flees.flat(), COLOURS.card, 0.42 * size);
     this.paintMissed(groups.missed, size);
   }
 
