@@ -62,7 +62,7 @@ def replay(
     elif common.overrides or rogues:
         raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
     else:
-        recording = load(names[0])
+        recording = load(*names)
     other = None
     if against is not None:
         rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, common.device)
