@@ -161,7 +161,12 @@ def of_extra(module: str, what: str, extra: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise MissingExtraError(
-            f'{what} requires the libraries of the extra {extra} ({error}): pip install ".[{extra}]" in a checkout, '
-            f'pip install "lissajous-env[{extra}]" elsewhere'
-        ) from error
+        raise missing(what, extra, error) from error
+
+
+def missing(what: str, extra: str, error: ImportError) -> MissingExtraError:
+    """Return the error that names the extra to install."""
+    return MissingExtraError(
+        f'{what} requires the libraries of the extra {extra} ({error}): pip install ".[{extra}]" in a checkout, '
+        f'pip install "lissajous-env[{extra}]" elsewhere'
+    )

@@ -18,8 +18,6 @@ from lissajous_env.world.simulation import Simulation
 
 _MOST_SEEDS = 1024
 """Limit on the episodes whose starts are checked."""
-_TOGETHER = 64
-"""Starts that are checked at the same time."""
 
 
 def about_theorem(cells: Iterable[Cell], rows: Rows, device: Any = "cpu") -> dict[str, list[str]]:
@@ -69,15 +67,9 @@ def compatible_starts(
     scenario: Scenario, parameters: ProvedParameters, seeds: Sequence[int], device: Any = "cpu"
 ) -> np.ndarray:
     """Return for each seed whether the tails of all robots are compatible at the start of its episode (condition 6)."""
-    worlds = min(len(seeds), _TOGETHER)
-    proved = Proved(scenario, worlds, device, parameters)
-    simulation, compatible = Simulation(scenario, worlds, device=device), []
-    wanted = wp.zeros_like(proved.action)
-    for begin in range(0, len(seeds), worlds):
-        batch = [*seeds[begin : begin + worlds]]
-        proved.reset()
-        simulation.reset(seeds=batch + batch[:1] * (worlds - len(batch)))
-        with compile_quietly():
-            proved(simulation.observation, wanted)
-        compatible.append(proved.holds[: len(batch)])
-    return np.concatenate(compatible)
+    proved = Proved(scenario, len(seeds), device, parameters)
+    simulation = Simulation(scenario, len(seeds), device=device)
+    simulation.reset(seeds=seeds)
+    with compile_quietly():
+        proved(simulation.observation, wp.zeros_like(proved.action))
+    return proved.holds

@@ -6,19 +6,10 @@ from typing import Annotated
 import tyro
 
 from baselines.benchmark.types import Benchmark, cells_of
-from baselines.commands.playing import (
-    DEFAULT_PLAY,
-    FORMATS,
-    Play,
-    PlayOptions,
-    check_file,
-    has_display,
-    record_one,
-    show,
-)
+from baselines.commands.playing import DEFAULT_PLAY, FORMATS, Play, check_file, has_display, record_one, show
 from baselines.policies import registry
 from lissajous_env.console.terminal import OutFile, RogueName
-from lissajous_env.episodes.recording import Recording, load
+from lissajous_env.episodes.recording import load
 from lissajous_env.plugins import beside
 from lissajous_env.wording import nearest, require
 
@@ -66,7 +57,12 @@ def replay(
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
-    recording = _recorded(names, common, rogues)
+    if alone or len(names) > 1:
+        recording = record_one(*common.cells(names, rogues=rogues), common)
+    elif common.overrides or rogues:
+        raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
+    else:
+        recording = load(*names)
     other = None
     if against is not None:
         rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, common.device)
@@ -74,13 +70,3 @@ def replay(
     show(recording, out, common, speed, fps, other)
     scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
     common.print_json({"wrote": out, **scores})
-
-
-def _recorded(names: tuple[str, ...], common: PlayOptions, rogues: str | None) -> Recording:
-    """Read the recording of a file, or play a policy on a scenario."""
-    first, *others = names
-    if others or registry.is_folder(first):
-        return record_one(*common.cells(names, rogues=rogues), common)
-    if common.overrides or rogues:
-        raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
-    return load(first)

@@ -80,9 +80,7 @@ def fig3(player: Player) -> Part:
     step = 0.05
     fine = {"task.step": step, "task.grid": None}
     played = player.play("kuramoto", scenario("ideal", **fine | {"formation.start": "equilibrium"}))
-    turned = player.play(
-        "kuramoto", scenario("ideal", **fine | {"formation.start": "rotated"}), worlds=_STARTS, only_ends=True
-    )
+    turned = player.play("kuramoto", scenario("ideal", **fine | {"formation.start": "rotated"}), worlds=_STARTS)
     ideal, waited = played.scenario, played.waited[0]
     last, last_turned = float(waited.max()), np.array([times.max() for times in turned.waited])
     bound = ideal.detection_time_bound

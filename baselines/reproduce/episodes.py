@@ -115,7 +115,6 @@ class Player:
         policy: str,
         scenario: str | Scenario,
         worlds: int = 1,
-        only_ends: bool = False,
         **parameters: float,
     ) -> PlayedEpisodes:
         """Play one episode in each world, from `seed` on.
@@ -124,20 +123,17 @@ class Player:
             policy: Name of the policy.
             scenario: Name of the scenario, or one that was made.
             worlds: Number of episodes.
-            only_ends: Store the first and the last moment only.
             **parameters: Parameters of the policy.
         """
         task = make_scenario(scenario).resolve()
-        key = (policy, task.digest(), worlds, only_ends, tuple(parameters.items()))
+        key = (policy, task.digest(), worlds, tuple(parameters.items()))
         if key in self._played:
             return self._played[key]
         acting = PolicySettings(policy, parameters).make(task, worlds, self.device)
         simulation = Simulation(task, worlds, self.device, self.seed)
         robots, frames = simulation.robots, []
 
-        def record(taken: int) -> None:
-            if only_ends and 0 < taken < task.task.steps:
-                return
+        def record(_: int) -> None:
             arrays = (robots.phase, robots.position, robots.heading, robots.status, simulation.tally.phase_error)
             frames.append([np.array(array.numpy()) for array in arrays])
 

@@ -38,11 +38,9 @@ _FINE = 0.01
 """Step of the episode that shows what the steps do [s]."""
 
 
-def _displaced(
-    player: Player, name: str, angle: float, duration: float, only_ends: bool = False, **overrides: object
-) -> PlayedEpisodes:
+def _displaced(player: Player, name: str, angle: float, duration: float, **overrides: object) -> PlayedEpisodes:
     bare = {**BARE, "task.duration": duration, "task.step": 0.25, "formation.displaced": ((0, float(angle)),)}
-    return player.play("kuramoto", scenario(name, **bare | overrides), only_ends=only_ends)
+    return player.play("kuramoto", scenario(name, **bare | overrides))
 
 
 def fig4(player: Player) -> Part:
@@ -51,11 +49,9 @@ def fig4(player: Player) -> Part:
     curve, n = perturbation.curve, perturbation.num_robots
     half = closed_forms.admissible_displacement(n, perturbation.p)[1]
     inside = np.random.default_rng(player.seed).uniform(-half, half, 20)
-    back = [_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in inside]
+    back = [_displaced(player, "perturbation", angle, 60).returned[0] for angle in inside]
     outside = np.arange(1.02 * half, np.pi, 0.04)
-    returned = np.array(
-        [_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in outside]
-    )
+    returned = np.array([_displaced(player, "perturbation", angle, 60).returned[0] for angle in outside])
     leaves = float(outside[~returned][0])
 
     with sheet("fig4", "Fig. 4   Ten robots, and how far one of them may be displaced", 7.2, 4.0) as picture:
@@ -122,7 +118,7 @@ def theorem3(player: Player) -> Part:
         at_rest = {"robot.count": n, "formation.p": p, "formation.alpha": 1, "formation.start": "equilibrium",
                    "sensing.radius": 1.0}  # fmt: skip
         angles = [*random.uniform(-half, half, _INSIDE), *np.linspace(-3.1, 3.1, 21)]
-        plays = [_displaced(player, "failure", d, 20 + 5 / slowest, True, **at_rest) for d in angles]
+        plays = [_displaced(player, "failure", d, 20 + 5 / slowest, **at_rest) for d in angles]
         back = np.array([played.returned[0] for played in plays])
         admissible = np.abs(angles) < half
         returned += list(back[admissible])
@@ -175,7 +171,7 @@ def fig6(player: Player) -> Part:
     kuramoto, rival = runs.values()
     recovery = kuramoto.score(RECOVERY)
     finer = scenario(failure, **{"task.step": _FINE, "task.grid": None})
-    fine = player.play("kuramoto", finer, worlds=SEEDS, only_ends=True).score(RECOVERY)
+    fine = player.play("kuramoto", finer, worlds=SEEDS).score(RECOVERY)
     cosine, offset = kuramoto.largest_cosine.max(), rival.deviation[-1]
     rule = f"deviation below {RECOVERED} rad and stays, by 30 s"
     yield Claim(
@@ -209,15 +205,12 @@ def theorem4(player: Player) -> Part:
     """Test Theorem 4: failures during which the condition is met, and failures during which it is not."""
     met: list[bool] = []
     broken: list[bool] = []
-    stuck_pair = None
     for n, p in _FAILING:
         for pair in _PAIRS:
             for lasts in _LASTING:
                 played = player.play("kuramoto", _stuck(n, p, pair, lasts))
                 (met if played.largest_cosine[0] < 0 else broken).append(bool(played.returned[0]))
-                if (n, pair, lasts) == (10, (0, 1), 9.9):
-                    stuck_pair = played
-    assert stuck_pair is not None
+    stuck_pair = player.play("kuramoto", _stuck(10, 3, (0, 1), 9.9))
     why = f"of {len(broken)} failures that violated the condition {sum(broken)} returned nevertheless"
     yield all_of(
         "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why

@@ -103,7 +103,7 @@ def _random_starts(player: Player, n: int) -> PlayedEpisodes:
     # Theorem 1 is of (1) as it is, without a bound on the speed: omega + 2 K is the highest rate that (1) requires.
     bare |= {"robot.phase_rate_max": 0.3 + 2 * 1.0}
     bare |= {"sensing.radius": 1.0, "sensing.robots_seen": 0, "sensing.targets_seen": 0}
-    return player.play("kuramoto", scenario("failure", **bare), worlds=_STARTS, only_ends=True)
+    return player.play("kuramoto", scenario("failure", **bare), worlds=_STARTS)
 
 
 def _settled(played: PlayedEpisodes) -> np.ndarray:

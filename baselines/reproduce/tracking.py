@@ -204,46 +204,41 @@ def printed(player: Player) -> Part:
         f"{order.score(COLLISIONS).mean():.0f} collisions in {order.scenario.task.duration:g} s instead of "
         f"{baseline.score(COLLISIONS).mean():.1f}: we take q1 as the weight of the lateral error",
     )
-    yield _step(player, baseline)
-
-
-def _step(player: Player, baseline: PlayedEpisodes) -> Claim:
-    """Report the effect of the one constant of the controller that the paper does not print."""
-    touches = []
-    for step in (0.05, 0.15):
-        played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS, step=step)
-        touches.append(f"{played.score(COLLISIONS).mean():.1f} with {step:g} s")
-    return reported(
+    # The one constant of the controller that the paper does not print.
+    steps = {weights.step: baseline}
+    steps |= {step: player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS, step=step) for step in (0.05, 0.15)}
+    yield reported(
         "step of the controller's M = 15 stages: collisions in 60 s",
         SILENT,
-        f"{baseline.score(COLLISIONS).mean():.1f} with {MpccParameters().step:g} s; {'; '.join(touches)}",
+        "; ".join(f"{played.score(COLLISIONS).mean():.1f} with {step:g} s" for step, played in steps.items()),
         "the paper prints M alone; 0.1 s is the rate of the control, and the one of these that works",
     )
 
 
 def window(player: Player) -> Part:
     """Compute the range of K: collisions and distances of five cars as a function of the gain of (1)."""
-    runs = [player.play("kuramoto-mpcc", undisturbed(**{"formation.coupling": K}), worlds=SEEDS) for K in _GAINS]
-    mean = {f"K = {K:g}": float(played.score(COLLISIONS).mean()) for K, played in zip(_GAINS, runs, strict=True)}
+    gains = {K: undisturbed(**{"formation.coupling": K}) for K in _GAINS}
+    runs = {K: player.play("kuramoto-mpcc", task, worlds=SEEDS) for K, task in gains.items()}
+    mean = {K: float(played.score(COLLISIONS).mean()) for K, played in runs.items()}
     low, high = _around_one([value <= _FEW for value in mean.values()])
-    lost = [int((played.score(PHASE_ERROR) > _LOST).sum()) for played in runs]
+    lost = {K: int((played.score(PHASE_ERROR) > _LOST).sum()) for K, played in runs.items()}
     yield at_most(
         f"K = 1, as (1) is printed: collisions in 60 s, the mean of {SEEDS} seeds",
         "1",
-        mean["K = 1"],
+        mean[1.0],
         _FEW,
         why="for cars the choice K = 1 matters: see the next rows",
     )
     yield reported(
         "the same for other K",
         SILENT,
-        ", ".join(f"{value:.1f} ({name[4:]})" for name, value in mean.items()),
+        ", ".join(f"{value:.1f} ({K:g})" for K, value in mean.items()),
         f"at most {_FEW:g} with K = {low:g} to {high:g}",
     )
     yield reported(
         f"seeds that lose the formation: more than {_LOST:g} rad off",
         SILENT,
-        ", ".join(f"{count} ({K:g})" for K, count in zip(_GAINS, lost, strict=True) if count) + f" of {SEEDS}",
+        ", ".join(f"{count} ({K:g})" for K, count in lost.items() if count) + f" of {SEEDS}",
         "at other K none; with small K the formation is preserved, but robots collide",
     )
 

@@ -2,13 +2,12 @@
 
 import functools
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, ScenarioNames, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, ScenarioNames, print_line, print_table
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import violations
 from lissajous_env.parameters.scenario import PARTS, Scenario
@@ -36,7 +35,10 @@ def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT)
     if names:
         for scenario in given:
             _print_settings(console, scenario)
-            _print_violations(console, violations(scenario))
+            if sentences := violations(scenario):
+                console.print("\nViolated assumptions of the paper:")
+            for words in sentences:
+                print_line(console, f"* {words}")
     derived = ("num_robots", "detection_time_bound", "detection_time_is_bounded")
     output.print_json([
         scenario.to_dict()
@@ -93,14 +95,6 @@ def _print_settings(console: Console, given: Scenario) -> None:
     score = f"The score of its task is {task_score(given).name}."
     words = f"{given.name}: fields that differ from the defaults; digest {given.digest()}. {score}"
     console.print(words, style="dim", markup=False)
-
-
-def _print_violations(console: Console, sentences: Sequence[str]) -> None:
-    """Print the assumptions of the paper that a scenario violates."""
-    if sentences:
-        console.print("\nViolated assumptions of the paper:")
-    for words in sentences:
-        console.print(f"* {words}", markup=False, highlight=False, soft_wrap=True)
 
 
 @functools.cache

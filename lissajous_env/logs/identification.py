@@ -179,8 +179,10 @@ class _Fit:
         self._names, self._least = tuple(model), np.array([least for _, least in model.values()][:5])
         self._has_dead_zone = is_car
         self._free = 4 if is_car else 5  # number of entries of a state that the motion depends on
-        first, last = max(track.time[0], commands.time[0]), track.time[-1]
-        inside = (track.time >= first - 1e-9) & (track.time <= last)
+        # The last command counts for as long as any other one: later, the robot may have stopped without commands.
+        until = commands.time[-1] + np.diff(commands.time).max(initial=0.0)
+        first, last = max(track.time[0], commands.time[0]), min(track.time[-1], until)
+        inside = (track.time >= first - 1e-9) & (track.time <= last + 1e-9)
         time, count = track.time[inside], int(inside.sum())
         if count < 20 or last - first < 2 * _SEGMENT:
             rule = f"log must contain at least 20 poses over {2 * _SEGMENT:g} s with commands"

@@ -107,7 +107,6 @@ FILES = {
     "curve = 3": "curve must be a table, got int",
     "base = ['failure']": "base must be text, got list",
     "[cruve]\na = 3": "'cruve'; did you mean curve",
-    "[curve]\nhalf_widht = 3": "'curve.half_widht'; did you mean curve.half_width",
     "[curve]\na = 2": "curve.a must be an odd whole number from 1 to 1023, got 2",
     "[faults]\nschedule = [[99, 5.0, inf]]": "faults.schedule must name robots 0 to 4",
     "base = 'falure'": "scenario must be one of .* got 'falure'; did you mean failure",

@@ -157,11 +157,11 @@ def returning(value):
     return wrong
 
 
-def numbered(name, size):
-    """An entry of the observation of some size with a name."""
+def numbered(name, size=1, door=lissajous_env.observation_entry):
+    """An extension with a name: an entry of the observation of some size, or another one."""
     wrong = returning(0.0)
     wrong.__name__ = name
-    return lissajous_env.observation_entry(size=size)(wrong)
+    return door(wrong, size=size) if door is lissajous_env.observation_entry else door(wrong)
 
 
 @pytest.mark.parametrize(
@@ -218,18 +218,12 @@ def test_what_is_no_extension_is_refused_by_name(make, message):
         make()
 
 
-@pytest.mark.parametrize("name", ["detection", "collisions", "x"])
-def test_names_of_ours_are_taken(name):
-    assert len(made(numbered("a", 2), numbered("a_2", 1)).extensions) == 2  # which are no entries of each other
-
-    def function(world):
-        return np.zeros(1)
-
-    function.__name__ = name
-    doors = {"detection": lissajous_env.reward_term(), "collisions": lissajous_env.score_column(),
-             "x": lissajous_env.observation_entry()}  # fmt: skip
-    with pytest.raises(ValueError, match=f"name of an extension must be new, got {name}"):
-        lissajous_env.Simulation(made(doors[name](function)))
+def test_names_of_ours_are_taken():
+    assert len(made(numbered("a", 2), numbered("a_2")).extensions) == 2  # which are no entries of each other
+    for taken in (numbered("detection", door=lissajous_env.reward_term),
+                  numbered("collisions", door=lissajous_env.score_column), numbered("x")):  # fmt: skip
+        with pytest.raises(ValueError, match=f"name of an extension must be new, got {taken.name}"):
+            lissajous_env.Simulation(made(taken))
 
 
 # Models of robots.

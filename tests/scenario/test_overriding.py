@@ -77,8 +77,6 @@ def test_overrides_wherever_worlds_are_made():
     rows = lissajous_env.evaluate(policy, "failure", seeds=[3], **SHORT)
     assert str(rows) == str(lissajous_env.evaluate(policy, made, seeds=[3]))
     assert len(recording.record(policy, "failure", 3, **SHORT)) == 11
-    with pytest.raises(ValueError, match=r"did you mean task\.duration\?"):
-        lissajous_env.Simulation("failure", duration=1.0)
 
 
 # `--set`: literals, which are never executed, words, infinity.

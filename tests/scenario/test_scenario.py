@@ -136,8 +136,6 @@ TOGETHER = [
     ({"task.boundary": "wall", "robot.radius": 0.9}, "robot.radius must be below 0.8"),
     ({"curv.a": 3}, "override must name one of curve, formation, .*, got 'curv.a'; did you mean curve"),
     ({"wheels": 3}, "override must name one of .*, got 'wheels'; did you mean "),
-    ({"curve.halfwidth": 3}, "override must name one of .*, got 'curve.halfwidth'; did you mean curve.half_width"),
-    ({"robot": {"radios": 3}}, "override must name one of .*, got 'robot.radios'; did you mean robot.radius?"),
     ({"robot": {1: 2}}, "override must name one of .*, got 'robot.1'"),
     ({"curve.": 3}, "override must name one of .*, got 'curve.'"),
     ({"curve": 3}, "override curve must be a mapping or a Curve, got 3"),

@@ -178,7 +178,7 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     damaged = tmp_path / "damaged"
     damaged.mkdir()
     (damaged / checkpoint.FILE).write_text("{}")
-    with pytest.raises(ValueError, match="is damaged"):
+    with pytest.raises(ValueError, match="must be an undamaged checkpoint"):
         lissajous_env.scenario("evaders", rogues=str(damaged))
     for arguments, words in (
         (("--side", "rogues"), "against must be the policy from which the rogues learn to hide, got none"),

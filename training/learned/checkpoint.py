@@ -24,7 +24,7 @@ from lissajous_env import Scenario
 from lissajous_env.identity import versions
 from lissajous_env.parameters.extensions import Extension, load_extension
 from lissajous_env.parameters.scenario_file import scenario_of
-from lissajous_env.storage.files import read_bytes, read_json
+from lissajous_env.storage.files import read_bytes, read_json, undamaged
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import require
 from training.learned.card import Card
@@ -99,11 +99,11 @@ def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str
     """
     contents = read_contents(folder)
     path = Path(folder) / FILE
-    with _naming(path):
+    with undamaged(path, "checkpoint"):
         card = Card.from_dict(contents["policy"], contents["settings"], contents["scenario"])
     weights = Path(folder) / contents["files"]["weights"]["name"]
     arrays = _read(Path(folder), contents["files"]["weights"])
-    with _naming(weights):
+    with undamaged(weights, "checkpoint"):
         for name, array in arrays.items():
             require(array.dtype == np.float32, f"dtype of {name}", "must be float32", str(array.dtype))
         kind = TeamNetwork if any(name.startswith("team.") for name in arrays) else RogueNetwork
@@ -125,7 +125,7 @@ def read_contents(folder: str | Path) -> dict[str, Any]:
     if not path.is_file():
         raise ValueError(f"checkpoint must be a folder with {FILE}, got {folder}")
     contents = read_json(path)
-    with _naming(path):
+    with undamaged(path, "checkpoint"):
         require(isinstance(contents, dict), "it", "must be an object", contents)
         there = contents.get("format")
         require(type(there) is int and there == FORMAT, "format", f"must be {FORMAT}", there)
@@ -227,15 +227,6 @@ def _brought(entry: Any, card: Card) -> Extension:
         )
     extension = load_extension(str(place))
     return dataclasses.replace(extension, **{name: entry[name] for name in extension.settings if name in entry})
-
-
-@contextlib.contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Add the name of the file to a ValueError."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{path} is damaged: {error}") from None
 
 
 def _check_files(files: Mapping[str, Any]) -> None:
