@@ -84,8 +84,9 @@ class LineAbreast(TimedPaths):
     the ideal motion. `line_transit` computes the ways from the formation into the lines, on which no two cars meet.
 
     A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. Where a robot has
-    stopped or been removed, the others stay in their lanes. Lines that turn inside need larger sensors and a start that
-    all robots know; others are refused. docs/policies.md has the literature, and the limits.
+    stopped or been removed, the others stay in their lanes. A car that is farther from its place than a body's radius
+    uses the collision filter, because others do not expect it there. Lines that turn inside need larger sensors and a
+    start that all robots know; others are refused. docs/policies.md has the literature, and the limits.
 
     Raises:
         ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.
@@ -97,6 +98,7 @@ class LineAbreast(TimedPaths):
         super().__init__(scenario, num_worlds, device, parameters)
         starts = self.scenario.equilibrium + self.scenario.displacements
         self._starts = wp.array(starts, dtype=wp.float32, device=self.device)
+        self._avoid_others(self.scenario.robot.radius)
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths: a variant for each angle of the formation, or one alone within an inset."""

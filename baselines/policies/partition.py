@@ -22,7 +22,6 @@ from baselines.policies.partition_plan import PartitionLoops, PartitionParameter
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import SHAPES, Takeover, middle_of, slowed, takeover_of
-from baselines.policies.safety.filter import Safe
 from baselines.policies.taking_over import (
     PLACES,
     WATCH_SIZE,
@@ -30,7 +29,7 @@ from baselines.policies.taking_over import (
     take_over,
     watch_neighbours,
 )
-from baselines.policies.timed_paths import ARRIVING, TimedPaths
+from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import (
     Transit,
     arrival_steps,
@@ -233,8 +232,7 @@ class PartitionRepair(TimedPaths):
         self._repair.patience = self.parameters.patience
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
-            self._filter = self._filter or Safe(scenario, num_worlds, self.device, ARRIVING.of(scenario))
-            self._tolerance = scenario.robot.radius
+            self._avoid_others(scenario.robot.radius)
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths, a variant for each loop of `Takeover`."""

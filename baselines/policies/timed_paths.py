@@ -346,19 +346,23 @@ class TimedPaths(Policy):
         self.variant = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self.shift = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros((*self.shape, MEMORY), dtype=wp.float32, device=self.device)
-        if (
-            self._stay_inside is not None and tables.filtered_until == 0
-        ):  # paths that are planned from the start turn early
+        if self._stay_inside is not None and tables.filtered_until == 0:
+            # Paths that are planned from the start turn early.
             self._stay_inside = Inside(self.scenario, self.num_worlds, self.device, turns_early=True)
         self._tolerance, self._filter = math.inf, None
         if tables.filtered_until > 0:
-            self._filter = Safe(self.scenario, num_worlds, self.device, ARRIVING.of(self.scenario))
-            if self.communicates == "nothing":
-                self.communicates = self._filter.communicates
+            self._avoid_others()
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths for a scenario, which is resolved and without what plans do not depend on."""
         raise NotImplementedError(f"{type(self).__name__} must have tables, or a method timed(scenario)")
+
+    def _avoid_others(self, tolerance: float = math.inf) -> None:
+        """Use the collision filter as `take_filtered` does; `tolerance` [m] is its argument."""
+        self._tolerance = tolerance
+        self._filter = Safe(self.scenario, self.num_worlds, self.device, ARRIVING.of(self.scenario))
+        if self.communicates == "nothing":
+            self.communicates = self._filter.communicates
 
     def decide(self, observation: wp.array) -> None:
         """Write the `action` that follows the paths of `variant`, or that of the collision filter."""

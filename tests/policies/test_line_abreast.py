@@ -204,3 +204,10 @@ def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
                 other = across[:, None] - across + (plan.lanes[1:] - plan.lanes[0])[:, None, None]
                 assert lines == 1 or np.abs(other).min() > 2 * scenario.robot.radius
     assert played >= 15
+
+
+@pytest.mark.parametrize(("name", "most"), [("team", 0.5), ("evaders-failure", 0.75)])
+def test_cars_off_their_places_avoid_others(name, most):
+    scenario = lissajous_env.scenario(name, **{"task.contamination": None})
+    rows = lissajous_env.evaluate(LineAbreast(scenario, 16), scenario, range(500, 516))
+    assert np.mean([row["collisions"] for row in rows]) < most  # without the filter 2.9 and 1.0
