@@ -276,13 +276,13 @@ def take_filtered(
 ):
     """Take the actions of the collision filter up to control step `until`.
 
-    Later on, take them for a robot that is farther from its reference on the loop than `tolerance` [m], where others do
-    not expect it.
+    Later on, take them for a robot that is farther from its reference than `tolerance` [m], where others do not expect
+    it.
     """
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[variant[w, i], i]
-    sample = wp.max(_FINE * (int(steps) - 1), _FINE * tracking.lead_in)
+    sample = _FINE * (int(steps) - 1)
     reference = path[sample_on_table(sample, tracking)]
     offset = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(reference[0], reference[1])
     if steps <= until or wp.length(offset) > tolerance:
