@@ -7,10 +7,11 @@ from functools import partial
 from baselines import policies
 from baselines.policies.base import Policy as Policy
 from baselines.policies.coordinators import NumpyCoordinator as NumpyCoordinator
+from baselines.policies.covering import Cover, Herd
 from baselines.policies.index_rule import Index
 from baselines.policies.own_row import Rows as Rows
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
-from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
+from baselines.policies.reacting import Chase, Follow, Force, Lanes, VoronoiPursuit
 from baselines.policies.registry import make as make
 from baselines.policies.registry import names as names
 from baselines.policies.registry import register as register
@@ -24,6 +25,7 @@ for _name, _factory, _scenarios, _about in (
     ("follow", Follow, ("watch",), "Drive to the nearest target in sight."),
     ("a-cmommt", Force, ("watch",), "Forces towards targets and away from robots (Parker, 2002)."),
     ("greedy-cover", Cover, ("watch",), "Drive where the most known targets are near."),
+    ("greedy-herd", Herd, ("watch",), "Greedy cover that drives fleeing targets into corners and keeps them there."),
     ("pure-pursuit", partial(Chase, lead=0.0), ("intercept",), "Drive to the nearest target in sight of any robot."),
     ("lead-pursuit", Chase, ("intercept",), "Drive to where the nearest target in sight of any robot will be."),
     (

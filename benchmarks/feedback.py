@@ -20,8 +20,9 @@ import figures
 import numpy as np
 
 import lissajous_env
+from baselines.policies.covering import Cover, Herd
 from baselines.policies.index_rule import Index
-from baselines.policies.reacting import Chase, Cover, Follow, Force, Lanes, VoronoiPursuit
+from baselines.policies.reacting import Chase, Follow, Force, Lanes, VoronoiPursuit
 from lissajous_env.world.columns import task_score
 from lissajous_env.world.state import DETECTED, PRESENT
 
@@ -58,8 +59,8 @@ class SeesAll:
         return rows
 
 
-class CoverAll(SeesAll, Cover):
-    """Greedy cover of all targets."""
+class HerdAll(SeesAll, Herd):
+    """Greedy herding of all targets."""
 
 
 class ChaseAll(SeesAll, Chase):
@@ -89,7 +90,8 @@ POLICIES = {
         "follow the nearest": (Follow, {}),
         "A-CMOMMT, tuned": (Force, {"shared": 0.0, "reach": 2.0, "apart": 3.0, "push": 1.0}),
         "greedy cover, tuned": (Cover, {}),
-        CLAIRVOYANT: (CoverAll, {}),
+        "greedy herding, tuned": (Herd, {}),
+        CLAIRVOYANT: (HerdAll, {}),
     },
     "intercept": {
         PATROL: (Lanes, {"lanes": 16}),
@@ -112,6 +114,7 @@ GRIDS = {
         (Lanes, LANES),
         (Force, {"shared": (0.0, 0.1), "reach": (1.5, 2.0, 3.0), "apart": (2.0, 2.5, 3.0), "push": (0.5, 1.0, 2.0)}),
         (Cover, {"delay": (0.5, 0.75, 1.0), "fade": (1.5, 2.25, 3.0), "margin": (0.5, 0.6, 0.7, 0.8)}),
+        (Herd, {"fade": (3.0, 5.0, 8.0), "margin": (0.5, 0.6, 0.7), "behind": (0.3, 0.4), "fleeing": (1.0, 2.0)}),
     ],
     "intercept": [
         (Lanes, LANES),

@@ -33,7 +33,7 @@ from lissajous_env.wording import nearest
 from lissajous_env.world.columns import task_score
 
 REFERENCES = {
-    "watch-v1": ("lanes", "greedy-cover"),
+    "watch-v1": ("lanes", "greedy-herd"),
     "intercept-v1": ("lanes", "voronoi-pursuit"),
     "hotspots-v1": ("lanes", "index-learned"),
 }

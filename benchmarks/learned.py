@@ -33,7 +33,7 @@ from training.settings import TrainingSettings
 from training.validation import limit_of, rating_of
 
 POLICIES = {
-    "watch": ("learned-watch", "greedy-cover", "a-cmommt", "follow", "lanes"),
+    "watch": ("learned-watch", "greedy-herd", "greedy-cover", "a-cmommt", "follow", "lanes"),
     "intercept": ("learned-intercept", "voronoi-pursuit", "lead-pursuit", "pure-pursuit", "lanes"),
 }
 """Policies of each scenario: the learned one, the best rule, and other rules."""
@@ -42,7 +42,7 @@ SEEDS = range(10_000, 11_024)
 FEWER_SEEDS = SEEDS[:256]
 """Seeds of the comparison of many trainings by their options."""
 SPACES = {
-    "watch-v1": ("learned-watch", "greedy-cover"),
+    "watch-v1": ("learned-watch", "greedy-herd"),
     "intercept-v1": ("learned-intercept", "voronoi-pursuit"),
     "hotspots-v1": ("index-learned", "lanes"),
 }

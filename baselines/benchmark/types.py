@@ -28,7 +28,7 @@ POLICIES = (
     "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
     "line-abreast", "sweep", "laps",
     "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
-    "lanes", "follow", "a-cmommt", "greedy-cover", "pure-pursuit", "lead-pursuit",
+    "lanes", "follow", "a-cmommt", "greedy-cover", "greedy-herd", "pure-pursuit", "lead-pursuit",
     "voronoi-pursuit", "index", "index-learned", "learned-watch", "learned-intercept",
 )  # fmt: skip
 """Policies of the standard comparison, which the command and the table of docs/comparison.md show; the README's table

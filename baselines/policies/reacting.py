@@ -301,43 +301,6 @@ class Chase(Searching):
         return towards(goal, 0.02 * self.sight), np.isfinite(far)
 
 
-class Cover(Searching):
-    """Greedy cover: pairs of a robot and a place are chosen by the known targets around the place, per driving time.
-
-    Places are those of known targets, extrapolated, and the middles between two of them.
-    """
-
-    delay: float = 1.0
-    """Time that is added to the driving time to a place, in units of sight over top speed."""
-    fade: float = 3.0
-    """Age at which a track counts 1/e of a target in sight, in the same unit."""
-    margin: float = 0.7
-    """Distance within which targets around a place count [sight]."""
-
-    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """Drive to the robot's place, if it has one."""
-        if rows.tracks.shape[2] == 0:
-            return np.zeros_like(rows.position), np.zeros(self.shape, dtype=bool)
-        unit_time = self.sight / self.top
-        at = rows.position[:, :, None] + self.expected_offset(rows)
-        pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)
-        places = np.concatenate([at, at[:, :, pairs].mean(axis=3)], axis=2)
-        worth = np.where(rows.tracks, np.exp(-rows.track_age / (self.fade * unit_time)), 0.0)
-        covers = distances(places, at) < self.margin * self.sight
-        time = distances(known_places(rows), places) / self.top + self.delay * unit_time
-        time, counts = np.where(np.isnan(time), np.inf, time), covers.astype(float)
-
-        def rates(free: np.ndarray) -> np.ndarray:
-            return free * (counts * worth[:, :, None]).sum(axis=-1)[:, :, None] / time
-
-        def take(place: np.ndarray) -> None:
-            worth[np.take_along_axis(covers, place[..., None, None], axis=2)[:, :, 0]] = 0.0
-
-        own = divided(rates, take, time.shape[:3])
-        goal = np.take_along_axis(places, np.maximum(own, 0)[..., None, None], axis=2)[:, :, 0]
-        return towards(goal - rows.position, 0.25 * self.sight), own >= 0
-
-
 class VoronoiPursuit(Searching):
     """Pursuit that shrinks a target's Voronoi cell: drive to the middle of the border between it and the robot's cell.
 

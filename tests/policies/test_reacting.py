@@ -7,12 +7,13 @@ import pytest
 
 import baselines
 import lissajous_env
+from baselines.policies.covering import Cover, Herd
 from baselines.policies.index_rule import Index
-from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, divided
+from baselines.policies.reacting import Chase, Force, Lanes, VoronoiPursuit, divided
 from lissajous_env.world.observation import layout
 
 POLICIES = {
-    "watch": ("lanes", "follow", "a-cmommt", "greedy-cover"),
+    "watch": ("lanes", "follow", "a-cmommt", "greedy-cover", "greedy-herd"),
     "intercept": ("pure-pursuit", "lead-pursuit", "voronoi-pursuit"),
     "hotspots": ("index", "index-learned", "learned-intercept", "learned-watch"),
 }
@@ -90,6 +91,22 @@ def test_a_team_divides_the_targets_that_it_covers():
     assert action[3, 0] < -0.8
     to_one = Cover(resting, margin=0.1).act(simulation.observation.numpy())[0, 4]
     assert abs(to_one[1]) > 0.4, "a smaller disc covers only one of the two"
+
+
+def test_a_fleeing_target_is_driven_into_a_corner_before_which_a_robot_rests():
+    # Story: a target flees from robot 4 to the upper right. Robot 4 drives to a point behind it, which is to the right
+    # of its own way to the target, since the corner is farther up. Then the target stands in the corner.
+    fleeing = lissajous_env.scenario("watch", **{"targets.wandering": 0.0, "targets.fleeing": 1.0})
+    simulation, far = lissajous_env.Simulation(fleeing, seed=1), [(-19.5, 12.0 - k) for k in range(9)]
+    put(simulation, [*CORNERS[:3], (18.0, -11.0), (12.0, 5.0)], [(13.5, 5.5), *far])
+    simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+    pursued = Herd(fleeing).act(simulation.observation.numpy())[0, 4]
+    straight = Herd(fleeing, behind=0.0).act(simulation.observation.numpy())[0, 4]
+    assert straight[0] * pursued[1] - straight[1] * pursued[0] < -0.05, "to the right"
+    assert simulation.targets.position.numpy()[0, 0, 0] > 15.0, "it flees"
+    put(simulation, [*CORNERS[:3], (18.0, -11.0), (17.5, 10.0)], [(20.0, 12.5), *far])
+    simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+    assert not Herd(fleeing).act(simulation.observation.numpy())[0, 4].any()
 
 
 def test_a_division_gives_each_robot_one_thing():
