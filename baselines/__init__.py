@@ -7,7 +7,7 @@ from functools import partial
 from baselines import policies
 from baselines.policies.base import Policy as Policy
 from baselines.policies.coordinators import NumpyCoordinator as NumpyCoordinator
-from baselines.policies.covering import Cover, Herd
+from baselines.policies.dividing import Cover, DividedPursuit, Herd
 from baselines.policies.index_rule import Index
 from baselines.policies.own_row import Rows as Rows
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
@@ -28,6 +28,7 @@ for _name, _factory, _scenarios, _about in (
     ("greedy-herd", Herd, ("watch",), "Greedy cover that drives fleeing targets into corners and keeps them there."),
     ("pure-pursuit", partial(Chase, lead=0.0), ("intercept",), "Drive to the nearest target in sight of any robot."),
     ("lead-pursuit", Chase, ("intercept",), "Drive to where the nearest target in sight of any robot will be."),
+    ("divided-pursuit", DividedPursuit, ("intercept",), "Lead pursuit of targets that are divided among the robots."),
     (
         "voronoi-pursuit",
         VoronoiPursuit,

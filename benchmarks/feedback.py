@@ -20,7 +20,7 @@ import figures
 import numpy as np
 
 import lissajous_env
-from baselines.policies.covering import Cover, Herd
+from baselines.policies.dividing import Cover, DividedPursuit, Herd
 from baselines.policies.index_rule import Index
 from baselines.policies.reacting import Chase, Follow, Force, Lanes, VoronoiPursuit
 from lissajous_env.world.columns import task_score
@@ -63,8 +63,8 @@ class HerdAll(SeesAll, Herd):
     """Greedy herding of all targets."""
 
 
-class ChaseAll(SeesAll, Chase):
-    """Lead pursuit of the nearest of all targets."""
+class DividedAll(SeesAll, DividedPursuit):
+    """Divided pursuit of all targets."""
 
 
 class IndexAll(SeesAll, Index):
@@ -98,7 +98,8 @@ POLICIES = {
         "pure pursuit": (Chase, {"lead": 0.0}),
         "lead pursuit, tuned": (Chase, {"lead": 0.8}),
         "Voronoi pursuit, tuned": (VoronoiPursuit, {}),
-        CLAIRVOYANT: (ChaseAll, {}),
+        "divided pursuit, tuned": (DividedPursuit, {}),
+        CLAIRVOYANT: (DividedAll, {}),
     },
     "hotspots": {
         PATROL: (Lanes, {"lanes": 8}),
@@ -119,6 +120,7 @@ GRIDS = {
     "intercept": [
         (Lanes, LANES),
         (Chase, {"lead": (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)}),
+        (DividedPursuit, {"lead": (0.6, 0.7, 0.8, 0.9), "again": (0.0, 0.1, 0.2, 0.3), "delay": (0.1, 0.3)}),
         (VoronoiPursuit, {"near": (0.2, 0.3, 0.4), "width": (0.1, 0.15, 0.2), "fade": (0.15, 0.25, 0.4)}),
     ],
     "hotspots": [(Lanes, LANES), (Index, {"learns": (False, True), "delay": (0.0, 0.25, 0.5, 1.0, 1.5, 3.0)})],

@@ -34,7 +34,7 @@ from lissajous_env.world.columns import task_score
 
 REFERENCES = {
     "watch-v1": ("lanes", "greedy-herd"),
-    "intercept-v1": ("lanes", "voronoi-pursuit"),
+    "intercept-v1": ("lanes", "divided-pursuit"),
     "hotspots-v1": ("lanes", "index-learned"),
 }
 """Policies of each task whose scores are 0 and 1; the score of a task is `task_score`."""

@@ -34,7 +34,7 @@ from training.validation import limit_of, rating_of
 
 POLICIES = {
     "watch": ("learned-watch", "greedy-herd", "greedy-cover", "a-cmommt", "follow", "lanes"),
-    "intercept": ("learned-intercept", "voronoi-pursuit", "lead-pursuit", "pure-pursuit", "lanes"),
+    "intercept": ("learned-intercept", "divided-pursuit", "voronoi-pursuit", "lead-pursuit", "pure-pursuit", "lanes"),
 }
 """Policies of each scenario: the learned one, the best rule, and other rules."""
 TITLES = {"observed_fraction": "targets in sight", "detection_rate": "detections [1/min]"}
@@ -43,7 +43,7 @@ FEWER_SEEDS = SEEDS[:256]
 """Seeds of the comparison of many trainings by their options."""
 SPACES = {
     "watch-v1": ("learned-watch", "greedy-herd"),
-    "intercept-v1": ("learned-intercept", "voronoi-pursuit"),
+    "intercept-v1": ("learned-intercept", "divided-pursuit"),
     "hotspots-v1": ("index-learned", "lanes"),
 }
 """Policies that are compared on each space: the best one and its rival."""

@@ -29,7 +29,7 @@ POLICIES = (
     "line-abreast", "sweep", "laps",
     "portfolio", "portfolio-guarantee", "random", "kuramoto", "consensus", "open-loop",
     "lanes", "follow", "a-cmommt", "greedy-cover", "greedy-herd", "pure-pursuit", "lead-pursuit",
-    "voronoi-pursuit", "index", "index-learned", "learned-watch", "learned-intercept",
+    "divided-pursuit", "voronoi-pursuit", "index", "index-learned", "learned-watch", "learned-intercept",
 )  # fmt: skip
 """Policies of the standard comparison, which the command and the table of docs/comparison.md show; the README's table
 has some of them.

@@ -295,10 +295,13 @@ class Chase(Searching):
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Drive to where the nearest target will be."""
-        direct = np.linalg.norm(rows.track_offset, axis=-1)
-        when = np.minimum(self.lead * direct / self.top, 0.9 * self.sight / self.top)
-        goal, far = nearest(rows.track_offset, self.in_sight(rows), self.offset_after(rows, when))
+        goal, far = nearest(rows.track_offset, self.in_sight(rows), self.offset_ahead(rows))
         return towards(goal, 0.02 * self.sight), np.isfinite(far)
+
+    def offset_ahead(self, rows: Rows) -> np.ndarray:
+        """Return where tracks will be (W, N, K, 2), relative to the robot, after the time of `lead` [m]."""
+        direct = np.linalg.norm(rows.track_offset, axis=-1)
+        return self.offset_after(rows, np.minimum(self.lead * direct / self.top, 0.9 * self.sight / self.top))
 
 
 class VoronoiPursuit(Searching):

@@ -7,14 +7,14 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.policies.covering import Cover, Herd
+from baselines.policies.dividing import Cover, Herd
 from baselines.policies.index_rule import Index
 from baselines.policies.reacting import Chase, Force, Lanes, VoronoiPursuit, divided
 from lissajous_env.world.observation import layout
 
 POLICIES = {
     "watch": ("lanes", "follow", "a-cmommt", "greedy-cover", "greedy-herd"),
-    "intercept": ("pure-pursuit", "lead-pursuit", "voronoi-pursuit"),
+    "intercept": ("pure-pursuit", "lead-pursuit", "divided-pursuit", "voronoi-pursuit"),
     "hotspots": ("index", "index-learned", "learned-intercept", "learned-watch"),
 }
 
@@ -119,6 +119,19 @@ def test_a_division_gives_each_robot_one_thing():
 
     assert divided(lambda free: worth * free, take, worth.shape[:3]).item() == 1
     assert things == [1, 0]
+
+
+def test_pursuers_divide_their_targets_and_help_each_other():
+    # Story: robots 3 and 4 know of two targets, and the one nearer to both is nearest to robot 4. Without the other
+    # target, robot 3 helps robot 4.
+    simulation = lissajous_env.Simulation("intercept", seed=1)
+    robots = [(-19.0, -12.0), (-19.0, 12.0), (19.0, 12.0), (-4.0, 0.0), (0.0, 0.0)]
+    put(simulation, robots, [(2.0, 0.0), (-4.0, 9.0), (19, -12), (19, -12)])
+    other = DividedPursuit(simulation.scenario).act(simulation.observation.numpy())[0, 3]
+    put(simulation, robots, [(2.0, 0.0), (19, -12), (19, -12), (19, -12)])
+    helping = DividedPursuit(simulation.scenario).act(simulation.observation.numpy())[0, 3]
+    assert other[1] > 0.9
+    assert helping[0] > 0.7
 
 
 def test_a_pursuer_drives_to_the_border_of_the_cells():

@@ -42,7 +42,7 @@ def arrays_of(folder):
 
 @pytest.mark.parametrize(("changes", "base"), [
     ({}, "greedy-herd"),
-    ({"scenario": "intercept", "memory": 8, "heads": 0}, "lead-pursuit"),
+    ({"scenario": "intercept", "memory": 8, "heads": 0}, "divided-pursuit"),
     ({"scenario": "hotspots"}, "index-learned"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "arc-mpcc"),

@@ -1,9 +1,9 @@
-"""Policies that divide the places of known targets among the robots, for cars whose actions are velocities."""
+"""Policies that divide the known targets among the robots, for cars whose actions are velocities."""
 
 import numpy as np
 
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import Searching, distances, divided, known_places, towards, unit
+from baselines.policies.reacting import Chase, Searching, distances, divided, known_places, towards, unit
 
 _CORNERS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 """Corners of the rectangle, in units of its half width and half height."""
@@ -121,3 +121,34 @@ class Herd(Cover):
         flees = rows.tracks & (speed > 0.9 * top) & ((unit(rows.track_velocity) * away).sum(axis=-1) > _AWAY)
         corner = np.linalg.norm(self.half - np.abs(at), axis=-1) < _CORNER * self.sight
         return flees, rows.tracks & (speed < 0.1 * top) & corner
+
+
+class DividedPursuit(Chase):
+    """Lead pursuit of targets that are divided among the robots, the shortest way first.
+
+    A robot without a target of its own helps another one.
+    """
+
+    lead = 0.7
+    again: float = 0.2
+    """Worth of a target that a robot pursues already."""
+    delay: float = 0.1
+    """Distance that is added to the way to a target [sight]."""
+
+    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """Drive to where the robot's own target will be."""
+        there = self.in_sight(rows)
+        at = np.where(there[..., None], rows.position[:, :, None] + rows.track_offset, np.nan)
+        far = distances(known_places(rows), at)
+        far, worth = np.where(np.isnan(far), np.inf, far) + self.delay * self.sight, there.astype(float)
+
+        def rates(free: np.ndarray) -> np.ndarray:
+            return free * worth[:, :, None] / far
+
+        def take(target: np.ndarray) -> None:
+            index = target[..., None]
+            np.put_along_axis(worth, index, self.again * np.take_along_axis(worth, index, axis=2), axis=2)
+
+        own = divided(rates, take, far.shape[:3])
+        goal = of_own(self.offset_ahead(rows), own)
+        return towards(goal, 0.02 * self.sight), own >= 0
