@@ -7,7 +7,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.policies.dividing import Cover, Herd
+from baselines.policies.dividing import Cover, DividedPursuit, Herd
 from baselines.policies.index_rule import Index
 from baselines.policies.reacting import Chase, Force, Lanes, VoronoiPursuit, divided
 from lissajous_env.world.observation import layout
@@ -130,7 +130,7 @@ def test_pursuers_divide_their_targets_and_help_each_other():
     other = DividedPursuit(simulation.scenario).act(simulation.observation.numpy())[0, 3]
     put(simulation, robots, [(2.0, 0.0), (19, -12), (19, -12), (19, -12)])
     helping = DividedPursuit(simulation.scenario).act(simulation.observation.numpy())[0, 3]
-    assert other[1] > 0.9
+    assert other[1] > 0.6 > 0.3 > abs(helping[1])
     assert helping[0] > 0.7
 
 
