@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 42_145
+LINES = 42_154
 """Lines of the packages."""
 MODULES = 258
 """Files of the packages."""
-TESTS = 25_913
+TESTS = 25_921
 """Lines of the tests."""
 
 
