@@ -17,7 +17,7 @@ import numpy as np
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.ideal_motion import unvisited_and_gap, worst_undetected_time
 from baselines.policies.loops import closed_loop, divisions, evenly_spaced, length_of
-from baselines.policies.transit import RESERVE, TURN, radius_for_all_cars, required_distance, slowest_speed
+from baselines.policies.transit import RESERVE, TURN, radius_for_all_cars, required_distance
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
 
@@ -264,7 +264,7 @@ def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
         apart=required_distance(scenario, parameters.clearance) / unit,
         turning=max(radius_for_all_cars(scenario), parameters.turning or 0.0) / unit,
         speed=(parameters.speed or RESERVE * robot.top_speed) * step / unit,
-        slowest=slowest_speed(scenario) * step / unit,
+        slowest=robot.idle_speed * step / unit,
         grip=RESERVE * robot.lateral_acceleration_max * step**2 / unit,
         target_speed=scenario.rogue_speed * step / unit,
     )

@@ -33,7 +33,6 @@ from lissajous_env.device.program import launcher
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.world.robots.differential import commanded_speed, drive_step, ramp, yaw_limit
 from lissajous_env.world.robots.inside import DEVIATIONS, ROUNDING, margin_of
 
@@ -314,11 +313,10 @@ def limits_of(scenario: Scenario) -> Any:
     margin = margin_of(scenario)
     limits.half = wp.vec2(curve.half_width - margin, curve.half_height - margin)
     limits.rounding = ROUNDING * (curve.half_width + curve.half_height)
-    motors = scenario.drive_factors
-    weakest = robot.top_acceleration * (2 - noise.most_drive) * float(motors.min())
-    limits.pushes = wp.vec2(weakest, robot.top_acceleration * noise.most_drive * float(motors.max()))
-    spread = SPREAD_MAX * noise.wheelbase_spread
-    limits.turns = wp.vec2(robot.top_yaw_rate / (1 + spread), robot.top_yaw_rate / (1 - spread))
+    motors, (shortest, longest) = scenario.drive_factors, noise.wheelbase_range
+    weakest = robot.top_acceleration * noise.drive_range[0] * float(motors.min())
+    limits.pushes = wp.vec2(weakest, robot.top_acceleration * noise.drive_range[1] * float(motors.max()))
+    limits.turns = wp.vec2(robot.top_yaw_rate / longest, robot.top_yaw_rate / shortest)
     limits.action_error, limits.heading_error = DEVIATIONS * noise.actuator, DEVIATIONS * noise.heading
     limits.yaw_error = limits.action_error * robot.top_yaw_rate
     limits.heading_noise = limits.action_error * robot.top_yaw_rate * task.step / math.sqrt(task.substeps)

@@ -19,7 +19,6 @@ import numpy as np
 
 from baselines.policies.driving import slowest_top_speed
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import largest_speed, turning_radius
 from lissajous_env.world.robots.placing import start_headings
@@ -46,7 +45,7 @@ _LONGEST = 6.0
 
 def radius_for_all_cars(scenario: Scenario) -> float:
     """Return the radius of a turn that every car of a scenario can drive, also the one of the longest wheelbase [m]."""
-    spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
+    spread = scenario.noise.wheelbase_range[1]
     return _WIDER * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 
 
@@ -54,14 +53,6 @@ def required_distance(scenario: Scenario, clearance: float | None = None) -> flo
     """Return the least distance of two robots in a plan [m]: two radii and a clearance, a radius by default."""
     radius = scenario.robot.radius
     return 2 * radius + (radius if clearance is None else clearance)
-
-
-def slowest_speed(scenario: Scenario) -> float:
-    """Return the steady speed of a car at the least throttle [m/s], below which it cannot drive for long."""
-    robot = scenario.robot
-    if robot.throttle_min <= robot.dead_zone:
-        return 0.0
-    return max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)
 
 
 @dataclass(frozen=True)
@@ -88,7 +79,7 @@ class Car:
         speed = speed or RESERVE * robot.top_speed
         grip = math.sqrt(RESERVE * robot.lateral_acceleration_max * turning)
         speed = min(speed, TURN * turning / scenario.task.step, grip)
-        slowest = max(1.02 * slowest_speed(scenario), 0.15 * robot.top_speed)
+        slowest = max(1.02 * robot.idle_speed, 0.15 * robot.top_speed)
         within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
         return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, within)
 

@@ -30,7 +30,6 @@ from lissajous_env.device.structs import NoiseStruct, RobotStruct, allocate, to_
 from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.inside import Walls, walls_of
 
@@ -163,9 +162,9 @@ def stops_of(scenario: Scenario) -> np.ndarray:
 
 def widest_of(scenario: Scenario) -> np.ndarray:
     """Return the bounds (N, 4) of each car's curvature and drive over the nominal ones: least, most; least, most."""
-    wheelbase, drive = SPREAD_MAX * scenario.noise.wheelbase_spread, SPREAD_MAX * scenario.noise.drive_spread
-    turning = (1 / (1 + wheelbase) - _ROUNDING, 1 / (1 - wheelbase) + _ROUNDING)
-    rows = [(*turning, f * (1 - drive - _ROUNDING), f * (1 + drive + _ROUNDING)) for f in scenario.drive_factors]
+    (shortest, longest), (weakest, strongest) = scenario.noise.wheelbase_range, scenario.noise.drive_range
+    turning = (1 / longest - _ROUNDING, 1 / shortest + _ROUNDING)
+    rows = [(*turning, f * (weakest - _ROUNDING), f * (strongest + _ROUNDING)) for f in scenario.drive_factors]
     return np.array(rows, dtype=np.float32)
 
 
@@ -191,7 +190,7 @@ def farthest_speed(scenario: Scenario) -> float:
     The weakest motor brakes just above the dead zone where its drive is less than the offset.
     """
     robot, noise = scenario.robot, scenario.noise
-    weakest = robot.drive * (1 - SPREAD_MAX * noise.drive_spread) * float(scenario.drive_factors.min())
+    weakest = robot.drive * noise.drive_range[0] * float(scenario.drive_factors.min())
     return fastest_of(scenario) + max(robot.offset - weakest * robot.dead_zone, 0.0) / robot.drag
 
 
@@ -215,7 +214,7 @@ def integration_error(scenario: Scenario) -> float:
     """
     robot, noise = scenario.robot, scenario.noise
     h = scenario.task.step / scenario.task.substeps
-    shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
+    shortest = robot.wheelbase * noise.wheelbase_range[0]
     turn = fastest_of(scenario) * h / turning_radius(shortest, robot.steering_max)
     change = robot.drag * h * farthest_speed(scenario) / fastest_of(scenario)
     mixed = (turn / 7.33 + change / 3) ** 4

@@ -64,7 +64,7 @@ from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import SPREAD_MAX, Robot
+from lissajous_env.settings.parts import Robot
 from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.car import car_step, motor_acceleration
 from lissajous_env.world.state import WORKING
@@ -342,11 +342,10 @@ def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     walls.rounding = ROUNDING * (curve.half_width + curve.half_height)
     margin = margin_of(scenario)
     walls.half_width, walls.half_height = curve.half_width - margin, curve.half_height - margin
-    walls.shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
-    walls.longest = robot.wheelbase * (1 + SPREAD_MAX * noise.wheelbase_spread)
+    walls.shortest, walls.longest = (robot.wheelbase * factor for factor in noise.wheelbase_range)
     walls.turning = turning_radius(walls.longest, robot.steering_max)
     walls.fastest_turn = math.sqrt(robot.lateral_acceleration_max * walls.turning)
-    walls.strongest = robot.drive * noise.most_drive * float(np.max(scenario.drive_factors))
+    walls.strongest = robot.drive * noise.drive_range[1] * float(np.max(scenario.drive_factors))
     walls.creep = CREEP * min(robot.top_speed, walls.fastest_turn)
     walls.speed_gain = scaled_gain(scenario, SPEED_GAIN)
     walls.speed_unit = robot.top_speed

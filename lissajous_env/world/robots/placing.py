@@ -27,7 +27,7 @@ from lissajous_env.device.stage import ROBOT, WORLD, part, stage
 from lissajous_env.device.structs import RobotStruct, code_of, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import Formation
+from lissajous_env.settings.parts import SPREAD_MAX, Formation
 from lissajous_env.world.robots.contacts import closest_approach
 from lissajous_env.world.robots.faults import is_coasting
 from lissajous_env.world.state import REMOVED, WORKING, planar
@@ -41,6 +41,7 @@ LARGEST_CORRECTION = wp.constant(0.1)
 ROTATED = wp.constant(code_of(Formation, "start", "rotated"))
 RANDOM = wp.constant(code_of(Formation, "start", "random"))
 
+_CLIP = wp.constant(SPREAD_MAX)
 _DRAWS = wp.constant(100)
 """Largest number of starts that are drawn for a robot; the last one remains."""
 
@@ -122,10 +123,10 @@ def reset_robots(
     begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
     robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
     body = randomness.stream(key, i, randomness.BODY)
-    # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
-    robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+    # A spread is clipped, so that no car has a wheelbase of zero.
+    robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -_CLIP, _CLIP))
     drive = robot.drive * drive_factors[i]
-    robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+    robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -_CLIP, _CLIP))
 
 
 @part
