@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Filter, Filtered, Policy
-from baselines.policies.safety.filter import Safe
 from baselines.policies.safety.proved import Proved
+from baselines.policies.safety.safe import Safe
 from lissajous_env.identity import OURS, parts_of
 from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import MODELS, model_of

@@ -28,11 +28,11 @@ TURNS = np.array([[1.0, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1], [-1, 1, -1],
 
 The kinds are LSL, RSR, LSR, RSL, RLR and LRL in the notation of Dubins.
 """
-RESERVE = 0.75
-"""Share of the top speed and of the grip that ways and loops use."""
-TURN = 0.4
+PLANNED_SHARE = 0.75
+"""Share of the top speed and of the grip that planned ways and loops use; the rest corrects errors."""
+STEP_TURN = 0.4
 """Largest turn in a control step [rad], in which steering is constant."""
-_WIDER = 1.02
+_RADIUS_FACTOR = 1.02
 """Radius of planned turns, over that of the tightest turn of the car with the longest wheelbase."""
 _PROFILE = np.linspace(0, 1, 21)
 _TRIES = 24
@@ -46,7 +46,7 @@ _LONGEST = 6.0
 def radius_for_all_cars(scenario: Scenario) -> float:
     """Return the radius of a turn that every car of a scenario can drive, also the one of the longest wheelbase [m]."""
     spread = scenario.noise.wheelbase_range[1]
-    return _WIDER * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+    return _RADIUS_FACTOR * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 
 
 def required_distance(scenario: Scenario, clearance: float | None = None) -> float:
@@ -76,9 +76,9 @@ class Car:
     def of(cls, scenario: Scenario, speed: float | None) -> "Car":
         """Return the limits of the cars of a scenario; the largest speed is a share of the top speed by default."""
         robot, turning, driven = scenario.robot, radius_for_all_cars(scenario), scenario.driven
-        speed = speed or RESERVE * robot.top_speed
-        grip = math.sqrt(RESERVE * robot.lateral_acceleration_max * turning)
-        speed = min(speed, TURN * turning / scenario.task.step, grip)
+        speed = speed or PLANNED_SHARE * robot.top_speed
+        grip = math.sqrt(PLANNED_SHARE * robot.lateral_acceleration_max * turning)
+        speed = min(speed, STEP_TURN * turning / scenario.task.step, grip)
         slowest = max(1.02 * robot.idle_speed, 0.15 * robot.top_speed)
         within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
         return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, within)

@@ -211,8 +211,8 @@ class Scenario(BringsRogues):
     def start_turning(self) -> float:
         """Radius of the turn for which every car or drive has room at the start [m]; 0 without walls.
 
-        It is a tenth above that of the tightest turn of a car of the longest wheelbase; robots turn away from a wall where
-        they lack this room (`lissajous_env.world.robots.placing.turn_from_walls`).
+        It is a tenth above that of the tightest turn of a car of the longest wheelbase; robots turn away from a wall
+        where they lack this room (`lissajous_env.world.robots.placing.turn_from_walls`).
         """
         if self.task.boundary != "wall" or self.robot.kind not in ("car", "differential"):
             return 0.0

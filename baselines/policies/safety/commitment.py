@@ -30,6 +30,7 @@ from baselines.policies.safety.tails import POINTS, Plan, Tail, gap_between, lay
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.world.robots.contacts import distance_inside
 from lissajous_env.world.robots.inside import is_safe
 
 wp.set_module_options(OPTIONS)
@@ -76,7 +77,7 @@ def gap_to_edge(plan: Plan, bounds: Bounds) -> float:
     least = float(FAR)
     for k in range(1, POINTS):
         place = plan[k]
-        inside = wp.min(bounds.half_width - wp.abs(place[0]), bounds.half_height - wp.abs(place[1]))
+        inside = distance_inside(bounds.half_width, bounds.half_height, place[0], place[1])
         least = wp.min(least, inside - place[2])
     return least
 
@@ -92,12 +93,12 @@ def gap_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, mem
     has_decided = memory.decided[w, j] == 1
     if bounds.stops[i] == 1 or bounds.stops[j] == 1:
         other = memory.plans[w, j, wp.where(has_decided, NEW, OLD)]
-        return swept_gap(one, other, bounds.stops[i] == 1, bounds.stops[j] == 1, bounds.touch, enough)
+        return swept_gap(one, other, bounds.stops[i] == 1, bounds.stops[j] == 1, bounds.required, enough)
     least = float(FAR)
     if has_decided:
-        least = gap_between(one, memory.plans[w, j, NEW], bounds.touch, enough)
+        least = gap_between(one, memory.plans[w, j, NEW], bounds.required, enough)
     if least >= enough and (not has_decided or bounds.coasts == 1):
-        least = wp.min(least, gap_between(one, memory.plans[w, j, OLD], bounds.touch, enough))
+        least = wp.min(least, gap_between(one, memory.plans[w, j, OLD], bounds.required, enough))
     return least
 
 
@@ -132,7 +133,7 @@ def is_compatible(w: int, bounds: Bounds, memory: Memory) -> int:
 def is_off_the_wall(bounds: Bounds, car: wp.vec4, speed: float) -> bool:
     """Return whether a car that had a speed [m/s] a step before cannot have touched the wall since."""
     way = (speed + car[3]) * bounds.step + bounds.place
-    return wp.min(bounds.half_width - wp.abs(car[0]), bounds.half_height - wp.abs(car[1])) > way
+    return distance_inside(bounds.half_width, bounds.half_height, car[0], car[1]) > way
 
 
 @wp.func
@@ -209,8 +210,8 @@ def commit_to_old_plan(w: int, i: int, bounds: Bounds, memory: Memory):
     speed = before.length * drag
     rate = speed * (drag + speed * wp.abs(before.curvature))
     bulge = rate * (bounds.step * bounds.step / 32.0 + bounds.chord)
-    middle = place_on(before, 1.0 - wp.sqrt(bounds.left))
-    tail = roll_on(before, bounds.left)
+    middle = place_on(before, 1.0 - wp.sqrt(bounds.decay))
+    tail = roll_on(before, bounds.decay)
     start = wp.vec2(before.x, before.y)
     middle[2] = bulge
     lay_out(memory.plans[w, i, OLD], start, middle, tail, chord_slack(bounds, tail))
@@ -223,11 +224,11 @@ def commit_to_old_plan(w: int, i: int, bounds: Bounds, memory: Memory):
 @wp.func
 def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: Observation) -> bool:
     """Return whether a robot heard the tails of all others in this step (condition 3)."""
-    if bounds.loss == 0.0:
+    if bounds.message_loss == 0.0:
         return True
     key = randomness.step_key(own_key(w, i, observation), step)
     for j in range(observation.shape[1]):
-        if j != i and randomness.uniform(key, j, randomness.MESSAGE) < bounds.loss:
+        if j != i and randomness.uniform(key, j, randomness.MESSAGE) < bounds.message_loss:
             return False
     return True
 
@@ -279,14 +280,14 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
         enough = wp.min(smallest_gap(w, i, OLD, -FAR, -1, bounds, memory)[0], 0.0)
     gap = wp.vec2(-FAR, -1.0)
     ends_well = leads_out(bounds, old)
-    for k in range(bounds.changes.shape[0] * bounds.tails):
-        change = bounds.changes[k / bounds.tails]
+    for k in range(bounds.changes.shape[0] * bounds.num_tails):
+        change = bounds.changes[k / bounds.num_tails]
         action = within_limits(bounds, known, car[3], want + change)
-        if k % bounds.tails > 0 and change[0] != 0.0:
+        if k % bounds.num_tails > 0 and change[0] != 0.0:
             continue  # before a tail with another steering, only actions with the wanted steering are tried
         if (change[0] != 0.0 and action[0] == want[0]) or (change[1] != 0.0 and action[1] == want[1]):
             continue  # the box or grip undoes the change
-        turn = turn_after(k % bounds.tails, bounds, known, car[3], action)
+        turn = turn_after(k % bounds.num_tails, bounds, known, car[3], action)
         tail = propose(w, i, bounds, car, action, turn, memory)
         if ends_well and not leads_out(bounds, tail):
             gap = wp.vec2(-FAR, -1.0)  # not this one

@@ -28,9 +28,9 @@ class Bounds:
 
     step: wp.float32
     """Control step, h [s]."""
-    left: wp.float32
+    decay: wp.float32
     """exp(-c h), the share of the speed that a rolling car has left after a step."""
-    touch: wp.float32
+    required: wp.float32
     """Least distance of two cars, 2 r + margin [m]."""
     place: wp.float32
     """Bound of the error of a measured position [m]."""
@@ -44,7 +44,7 @@ class Bounds:
     """Half of the width of the rectangle that tails stay in [m]."""
     half_height: wp.float32
     """Half of its height [m]."""
-    loss: wp.float32
+    message_loss: wp.float32
     """Probability that a robot misses the tail of another one in a step."""
     chord: wp.float32
     """Distance of the simulation's straight sub-steps from the path, divided by the acceleration [s^2]."""
@@ -52,7 +52,7 @@ class Bounds:
     """Relative error of the path in the simulation's integration."""
     coasts: wp.int32
     """1 where a robot's motor may fail in any step, and the robot coasts."""
-    tails: wp.int32
+    num_tails: wp.int32
     """Number of tails that are tried after an action: with its steering, the most to either side, and none."""
     robot: RobotStruct
     """The cars."""
@@ -124,9 +124,9 @@ def drive(bounds: Bounds, known: wp.vec4, car: wp.vec4, action: wp.vec2) -> tupl
         slack = 0.5 * (known[3] - known[2]) * robot.drive * tau
         slack += known[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.noise.actuator
     speed = car[3]
-    gone = 1.0 - bounds.left
+    gone = 1.0 - bounds.decay
     late = (bounds.step - gone / robot.drag) / robot.drag
-    after = wp.max(speed * bounds.left + push * gone / robot.drag, 0.0)
+    after = wp.max(speed * bounds.decay + push * gone / robot.drag, 0.0)
     way = wp.max(speed * gone / robot.drag + push * late, 0.0)
     way_error = bounds.speed * gone / robot.drag + slack * late
     way_error += 0.5 * bounds.step * bounds.step * wp.max(slack - push, 0.0)  # a car that stops within the step
@@ -134,10 +134,10 @@ def drive(bounds: Bounds, known: wp.vec4, car: wp.vec4, action: wp.vec2) -> tupl
     errors = wp.vec3(
         bounds.place + bounds.coarseness * way + way_error + swing * way + 0.5 * bend * way * way,
         swing + bend * way,
-        bounds.speed * bounds.left + slack * gone / robot.drag,
+        bounds.speed * bounds.decay + slack * gone / robot.drag,
     )
     end = arc_end(car[0], car[1], car[2], way, curvature)
-    half_gone = 1.0 - wp.sqrt(bounds.left)
+    half_gone = 1.0 - wp.sqrt(bounds.decay)
     half_late = (0.5 * bounds.step - half_gone / robot.drag) / robot.drag
     half_way = wp.clamp(speed * half_gone / robot.drag + push * half_late, 0.0, way)
     middle = arc_end(car[0], car[1], car[2], half_way, curvature)
@@ -164,9 +164,9 @@ def learn(bounds: Bounds, known: wp.vec4, widest: wp.vec4, last: wp.vec4, headin
     push = c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), way = (v_0 - v_1 + push h) / c, kappa = turn / way.
     """
     robot = bounds.robot
-    gone = 1.0 - bounds.left
-    push = robot.drag * (speed - last[1] * bounds.left) / gone
-    push_error = robot.drag * bounds.speed * (1.0 + bounds.left) / gone
+    gone = 1.0 - bounds.decay
+    push = robot.drag * (speed - last[1] * bounds.decay) / gone
+    push_error = robot.drag * bounds.speed * (1.0 + bounds.decay) / gone
     tau = throttle(robot, last[3])
     narrow = known
     if tau > robot.dead_zone and speed > 0.0:
@@ -213,9 +213,9 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
     Steps in which noise may turn off the motor, or grip may limit the turn, do not count.
     """
     robot = bounds.robot
-    gone = 1.0 - bounds.left
-    push = robot.drag * (speed - last[1] * bounds.left) / gone
-    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.left) / gone
+    gone = 1.0 - bounds.decay
+    push = robot.drag * (speed - last[1] * bounds.decay) / gone
+    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.decay) / gone
     summed = sums
     pull = mean_and_deviation(last[3], bounds.noise.actuator)
     tau = throttle(robot, pull[0])
@@ -272,7 +272,7 @@ def within_limits(bounds: Bounds, known: wp.vec4, speed: float, wanted: wp.vec2)
     if wp.isfinite(robot.lateral_acceleration_max):
         push = wp.max(known[3] * robot.drive * throttle(robot, throttling) - robot.offset, 0.0)
         fastest = speed + bounds.speed
-        fastest = wp.max(fastest, fastest * bounds.left + push * (1.0 - bounds.left) / robot.drag)
+        fastest = wp.max(fastest, fastest * bounds.decay + push * (1.0 - bounds.decay) / robot.drag)
         curvature = 0.999 * robot.lateral_acceleration_max / wp.max(fastest * fastest, 1.0e-20)
         most = wp.min(wp.atan(curvature * robot.wheelbase / known[1]) / robot.steering_max, 1.0)
     return wp.vec2(wp.clamp(wanted[0], -most, most), throttling)

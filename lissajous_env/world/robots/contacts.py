@@ -210,10 +210,10 @@ def end_motion(block, moving: int, x: Floats, y: Floats, heading: Floats, speed:
     abreast.put_floats(block, moving, speed, robots.speed)
 
 
-@part
-def wall_distance(curve, radius: float, place: wp.vec2) -> float:
-    """Return the distance of a body at `place` [m] from the nearest wall [m]; negative if it is beyond one."""
-    return wp.min(curve.half_width - wp.abs(place[0]), curve.half_height - wp.abs(place[1])) - radius
+@wp.func
+def distance_inside(half_width: float, half_height: float, x: float, y: float) -> float:
+    """Return the distance of a place from the edge of a rectangle around the origin, below 0 outside of it [m]."""
+    return wp.min(half_width - wp.abs(x), half_height - wp.abs(y))
 
 
 @part
@@ -236,7 +236,8 @@ def count_wall_contacts(w, i, curve, robot, task, action_speeds, clock, robots, 
     """
     if robots.status[w, i] != REMOVED:
         for s in range(1, robots.path.shape[2]):
-            distance = wall_distance(curve, robot.radius, planar(robots.path[w, i, s]))
+            place = robots.path[w, i, s]
+            distance = distance_inside(curve.half_width, curve.half_height, place[0], place[1]) - robot.radius
             if distance > APART * robot.radius:
                 tally.at_wall[w, i] = 0
             if distance < CONTACT * robot.radius and tally.at_wall[w, i] == 0:

@@ -31,7 +31,7 @@ _WALL = wp.constant(0.5)
 
 
 @part
-def inside(place: wp.vec2, curve) -> wp.vec2:
+def into_rectangle(place: wp.vec2, curve) -> wp.vec2:
     """Return the nearest place in the rectangle [m]."""
     x = wp.clamp(place[0], -curve.half_width, curve.half_width)
     return wp.vec2(x, wp.clamp(place[1], -curve.half_height, curve.half_height))
@@ -78,7 +78,7 @@ def near_hotspot(key, share: float, offset: wp.vec2, curve, target) -> wp.vec2:
             chosen = k
         left -= hotspot(key, k, curve)[2]
     place = hotspot(key, chosen, curve)
-    return inside(wp.vec2(place[0], place[1]) + offset, curve)
+    return into_rectangle(wp.vec2(place[0], place[1]) + offset, curve)
 
 
 @part
@@ -213,5 +213,5 @@ def away_from_all(w, place: wp.vec2, curve, target, robots) -> wp.vec2:
 def flee(place: wp.vec2, away: wp.vec2, step: float, curve, target) -> wp.vec3:
     """Return x, y [m], heading [rad] of a target that flees for a step [s] in the direction `away`, of any length."""
     # A wall turns the flight along itself; it does not send the target back to the robot.
-    fled = inside(place + target.flee_speed * step * wp.normalize(away), curve)
+    fled = into_rectangle(place + target.flee_speed * step * wp.normalize(away), curve)
     return wp.vec3(fled[0], fled[1], atan2(away[1], away[0]))
