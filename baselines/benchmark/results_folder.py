@@ -20,7 +20,7 @@ from lissajous_env.console.terminal import plain
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.parameters.rogues import folder_of
-from lissajous_env.parameters.scenario_file import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import outside, shown
@@ -70,7 +70,7 @@ class Results:
                 self.stored = self._extended(folder.path, stored, wanted)
                 if self.stored != stored:
                     self._write(folder)
-            self.scenarios = {name: scenario_of(fields) for name, fields in self.stored["scenarios"].items()}
+            self.scenarios = {name: scenario_of_json(fields) for name, fields in self.stored["scenarios"].items()}
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"{path} is damaged: {error}; choose another --out, or delete the folder") from error
 

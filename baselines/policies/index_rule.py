@@ -6,7 +6,7 @@ import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import Reacting, divided, known_places, towards
+from baselines.policies.reacting import Reacting, greedy_division, known_places, towards
 from lissajous_env.parameters.scenario import Scenario
 
 _NOWHERE = 1e6
@@ -83,5 +83,5 @@ class Index(Reacting):
             nonlocal mass
             mass = mass * self._beyond[cell]
 
-        goal = np.maximum(divided(rates, take, time.shape[:3]), 0)
+        goal = np.maximum(greedy_division(rates, take, time.shape[:3]), 0)
         return towards(self.cells[goal] - rows.position, self.radius / 3)

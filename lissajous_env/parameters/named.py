@@ -27,7 +27,7 @@ from lissajous_env.parameters.scenario_file import (
     name_in_file,
     overridden,
     read_toml,
-    scenario_from,
+    scenario_of_table,
 )
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import Registry
@@ -44,9 +44,9 @@ _OF_FILE = re.compile(rf"(.+?\{SUFFIX}):(.+)")
 _SEED = re.compile(r"(?:(.+)-)?(\d+)")
 _FIRST, _MOST = 32, 10_000
 """Default number of scenarios that represent a split, and its limit."""
-_unused: set[str] = set()
+_unreported: set[str] = set()
 """Violated assumptions of scenarios in folders of policies, which matter only if a policy uses the formation."""
-_POLICY = "policy.toml"
+_POLICY_FILE = "policy.toml"
 """Name of the file with the policy in such a folder."""
 
 
@@ -133,10 +133,10 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
             The scenario in the folder of a policy is not reported: the policy may not use its formation.
     """
     variant = build(name, **overrides)
-    if is_file(name) and os.path.isfile(os.path.join(os.path.dirname(name), _POLICY)):  # type: ignore[arg-type]
-        _unused.update(violations(variant))
+    if is_file(name) and os.path.isfile(os.path.join(os.path.dirname(name), _POLICY_FILE)):  # type: ignore[arg-type]
+        _unreported.update(violations(variant))
     elif overrides or name not in _INCLUDED:
-        warn_of_violations(variant, _unused)
+        warn_of_violations(variant, _unreported)
     return variant
 
 
@@ -266,7 +266,7 @@ def _in_file(path: str) -> Scenario | ScenarioSpace:
     try:
         table["name"] = name_in_file(table, path)
         if "draw" not in table:
-            return scenario_from(table, _registered)
+            return scenario_of_table(table, _registered)
         check_keys(table, _OF_SPACE)
         base = _registered(table["base"]) if "base" in table else Scenario()
         rules, shifts, words = table.get("require", ()), table.get("shift", {}), table.get("description", "")

@@ -236,8 +236,8 @@ def count_wall_contacts(w, i, curve, robot, task, action_speeds, clock, robots, 
     """
     if robots.status[w, i] != REMOVED:
         for s in range(1, robots.path.shape[2]):
-            place = robots.path[w, i, s]
-            distance = distance_inside(curve.half_width, curve.half_height, place[0], place[1]) - robot.radius
+            at = robots.path[w, i, s]
+            distance = distance_inside(curve.half_width, curve.half_height, at[0], at[1]) - robot.radius
             if distance > APART * robot.radius:
                 tally.at_wall[w, i] = 0
             if distance < CONTACT * robot.radius and tally.at_wall[w, i] == 0:
