@@ -52,6 +52,13 @@ CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
 class Coordinated(Policy):
     """Base class of trackers: policies whose robots follow a coordinator.
 
+    Args:
+        coordinator: Function or class that makes the coordinator.
+        scenario: The scenario.
+        num_worlds: W.
+        device: Warp device.
+        parameters: Parameters of the tracker; by default those for the scenario.
+
     Warns:
         AssumptionWarning: the scenario violates an assumption of the paper about its formation.
     """
@@ -132,15 +139,8 @@ class WithMpcc(Coordinated):
     kind = "car"
     Parameters = MpccParameters
 
-    def __init__(
-        self,
-        coordinator: CoordinatorFactory,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
-    ):
-        super().__init__(coordinator, scenario, num_worlds, device, parameters)
+    def __init__(self, *args: Any, **settings: Any):
+        super().__init__(*args, **settings)
         self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
         self.mpcc = Mpcc(self.scenario.curve, self.parameters, batch=batch, device=self.device)
 
@@ -290,15 +290,8 @@ class WithVectorField(Coordinated):
     remembers = ("_memory",)
     Parameters = FieldParameters
 
-    def __init__(
-        self,
-        coordinator: CoordinatorFactory,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
-    ):
-        super().__init__(coordinator, scenario, num_worlds, device, parameters)
+    def __init__(self, *args: Any, **settings: Any):
+        super().__init__(*args, **settings)
         self._field = field_of(self.scenario, self.parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 

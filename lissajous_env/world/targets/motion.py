@@ -82,8 +82,8 @@ def near_hotspot(key, share: float, offset: wp.vec2, curve, target) -> wp.vec2:
 
 
 @part
-def entry_place(key, draw: wp.uint32, curve, target) -> tuple[wp.vec2, wp.uint32]:
-    """Draw the position where a target appears [m]; return it and the next state of the generator `draw`."""
+def draw_entry(w, t, key, draw: wp.uint32, curve, target, targets) -> wp.uint32:
+    """Draw position and heading of a target that appears; return the next state of the generator `draw`."""
     x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
     y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
     place = wp.vec2(x, y)
@@ -93,7 +93,10 @@ def entry_place(key, draw: wp.uint32, curve, target) -> tuple[wp.vec2, wp.uint32
         share = wp.randf(draw)
         offset = target.hotspot_spread * wp.vec2(wp.randn(draw), wp.randn(draw))
         place = near_hotspot(key, share, offset, curve, target)
-    return place, draw
+    targets.position[w, t] = place
+    targets.before[w, t] = place
+    targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+    return draw
 
 
 @stage(TARGET, writes="targets: before, heading, motion, position, speed")
@@ -103,10 +106,7 @@ def reset_targets(w, t, curve, target, clock, targets):
     With `targets.entry` = `unseen`, the position is drawn again when the target appears (`place_unseen`).
     """
     key = randomness.step_key(clock.seed[w], 0)
-    place, draw = entry_place(key, randomness.stream(key, t, randomness.ENTRY), curve, target)
-    targets.position[w, t] = place
-    targets.before[w, t] = place
-    targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+    draw = draw_entry(w, t, key, randomness.stream(key, t, randomness.ENTRY), curve, target, targets)
     share = wp.randf(draw)
     motion = int(STILL)
     if share < target.drifting:
@@ -138,10 +138,7 @@ def respawn(w, t, curve, target, clock, targets):
         targets.earlier_time[w, t] += wp.float64(time)
         targets.earlier_longest[w, t] = wp.max(targets.earlier_longest[w, t], time)
         draw = randomness.stream(randomness.step_key(clock.seed[w], now), t, randomness.ENTRY)
-        place, draw = entry_place(randomness.step_key(clock.seed[w], 0), draw, curve, target)
-        targets.position[w, t] = place
-        targets.before[w, t] = place
-        targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+        draw_entry(w, t, randomness.step_key(clock.seed[w], 0), draw, curve, target, targets)
         targets.status[w, t] = HIDDEN
         targets.appears_at[w, t] = now
         targets.found_at[w, t] = NEVER
