@@ -18,8 +18,8 @@ from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity
 from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
-from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
-from lissajous_env.settings.task import Sensing, Targets, Task, without_laws
+from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Noise, Robot
+from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_laws
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
 

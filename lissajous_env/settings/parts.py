@@ -1,6 +1,6 @@
 """The parts of a scenario: frozen dataclasses that declare the meaning, unit and range of each field.
 
-Sensing, targets and the task are in `task.py`.
+Sensing, messages, targets and the task are in `task.py`.
 
 Units are SI, angles radians. The ranges are wide: they ensure that kernels stay within the range of float32, and reject
 typing errors that would exhaust the memory. A field that is None by default is derived from others.
@@ -396,12 +396,3 @@ class Noise(Checked):
     def wheelbase_range(self) -> tuple[float, float]:
         """Smallest and largest wheelbase of a car, or distance of the wheels of a drive, as factors."""
         return 1 - SPREAD_MAX * self.wheelbase_spread, 1 + SPREAD_MAX * self.wheelbase_spread
-
-
-@dataclass(frozen=True)
-class Messages(Checked):
-    """Messages of a policy: numbers that a robot sends to its ring neighbours beside its phase and position."""
-
-    size: int = whole(0, 0, 32)
-    """Number of components that an action has besides those that move the robot. Both ring neighbours observe them,
-    with the delay and loss of the phase message. They have no actuator noise, and do not count as effort."""
