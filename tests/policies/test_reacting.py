@@ -8,7 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.policies.index_rule import Index
-from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, divided
+from baselines.policies.reacting import Chase, Cover, Force, Lanes, VoronoiPursuit, greedy_division
 from lissajous_env.world.observation import layout
 
 POLICIES = {
@@ -100,7 +100,7 @@ def test_a_division_gives_each_robot_one_thing():
         things.append(thing.item())
         worth[..., thing.item()] = 0.0
 
-    assert divided(lambda free: worth * free, take, worth.shape[:3]).item() == 1
+    assert greedy_division(lambda free: worth * free, take, worth.shape[:3]).item() == 1
     assert things == [1, 0]
 
 

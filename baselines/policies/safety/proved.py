@@ -125,11 +125,11 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "c
     bounds.step, bounds.decay = task.step, math.exp(-robot.drag * task.step)
     bounds.required = 2 * robot.radius + parameters.margin
     size = curve.half_width + curve.half_height
-    bounds.place = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
-    bounds.heading = parameters.deviations * noise.heading + _ROUNDING
+    bounds.position_error = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
+    bounds.heading_error = parameters.deviations * noise.heading + _ROUNDING
     decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
     error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * farthest_speed(scenario))
-    bounds.speed = parameters.deviations * noise.speed + error
+    bounds.speed_error = parameters.deviations * noise.speed + error
     bounds.speed_unit = robot.top_speed
     room, body = (1.0, robot.radius) if task.boundary == "wall" else (_IN_RANGE, 0.0)
     bounds.half_width, bounds.half_height = room * curve.half_width - body, room * curve.half_height - body
