@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from lissajous_env.device.compilation import OURS
+from lissajous_env.device.compilation import OWN_PACKAGES
 from lissajous_env.device.devices import as_device, memory
 
 MODULE = "module "
@@ -40,7 +40,7 @@ def fingerprint(value: Any) -> dict[str, str]:
         definition = type(definition)
     module = str(definition.__module__)
     parts = {"code": f"{module}:{definition.__qualname__}"}
-    return parts if module.partition(".")[0] in OURS else parts | _source(definition, module)
+    return parts if module.partition(".")[0] in OWN_PACKAGES else parts | _source(definition, module)
 
 
 def _source(definition: Any, module: str) -> dict[str, str]:

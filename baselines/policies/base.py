@@ -27,11 +27,11 @@ from lissajous_env.world.selection import clear_worlds, world_mask
 _ARRAYS = ("numpy", "torch", "warp")
 
 
-def parameters_for(kind: Any, scenario: Scenario, **changed: Any) -> Any:
+def parameters_for(cls: Any, scenario: Scenario, **changed: Any) -> Any:
     """Return parameters of a class: the changed ones as given, the others scaled if the class has a method `of`."""
-    if kind is None:
+    if cls is None:
         return None
-    return kind.of(scenario, **changed) if hasattr(kind, "of") else kind(**changed)
+    return cls.of(scenario, **changed) if hasattr(cls, "of") else cls(**changed)
 
 
 class UnsuitableScenarioError(ValueError):

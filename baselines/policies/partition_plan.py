@@ -17,7 +17,7 @@ import numpy as np
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.ideal_motion import unvisited_and_gap, worst_undetected_time
 from baselines.policies.loops import closed_loop, divisions, evenly_spaced, length_of
-from baselines.policies.transit import PLANNED_SHARE, STEP_TURN, radius_for_all_cars, required_distance
+from baselines.policies.transit import PLANNED_SHARE, radius_for_all_cars, required_distance, speed_on_arc
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
 
@@ -190,9 +190,9 @@ def _loops_in_cells(problem: Problem, parameters: PartitionParameters, members: 
                 yield Shape(np.repeat(cells, members, axis=0), np.repeat(sizes, members, axis=0), np.array(shared))
 
 
-def speed_on(corner: float, problem: Problem) -> float:
+def speed_on_loop(corner: float, problem: Problem) -> float:
     """Return the largest speed on a loop with corners of some radius, a control step."""
-    return max(min(problem.speed, math.sqrt(problem.grip * corner), STEP_TURN * corner), 1.02 * problem.slowest)
+    return max(speed_on_arc(corner, problem.speed, problem.grip), 1.02 * problem.slowest)
 
 
 def _timed(loops: list, problem: Problem, corner: float, members: int) -> np.ndarray:
@@ -200,7 +200,7 @@ def _timed(loops: list, problem: Problem, corner: float, members: int) -> np.nda
 
     The period is a multiple of the number of members of a loop.
     """
-    count = max(math.ceil(max(map(length_of, loops)) / speed_on(corner, problem) - 1e-9), 8)
+    count = max(math.ceil(max(map(length_of, loops)) / speed_on_loop(corner, problem) - 1e-9), 8)
     count = members * math.ceil(count / members)
     return np.stack([evenly_spaced(loop, count) for loop in loops])
 

@@ -15,7 +15,7 @@ from baselines.policies.base import Filter, Filtered, Policy
 from baselines.policies.safety.proved import Proved
 from baselines.policies.safety.safe import Safe
 from lissajous_env import identity
-from lissajous_env.identity import OURS
+from lissajous_env.identity import OWN_PACKAGES
 from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import MODELS, model_of
 from lissajous_env.parameters.scenario import Scenario
@@ -100,7 +100,7 @@ class Loader(NamedTuple):
 POLICIES = Registry(
     "policy",
     (r"(?s).+", "a word"),
-    lambda entry: getattr(_origin(entry.factory)[0], "__module__", "").partition(".")[0] in OURS,
+    lambda entry: getattr(_origin(entry.factory)[0], "__module__", "").partition(".")[0] in OWN_PACKAGES,
     "lissajous_env.policies",
 )
 _FILTERS: dict[str, type[Filter]] = {kind.suffix: kind for kind in (Safe, Proved)}

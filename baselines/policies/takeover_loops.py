@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.policies.loops import are_adjacent, closed_loop, evenly_spaced, length_of
-from baselines.policies.partition_plan import PartitionLoops, Problem, rating_of, smallest_distance, speed_on
+from baselines.policies.partition_plan import PartitionLoops, Problem, rating_of, smallest_distance, speed_on_loop
 
 SHAPES = 4
 """Loops of different shapes for each case."""
@@ -113,7 +113,7 @@ def _placed(loop: np.ndarray, middle: np.ndarray, problem: Problem) -> np.ndarra
 
 def _is_drivable(loop: np.ndarray, corner: float, problem: Problem, count: int) -> bool:
     """Return whether a car can drive a loop with corners of a radius in `count` control steps."""
-    return length_of(loop) <= speed_on(corner, problem) * count * (1 + 1e-9)
+    return length_of(loop) <= speed_on_loop(corner, problem) * count * (1 + 1e-9)
 
 
 @lru_cache(maxsize=256)

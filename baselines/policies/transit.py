@@ -49,6 +49,14 @@ def radius_for_all_cars(scenario: Scenario) -> float:
     return _RADIUS_FACTOR * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 
 
+def speed_on_arc(radius: float, largest: float, grip: float, step: float = 1.0) -> float:
+    """Return the largest speed on an arc, for a lateral acceleration `grip` and a turn of `STEP_TURN` in a `step`.
+
+    Lengths and times may have any units.
+    """
+    return min(largest, math.sqrt(grip * radius), STEP_TURN * radius / step)
+
+
 def required_distance(scenario: Scenario, clearance: float | None = None) -> float:
     """Return the least distance of two robots in a plan [m]: two radii and a clearance, a radius by default."""
     radius = scenario.robot.radius
@@ -77,8 +85,7 @@ class Car:
         """Return the limits of the cars of a scenario; the largest speed is a share of the top speed by default."""
         robot, turning, driven = scenario.robot, radius_for_all_cars(scenario), scenario.driven
         speed = speed or PLANNED_SHARE * robot.top_speed
-        grip = math.sqrt(PLANNED_SHARE * robot.lateral_acceleration_max * turning)
-        speed = min(speed, STEP_TURN * turning / scenario.task.step, grip)
+        speed = speed_on_arc(turning, speed, PLANNED_SHARE * robot.lateral_acceleration_max, scenario.task.step)
         slowest = max(1.02 * robot.idle_speed, 0.15 * robot.top_speed)
         within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
         return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, within)
