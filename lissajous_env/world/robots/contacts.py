@@ -15,7 +15,7 @@ from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.nearby import PARTED, columns_of, max_displacement, rows_of
+from lissajous_env.world.robots.nearby import PARTED, columns_crossed, max_displacement, rows_crossed
 from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
@@ -90,9 +90,9 @@ def compare_with_others(
     """
     nearest = float(1.0e30)
     if bins.columns > 0 and relevant <= bins.reach and bins.is_everywhere[w, i] == 0:
-        rows = rows_of(w, i, 0.0, robots, bins)
+        rows = rows_crossed(w, i, 0.0, robots, bins)
         for row in range(rows[0], rows[1] + 1):
-            columns = columns_of(w, i, row, 0.0, robots, bins)
+            columns = columns_crossed(w, i, row, 0.0, robots, bins)
             for column in range(columns[0], columns[1] + 1):
                 entry = bins.entry[w, bins.first[w, row * bins.columns + column]]
                 while entry[0] >= 0:

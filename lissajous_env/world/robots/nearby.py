@@ -87,7 +87,7 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
 
 
 @part
-def rows_of(w, i, widened: float, robots, bins) -> wp.vec2i:
+def rows_crossed(w, i, widened: float, robots, bins) -> wp.vec2i:
     """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
     low = robots.path[w, i, 0][1]
     high = low
@@ -98,7 +98,7 @@ def rows_of(w, i, widened: float, robots, bins) -> wp.vec2i:
 
 
 @part
-def columns_of(w, i, row, widened: float, robots, bins) -> wp.vec2i:
+def columns_crossed(w, i, row, widened: float, robots, bins) -> wp.vec2i:
     """Return the first and last column of this path in one of these rows."""
     bottom = float(row) * bins.size - bins.half_height
     low = wp.where(row == 0, -1.0e30, bottom - widened)
@@ -132,9 +132,9 @@ def columns_of(w, i, row, widened: float, robots, bins) -> wp.vec2i:
 @part
 def list_robot(w, i, robots, bins) -> bool:
     """Put a robot into the lists of the bins that it comes near; return whether there was room for it."""
-    rows = rows_of(w, i, bins.widened, robots, bins)
+    rows = rows_crossed(w, i, bins.widened, robots, bins)
     for row in range(rows[0], rows[1] + 1):
-        columns = columns_of(w, i, row, bins.widened, robots, bins)
+        columns = columns_crossed(w, i, row, bins.widened, robots, bins)
         for column in range(columns[0], columns[1] + 1):
             entry = wp.atomic_add(bins.used, w, 1)
             if entry >= bins.room:
