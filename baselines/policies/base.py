@@ -136,7 +136,8 @@ class Policy(Copyable, Remembering):
         parameters: Parameters of the class `Parameters`; by default those for the scenario.
 
     Raises:
-        ValueError: the number of worlds is below 1, the device is not available, or parameters of another class.
+        ValueError: the number of worlds is below 1, the device is not available, the policy is for another kind of
+            robots, or parameters of another class.
     """
 
     arrays: str = "numpy"
@@ -164,6 +165,8 @@ class Policy(Copyable, Remembering):
         self.num_robots = self.scenario.num_robots
         self.device = as_device(device)
         self.name = type(self).__name__
+        rule = f"must be {self.scenario.actuation}, that of the robots of {self.scenario.name}, or None"
+        require(self.kind in (None, self.scenario.actuation), f"kind of {self.name}", rule, self.kind)
         if self.Parameters is not None:
             fits = parameters is None or isinstance(parameters, self.Parameters)
             require(fits, f"parameters of {self.name}", f"must be {self.Parameters.__name__}", parameters)

@@ -66,7 +66,10 @@ def as_factory(policy: Any, name: str = "") -> Factory:
         return _identified_by(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
-        acting: Any = policy(scenario, num_worlds, device)
+        kind = registry.kind_of(policy)
+        others = kind not in (None, scenario.actuation)  # refused, or driven as cars
+        made = registry.Entry(name or getattr(policy, "__name__", str(policy)), kind, policy) if others else policy
+        acting: Any = made(scenario, num_worlds, device)
         acts = _acts(acting) and not isinstance(acting, type)
         require(acts, f"policy {name}", "must be made with reset, act and num_worlds", acting)
         return cast(ActingPolicy, acting)

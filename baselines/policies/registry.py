@@ -146,7 +146,7 @@ def register(
     if ending := next(filter(str(name).endswith, _FILTERS), ""):
         raise ValueError(f"name of a policy must not end in {ending}, which adds a filter, got {name}")
     origin, kinds = _origin(factory), (*MODELS, _VELOCITY)
-    kind = getattr(origin[0], "kind", None) if kind is None else kind
+    kind = kind_of(factory) if kind is None else kind
     rule = f"must be one of {few_of(kinds, kind)}, or None"
     require(kind in (None, *kinds), f"kind of {name}", rule, kind)
     require(callable(factory), f"factory of {name}", "must be callable", factory)
@@ -156,6 +156,11 @@ def register(
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
     POLICIES.add(Entry(name, kind, factory, tuple(made_for), about.partition("\n")[0], learned, on_request))
     return factory
+
+
+def kind_of(factory: Any) -> str | None:
+    """Return the kind of robots that the policies of a factory drive, or None for any."""
+    return getattr(_origin(factory)[0], "kind", None)
 
 
 def _origin(factory: Any) -> tuple:
