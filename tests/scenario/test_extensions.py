@@ -204,6 +204,7 @@ def test_what_a_function_returns_is_checked(door, value, message):
         (lambda: made(gates), "targets.entry must be custom with the law of entry gates, got 'inside'"),
         (lambda: made(**AT_GATES), "targets.entry must not be custom without a target_entry, got 'custom'"),
         (lambda: made(**CUSTOM), "targets.custom must be 0 without a target_motion, got 0.5"),
+        (lambda: made(march), "targets.custom must be above 0 with the target motion march, got 0"),
         (lambda: lissajous_env.target_entry(draw_gates, state={"a b": (2,)}), "state of the target entry draw_gates"),
         (lambda: lissajous_env.reward_term(state={"a": 2})(draw_gates), "must map names to tuples of whole numbers"),
         (lambda: lissajous_env.reward_term(reset=3)(draw_gates), "reset of the reward term draw_gates must be a func"),
