@@ -22,23 +22,16 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, whole_number
 from lissajous_env.wording import few_of, require, shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import world_mask
+from lissajous_env.world.selection import clear_worlds, world_mask
 
 _ARRAYS = ("numpy", "torch", "warp")
 
 
-def clear_worlds(memory: wp.array, mask: np.ndarray) -> None:
-    """Zero the memory (W, ...) of the worlds in a mask (W,)."""
-    values = memory.numpy().copy()
-    values[mask] = 0
-    memory.assign(values)
-
-
-def parameters_for(kind: Any, scenario: Scenario, **changed: Any) -> Any:
+def parameters_for(cls: Any, scenario: Scenario, **changed: Any) -> Any:
     """Return parameters of a class: the changed ones as given, the others scaled if the class has a method `of`."""
-    if kind is None:
+    if cls is None:
         return None
-    return kind.of(scenario, **changed) if hasattr(kind, "of") else kind(**changed)
+    return cls.of(scenario, **changed) if hasattr(cls, "of") else cls(**changed)
 
 
 class UnsuitableScenarioError(ValueError):
@@ -193,8 +186,7 @@ class Policy(Copyable, Remembering):
     def reset(self, worlds: Any = None) -> None:  # noqa: D102 -- see the base class
         super().reset(worlds)
         if isinstance(self._stay_inside, Stopping):
-            for memory in (self._stay_inside.yaw_rate, self._stay_inside.heading):
-                clear_worlds(memory, world_mask(worlds, self.num_worlds))
+            self._stay_inside.forget(world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D); a subclass implements this.

@@ -19,7 +19,6 @@ import numpy as np
 
 from baselines.policies.driving import slowest_top_speed
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import largest_speed, turning_radius
 from lissajous_env.world.robots.placing import start_headings
@@ -29,11 +28,11 @@ TURNS = np.array([[1.0, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1], [-1, 1, -1],
 
 The kinds are LSL, RSR, LSR, RSL, RLR and LRL in the notation of Dubins.
 """
-RESERVE = 0.75
-"""Share of the top speed and of the grip that ways and loops use."""
-TURN = 0.4
+PLANNED_SHARE = 0.75
+"""Share of the top speed and of the grip that planned ways and loops use; the rest corrects errors."""
+STEP_TURN = 0.4
 """Largest turn in a control step [rad], in which steering is constant."""
-_WIDER = 1.02
+_RADIUS_FACTOR = 1.02
 """Radius of planned turns, over that of the tightest turn of the car with the longest wheelbase."""
 _PROFILE = np.linspace(0, 1, 21)
 _TRIES = 24
@@ -48,22 +47,22 @@ _LONGEST = 6.0
 
 def radius_for_all_cars(scenario: Scenario) -> float:
     """Return the radius of a turn that every car of a scenario can drive, also the one of the longest wheelbase [m]."""
-    spread = 1 + SPREAD_MAX * scenario.noise.wheelbase_spread
-    return _WIDER * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+    spread = scenario.noise.wheelbase_range[1]
+    return _RADIUS_FACTOR * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+
+
+def speed_on_arc(radius: float, largest: float, grip: float, step: float = 1.0) -> float:
+    """Return the largest speed on an arc, for a lateral acceleration `grip` and a turn of `STEP_TURN` in a `step`.
+
+    Lengths and times may have any units.
+    """
+    return min(largest, math.sqrt(grip * radius), STEP_TURN * radius / step)
 
 
 def required_distance(scenario: Scenario, clearance: float | None = None) -> float:
     """Return the least distance of two robots in a plan [m]: two radii and a clearance, a radius by default."""
     radius = scenario.robot.radius
     return 2 * radius + (radius if clearance is None else clearance)
-
-
-def slowest_speed(scenario: Scenario) -> float:
-    """Return the steady speed of a car at the least throttle [m/s], below which it cannot drive for long."""
-    robot = scenario.robot
-    if robot.throttle_min <= robot.dead_zone:
-        return 0.0
-    return max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,10 @@ class Car:
     def of(cls, scenario: Scenario, speed: float | None) -> "Car":
         """Return the limits of the cars of a scenario; the largest speed is a share of the top speed by default."""
         robot, turning, driven = scenario.robot, radius_for_all_cars(scenario), scenario.driven
-        speed = speed or RESERVE * robot.top_speed
-        grip = RESERVE * robot.lateral_acceleration_max
-        speed = min(speed, TURN * turning / scenario.task.step, math.sqrt(grip * turning))
-        slowest = max(1.02 * slowest_speed(scenario), 0.15 * robot.top_speed)
+        speed = speed or PLANNED_SHARE * robot.top_speed
+        grip = PLANNED_SHARE * robot.lateral_acceleration_max
+        speed = speed_on_arc(turning, speed, grip, scenario.task.step)
+        slowest = max(1.02 * robot.idle_speed, 0.15 * robot.top_speed)
         within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
         return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, grip, within)
 

@@ -29,7 +29,7 @@ from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.state import DETECTED, HIDDEN, PRESENT
 from lissajous_env.world.tally import TERMS
-from lissajous_env.world.targets.motion import CUSTOM, inside
+from lissajous_env.world.targets.motion import CUSTOM, into_rectangle
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -168,7 +168,7 @@ def copy_positions(w, t, curve, target, value: wp.array2d(dtype=wp.vec2), clock,
     status = targets.status[w, t]
     stays = status == PRESENT or (status == DETECTED and target.leave == 0)
     if targets.motion[w, t] == CUSTOM and stays:
-        place = inside(value[w, t], curve)
+        place = into_rectangle(value[w, t], curve)
         moved = place - targets.position[w, t]
         if wp.length_sq(moved) > 0.0:
             targets.heading[w, t] = wp.atan2(moved[1], moved[0])
@@ -179,7 +179,7 @@ def copy_positions(w, t, curve, target, value: wp.array2d(dtype=wp.vec2), clock,
 def place_arrivals(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
     """Place the targets that appear now at an extension's positions [m]."""
     if targets.status[w, t] == HIDDEN and targets.appears_at[w, t] <= clock.step[w]:
-        place = inside(value[w, t], curve)
+        place = into_rectangle(value[w, t], curve)
         targets.position[w, t] = place
         targets.before[w, t] = place
 
