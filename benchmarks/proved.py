@@ -83,7 +83,7 @@ def with_wrong_drag(scenario, worlds, factor):
     policy = Filtered(Chasing(scenario, worlds), Proved)
     filter: Any = policy.filter
     filter._bounds.robot.drag = scenario.robot.drag / factor
-    filter._bounds.left = math.exp(-filter._bounds.robot.drag * scenario.task.step)
+    filter._bounds.decay = math.exp(-filter._bounds.robot.drag * scenario.task.step)
     return policy
 
 

@@ -46,7 +46,7 @@ from baselines.policies.line_path import LineParameters, lines_of
 from baselines.policies.loops import SweepParameters, cruising_speed
 from baselines.policies.partition import Partition, PartitionRepair
 from baselines.policies.patrol import Laps, Sweep
-from baselines.policies.safety.filter import Safe, SafetyParameters
+from baselines.policies.safety.safe import Safe, SafetyParameters
 from baselines.policies.trackers import FieldParameters, WithVectorField
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder, Journal

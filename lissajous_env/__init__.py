@@ -35,9 +35,9 @@ from lissajous_env.parameters.space import ScenarioSpace as ScenarioSpace
 from lissajous_env.settings.parts import Curve as Curve
 from lissajous_env.settings.parts import Faults as Faults
 from lissajous_env.settings.parts import Formation as Formation
-from lissajous_env.settings.parts import Messages as Messages
 from lissajous_env.settings.parts import Noise as Noise
 from lissajous_env.settings.parts import Robot as Robot
+from lissajous_env.settings.task import Messages as Messages
 from lissajous_env.settings.task import Sensing as Sensing
 from lissajous_env.settings.task import Targets as Targets
 from lissajous_env.settings.task import Task as Task

@@ -16,31 +16,31 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from lissajous_env.device.compilation import OURS
+from lissajous_env.device.compilation import OWN_PACKAGES
 from lissajous_env.device.devices import as_device, memory
 
 MODULE = "module "
 """Prefix of the names of parts that are the file of a module."""
 
 
-def parts_of(value: Any) -> dict[str, str]:
-    """Return the parts that identify a function, class, partial, Warp kernel or object, the same in every process.
+def fingerprint(value: Any) -> dict[str, str]:
+    """Return what identifies a function, class, partial, Warp kernel or object, the same in every process, by name.
 
-    These are the name of its definition, the plain arguments of a partial, and a digest of the file of its module; in a
-    script or at a prompt, of its own source. Values in closures and attributes are not compared.
+    Its parts are the name of the definition, the plain arguments of a partial, and a digest of the file of the module;
+    in a script or at a prompt, of its own source. Values in closures and attributes are not compared.
     """
     if isinstance(value, functools.partial):
         arguments = {f"argument {k}": argument for k, argument in enumerate(value.args)} | value.keywords
         plain = {name: repr(entry) for name, entry in arguments.items() if isinstance(entry, (str, int, float))}
-        return parts_of(value.func) | {name: digest_of(text.encode()) for name, text in plain.items()}
+        return fingerprint(value.func) | {name: digest_of(text.encode()) for name, text in plain.items()}
     if isinstance(value, types.MethodType):
-        return parts_of(value.__self__)
+        return fingerprint(value.__self__)
     definition = getattr(value, "func", value)  # that of a Warp kernel
     if not hasattr(definition, "__qualname__"):
         definition = type(definition)
     module = str(definition.__module__)
     parts = {"code": f"{module}:{definition.__qualname__}"}
-    return parts if module.partition(".")[0] in OURS else parts | _source(definition, module)
+    return parts if module.partition(".")[0] in OWN_PACKAGES else parts | _source(definition, module)
 
 
 def _source(definition: Any, module: str) -> dict[str, str]:

@@ -69,9 +69,9 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     plays the next scenario. Used only for a space."""
     base: str | None = None
     """Classical policy whose actions the network reads and corrects, and with which validations are compared. By
-    default greedy-herd, divided-pursuit or index-learned if actions are velocities; for cars that steer and differential
-    drives, arc-mpcc; for points, kuramoto. With none, the network corrects no policy, and validations are compared with
-    that default."""
+    default greedy-herd, divided-pursuit or index-learned if actions are velocities; for cars that steer and
+    differential drives, arc-mpcc; for points, kuramoto. With none, the network corrects no policy, and validations are
+    compared with that default."""
     critic: Literal["central", "own"] = "central"
     """Input of the critic: the true state of robots and at most 16 targets (MAPPO), or that of the actor (IPPO)."""
     features: int = whole(48, 1, 65_536)

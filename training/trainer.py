@@ -105,6 +105,9 @@ def _resume_or_begin(
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
         say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
+    first = _WARM_UP * settings.rollout * state.worlds.count
+    if state.actor.corrects and settings.steps <= first:
+        say(f"warning: only the critic learns in the first {first:,} steps: {settings.steps:,} do not change the rule")
     return history
 
 

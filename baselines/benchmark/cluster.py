@@ -18,7 +18,7 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import versions
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
-from baselines.policies.factories import parts
+from baselines.policies.factories import fingerprint
 from lissajous_env.identity import MODULE
 from lissajous_env.plugins import of_extra
 from lissajous_env.wording import shown
@@ -141,7 +141,7 @@ def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | F
 
 def _sources(cell: Cell) -> dict[str, str]:
     """Return digests of the code that a cell needs: the policy's modules, and the scenario with extensions."""
-    modules = {name: digest for name, digest in parts(cell.factory).items() if name.startswith(MODULE)}
+    modules = {name: digest for name, digest in fingerprint(cell.factory).items() if name.startswith(MODULE)}
     return modules | {f"scenario {cell.scenario.name}": cell.scenario.digest()}
 
 

@@ -14,13 +14,12 @@ from typing import Any
 from baselines.benchmark.statistics import column_of
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell
-from baselines.policies import registry
-from baselines.policies.factories import parts
+from baselines.policies import factories, registry
 from lissajous_env.console.terminal import plain
-from lissajous_env.identity import parts_of
+from lissajous_env.identity import fingerprint
 from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.parameters.rogues import folder_of
-from lissajous_env.parameters.scenario_file import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import outside, shown
@@ -70,7 +69,7 @@ class Results:
                 self.stored = self._extended(folder.path, stored, wanted)
                 if self.stored != stored:
                     self._write(folder)
-            self.scenarios = {name: scenario_of(fields) for name, fields in self.stored["scenarios"].items()}
+            self.scenarios = {name: scenario_of_json(fields) for name, fields in self.stored["scenarios"].items()}
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"{path} is damaged: {error}; choose another --out, or delete the folder") from error
 
@@ -160,11 +159,11 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
 def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     """Return digests of the code of each policy, each model of robots that is not included, and learned rogues."""
     models = [MODELS[kind] for kind in sorted({cell.scenario.robot.kind for cell in cells})]
-    added = {_ROBOTS + model.name: parts_of(model.move) for model in models if not MODELS.is_included(model)}
+    added = {_ROBOTS + model.name: fingerprint(model.move) for model in models if not MODELS.is_included(model)}
     adversaries = sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""})
-    folders = {name: folder_of(name) for name in adversaries}
-    learned = {_ROGUES + name: registry.parts(str(folder)) for name, folder in folders.items() if folder is not None}
-    return {cell.policy: parts(cell.factory) for cell in cells} | added | learned
+    folders = {name: folder for name in adversaries if (folder := folder_of(name)) is not None}
+    learned = {_ROGUES + name: registry.fingerprint(str(folder)) for name, folder in folders.items()}
+    return {cell.policy: factories.fingerprint(cell.factory) for cell in cells} | added | learned
 
 
 def versions() -> dict[str, str]:

@@ -137,7 +137,7 @@ class _Run:
         return [
             {"policy": self.plan.settings.policy}
             | row
-            | {LOST: lost, SETTLED_TIME: float(age) * step, GROWN: bool(still), BEYOND: float(beyond)}
+            | {LOST: lost, SETTLED_TIME: round(float(age) * step, 12), GROWN: bool(still), BEYOND: float(beyond)}
             for row, lost, age, still, beyond in more
         ]
 

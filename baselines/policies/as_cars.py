@@ -68,7 +68,7 @@ class AsCars(Policy):
             self.policy = make(cars, self.num_worlds, self.device)
         self.communicates = self.policy.communicates
         as_car: Any = model_of(self.kind).as_car
-        self._act = as_car.act
+        self._act_kernel = as_car.act
         self._size = self.scenario.action_size - self.scenario.messages.size
         self._robot, self._car = (to_struct(RobotStruct, team.robot) for team in (self.scenario, cars))
         self._top_speed, self._step = cars.robot.top_speed, self.scenario.task.step
@@ -78,7 +78,7 @@ class AsCars(Policy):
         """Write `action`."""
         wanted = self.policy.act(observation)
         self.launch(to_twists, self.shape, [self._car, self._top_speed, self._step, observation, wanted], self._twist)
-        self.launch(self._act, self.shape, [self._robot, *self._twist], [self.action])
+        self.launch(self._act_kernel, self.shape, [self._robot, *self._twist], [self.action])
         if self.scenario.messages.size:
             wp.copy(self.action[:, :, self._size :], wanted[:, :, 2:])
 

@@ -22,23 +22,16 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, whole_number
 from lissajous_env.wording import few_of, require, shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import world_mask
+from lissajous_env.world.selection import clear_worlds, world_mask
 
 _ARRAYS = ("numpy", "torch", "warp")
 
 
-def clear_worlds(memory: wp.array, mask: np.ndarray) -> None:
-    """Zero the memory (W, ...) of the worlds in a mask (W,)."""
-    values = memory.numpy().copy()
-    values[mask] = 0
-    memory.assign(values)
-
-
-def parameters_for(kind: Any, scenario: Scenario, **changed: Any) -> Any:
+def parameters_for(cls: Any, scenario: Scenario, **changed: Any) -> Any:
     """Return parameters of a class: the changed ones as given, the others scaled if the class has a method `of`."""
-    if kind is None:
+    if cls is None:
         return None
-    return kind.of(scenario, **changed) if hasattr(kind, "of") else kind(**changed)
+    return cls.of(scenario, **changed) if hasattr(cls, "of") else cls(**changed)
 
 
 class UnsuitableScenarioError(ValueError):
@@ -143,7 +136,8 @@ class Policy(Copyable, Remembering):
         parameters: Parameters of the class `Parameters`; by default those for the scenario.
 
     Raises:
-        ValueError: the number of worlds is below 1, the device is not available, or parameters of another class.
+        ValueError: the number of worlds is below 1, the device is not available, the policy is for another kind of
+            robots, or parameters of another class.
     """
 
     arrays: str = "numpy"
@@ -171,6 +165,8 @@ class Policy(Copyable, Remembering):
         self.num_robots = self.scenario.num_robots
         self.device = as_device(device)
         self.name = type(self).__name__
+        rule = f"must be {self.scenario.actuation}, that of the robots of {self.scenario.name}, or None"
+        require(self.kind in (None, self.scenario.actuation), f"kind of {self.name}", rule, self.kind)
         if self.Parameters is not None:
             fits = parameters is None or isinstance(parameters, self.Parameters)
             require(fits, f"parameters of {self.name}", f"must be {self.Parameters.__name__}", parameters)
@@ -190,8 +186,7 @@ class Policy(Copyable, Remembering):
     def reset(self, worlds: Any = None) -> None:  # noqa: D102 -- see the base class
         super().reset(worlds)
         if isinstance(self._stay_inside, Stopping):
-            for memory in (self._stay_inside.yaw_rate, self._stay_inside.heading):
-                clear_worlds(memory, world_mask(worlds, self.num_worlds))
+            self._stay_inside.forget(world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D); a subclass implements this.

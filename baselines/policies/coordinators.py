@@ -1,25 +1,7 @@
 """Coordinators, which compute the phase rate of each robot in a Warp kernel or in NumPy.
 
-`Kuramoto` is the paper's method. `TrackedReference` and `Consensus` are competing methods.
-
-`KuramotoByArc` is the paper's coordination with the phase measured along the curve: the robots are equally spaced, at
-a constant ground speed. Robot i has the arc phase psi_i = 2 pi s(alpha theta_i) / (L alpha), with s(gamma) of (14) and
-L the length of a lap, and dynamics (1) act on it:
-
-    psi_i' = 2 pi v / (L alpha) - K sum over j in R_i of sin(psi_j - psi_i)
-
-Its equilibria, their stability and alpha of Lemma 2 are those of the phase, with the places spaced by L / N along the
-curve rather than by 2 pi / N in gamma. psi_j follows from the observed phase theta_i and phase difference theta_j -
-theta_i, and is advanced at the natural rate by the age of the message. The controller uses one phase rate for its
-horizon: the mean one over the next PREVIEW seconds at the ground speed of psi_i'.
-
-The ground speed v is the highest that the cars can follow (`ground_speed`). With theta' = omega they would reach it
-only on the fastest stretch of the curve. So in `intruders`, where the rectangle is too large for a guarantee, targets
-are detected sooner.
-
-The bounds (6), (8) and T_max do not hold, because equally spaced robots are not on ellipse (5), and `phase_error`, the
-deviation from (2) in theta, does not fall to 0. On curve (16), two robots in formation come nearer to one another than
-those of (2), and too near for cars that leave the curve by decimetres: they collide in `experiment`.
+`Kuramoto` is the paper's method, and `KuramotoByArc` measures its phase along the curve. `TrackedReference` and
+`Consensus` are competing methods.
 """
 
 import math
@@ -269,7 +251,27 @@ class ArcParameters(Checked):
 
 
 class KuramotoByArc(NumpyCoordinator):
-    """Coordinator: phase rates (W, N) [rad/s] by (1) on arc phases."""
+    """Coordinator: phase rates (W, N) [rad/s] by (1) on arc phases.
+
+    This is the paper's coordination with the phase measured along the curve: the robots are equally spaced, at a
+    constant ground speed. Robot i has the arc phase psi_i = 2 pi s(alpha theta_i) / (L alpha), with s(gamma) of (14)
+    and L the length of a lap, and dynamics (1) act on it:
+
+        psi_i' = 2 pi v / (L alpha) - K sum over j in R_i of sin(psi_j - psi_i)
+
+    Its equilibria, their stability and alpha of Lemma 2 are those of the phase, with the places spaced by L / N along
+    the curve rather than by 2 pi / N in gamma. psi_j follows from the observed phase theta_i and phase difference
+    theta_j - theta_i, and is advanced at the natural rate by the age of the message. The controller uses one phase rate
+    for its horizon: the mean one over the next PREVIEW seconds at the ground speed of psi_i'.
+
+    The ground speed v is the highest that the cars can follow (`ground_speed`). With theta' = omega they would reach it
+    only on the fastest stretch of the curve. So in `intruders`, where the rectangle is too large for a guarantee,
+    targets are detected sooner.
+
+    The bounds (6), (8) and T_max do not hold, because equally spaced robots are not on ellipse (5), and `phase_error`,
+    the deviation from (2) in theta, does not fall to 0. On curve (16), two robots in formation come nearer to one
+    another than those of (2), and too near for cars that leave the curve by decimetres: they collide in `experiment`.
+    """
 
     Parameters = ArcParameters
 

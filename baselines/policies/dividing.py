@@ -3,7 +3,7 @@
 import numpy as np
 
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import Chase, Searching, distances, divided, known_places, towards, unit
+from baselines.policies.reacting import Chase, Searching, distances, greedy_division, known_places, towards, unit
 
 _CORNERS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 """Corners of the rectangle, in units of its half width and half height."""
@@ -74,7 +74,7 @@ class Cover(Searching):
         def take(place: np.ndarray) -> None:
             worth[np.take_along_axis(covers, place[..., None, None], axis=2)[:, :, 0]] = 0.0
 
-        return divided(rates, take, time.shape[:3])
+        return greedy_division(rates, take, time.shape[:3])
 
 
 class Herd(Cover):
@@ -149,6 +149,6 @@ class DividedPursuit(Chase):
             index = target[..., None]
             np.put_along_axis(worth, index, self.again * np.take_along_axis(worth, index, axis=2), axis=2)
 
-        own = divided(rates, take, far.shape[:3])
+        own = greedy_division(rates, take, far.shape[:3])
         goal = of_own(self.offset_ahead(rows), own)
         return towards(goal, 0.02 * self.sight), own >= 0

@@ -7,15 +7,12 @@ from lissajous_env.device.car_input import car_action, throttle_towards
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleration
 
 
 def slowest_top_speed(scenario: Scenario) -> float:
     """Return the top speed of the slowest car that the spread of the drive allows [m/s]."""
-    robot = scenario.robot
-    drive = robot.drive * (1 - SPREAD_MAX * scenario.noise.drive_spread)
-    return max((drive * robot.full_throttle - robot.offset) / robot.drag, 0.0)
+    return max(scenario.robot.steady_speed(scenario.robot.drive * scenario.noise.drive_range[0]), 0.0)
 
 
 @wp.func

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from baselines.policies import registry
+from lissajous_env import identity
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
-from lissajous_env.identity import parts_of
 from lissajous_env.parameters.named import denotes_scenario, unknown_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
@@ -66,7 +66,10 @@ def as_factory(policy: Any, name: str = "") -> Factory:
         return _identified_by(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
-        acting: Any = policy(scenario, num_worlds, device)
+        kind = registry.kind_of(policy)
+        others = kind not in (None, scenario.actuation)  # refused, or driven as cars
+        made = registry.Entry(name or getattr(policy, "__name__", str(policy)), kind, policy) if others else policy
+        acting: Any = made(scenario, num_worlds, device)
         acts = _acts(acting) and not isinstance(acting, type)
         require(acts, f"policy {name}", "must be made with reset, act and num_worlds", acting)
         return cast(ActingPolicy, acting)
@@ -75,16 +78,16 @@ def as_factory(policy: Any, name: str = "") -> Factory:
 
 
 def _identified_by(policy: Any, factory: Factory) -> Factory:
-    """Return a factory that `parts` identifies by the object of a user."""
+    """Return a factory with the `fingerprint` of the object of a user."""
     factory.__wrapped__ = policy  # type: ignore[attr-defined]
     return factory
 
 
-def parts(factory: Factory) -> dict[str, str]:
-    """Return the parts that identify a factory: `lissajous_env.identity.parts_of`."""
+def fingerprint(factory: Factory) -> dict[str, str]:
+    """Return the fingerprint of what a factory makes, as `lissajous_env.identity.fingerprint` does."""
     if isinstance(factory, registry.Entry):
-        return registry.parts(factory.name)
-    return parts_of(getattr(factory, "__wrapped__", factory))
+        return registry.fingerprint(factory.name)
+    return identity.fingerprint(getattr(factory, "__wrapped__", factory))
 
 
 def is_imported(name: str) -> bool:

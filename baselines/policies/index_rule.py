@@ -6,7 +6,7 @@ import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import Reacting, divided, known_places, towards
+from baselines.policies.reacting import Reacting, greedy_division, known_places, towards
 from lissajous_env.parameters.scenario import Scenario
 
 _NOWHERE = 1e6
@@ -41,15 +41,15 @@ class Index(Reacting):
         axes = [(np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(self.counts, self.half, strict=True)]
         self.cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         apart = np.linalg.norm(self.cells[:, None] - self.cells, axis=-1)
-        self._near, self._left = (apart < radius).astype(float), (apart >= 1.2 * radius).astype(float)
+        self._near, self._beyond = (apart < radius).astype(float), (apart >= 1.2 * radius).astype(float)
         shape = (*self.shape, len(self.cells))
-        self._idle, self._found, self._watched = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self._idle, self._detections, self._watched_time = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.forget(np.ones(self.num_worlds, bool))
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget all detections; every cell has been idle for the same time."""
         self._idle[mask] = 10 * self.radius / self.top
-        self._found[mask] = self._watched[mask] = 0.0
+        self._detections[mask] = self._watched_time[mask] = 0.0
 
     def expected(self) -> np.ndarray:
         """Return the expected number of undetected targets in each cell (W, N, cells)."""
@@ -60,7 +60,7 @@ class Index(Reacting):
         uniform = self.scenario.targets.arrival_rate / len(self.cells)
         if not self.learns:
             return np.full(self._idle.shape, uniform)
-        return (self._found + 0.5) / (self._watched + 0.5 / uniform)
+        return (self._detections + 0.5) / (self._watched_time + 0.5 / uniform)
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Update the robots' estimates, divide the cells among the team, and drive to the robot's own cell."""
@@ -68,12 +68,12 @@ class Index(Reacting):
         far = np.nan_to_num(np.linalg.norm(places[:, :, :, None] - self.cells, axis=-1), nan=_NOWHERE * self.radius)
         covered = (far < self.radius).any(axis=2)
         waited = self._idle + self.step
-        self._watched += np.where(covered, waited, 0.0)
+        self._watched_time += np.where(covered, waited, 0.0)
         self._idle = np.where(covered, 0.0, waited)
         cell = (rows.position[:, :, None] + rows.track_offset + self.half) / (2 * self.half) * self.counts
         column, line = np.moveaxis(np.clip(cell, 0, self.counts - 1).astype(int), -1, 0)
         world, robot, track = np.nonzero(rows.track_leaves)
-        np.add.at(self._found, (world, robot, (column * self.counts[1] + line)[world, robot, track]), 1.0)
+        np.add.at(self._detections, (world, robot, (column * self.counts[1] + line)[world, robot, track]), 1.0)
         time, mass = far / self.top + self.delay * self.radius / self.top, self.expected()
 
         def rates(free: np.ndarray) -> np.ndarray:
@@ -81,7 +81,7 @@ class Index(Reacting):
 
         def take(cell: np.ndarray) -> None:
             nonlocal mass
-            mass = mass * self._left[cell]
+            mass = mass * self._beyond[cell]
 
-        goal = np.maximum(divided(rates, take, time.shape[:3]), 0)
+        goal = np.maximum(greedy_division(rates, take, time.shape[:3]), 0)
         return towards(self.cells[goal] - rows.position, self.radius / 3)

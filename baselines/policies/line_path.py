@@ -22,7 +22,6 @@ from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import fastest_speed
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.theory.geometry import turning_radius
 
 _CRUISE, _FASTEST = 0.96, 0.98
@@ -268,7 +267,7 @@ def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
 def _largest_turn(scenario: Scenario, speed: float) -> float:
     """Return the largest turn at a speed that steering and grip allow [rad/step]."""
     robot = scenario.robot
-    base = robot.wheelbase * (1 + SPREAD_MAX * scenario.noise.wheelbase_spread)
+    base = robot.wheelbase * scenario.noise.wheelbase_range[1]
     sharpest = 1 / turning_radius(base, robot.steering_max)
     grip = robot.lateral_acceleration_max / speed
     return _GRIP * scenario.task.step * min(sharpest * speed, grip)

@@ -181,14 +181,14 @@ class SweepParameters(Checked):
     """Further distance from the boundary in the middle of each side of a loop around the rectangle [m]. Round corners
     must be close to the boundary to be covered; on the sides a target that flees is better passed from inside."""
     gather: float = number(0.0, 0, 1e4, "s")
-    """Time constant in which the places in the file of `sweep` start to move [s], so that cars reach them sooner."""
+    """Time constant in which the slots of `sweep` start to move [s], so that cars reach them sooner."""
     slowest: float | None = number(None, 0, 1e4, "m/s")
-    """Lowest speed at which a car of `sweep` waits for its place, if it is ahead of it on the loop [m/s]; None: cars
-    drive straight to their places."""
+    """Lowest speed at which a car of `sweep` waits for its slot, if it is ahead of it on the loop [m/s]; None: cars
+    drive straight to their slots."""
     by_phase: bool = flag(False)
-    """True if the phase of a car of `sweep` alone determines its place in the file: places are then as evenly spaced as
-    the phases at the start, less `formation.displaced`, but some are farther away. False: the file has the order of the
-    formation's places along the loop, on which cars that are off their places disagree."""
+    """True if the phase of a car of `sweep` alone determines its slot, its place among the cars in single file: slots
+    are then as evenly spaced as the phases at the start, less `formation.displaced`, but some are farther away. False:
+    slots have the order of the formation's places along the loop, on which cars that are off their places disagree."""
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
     """Distance of the goal ahead of a car's place [m]; None is the distance that the patrol drives in
     0.3 s, in the time scale of the paper's experiment, and at least 4 wheelbases."""
@@ -225,12 +225,13 @@ def loop_spacing(loop: np.ndarray) -> float:
     return length_of(loop) / len(loop)
 
 
-def file_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:
+def slots_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:
     """Return the turns of the loop per turn of the phase, and the index on the loop (K, 2) [m] of the phase 0.
 
-    The places of a formation of evenly spaced phases are evenly spaced for any number of turns that counts no factor
-    with that of the robots. The pair is the one with the least sum of two lengths: the mean way from a phase's place on
-    the curve to its place in the file, and the shift of the latter by a deviation of the start.
+    They determine a robot's slot, its place among the cars in single file, by its phase alone. The slots of evenly
+    spaced phases are evenly spaced if the number of turns has no factor in common with that of the robots. The pair is
+    the one with the least sum of two lengths: the mean way from a phase's place on the curve to its slot, and the shift
+    of the slot by a deviation of the start.
     """
     count, size = scenario.num_robots, len(loop)
     phases = np.linspace(0, 2 * np.pi, 512, endpoint=False)

@@ -17,20 +17,11 @@ Observation = wp.array3d(dtype=float)
 Actions = wp.array3d(dtype=float)
 """(W, N, A) actions of the robots, in [-1, 1]."""
 
-# Indices of the entries, by their names in `lissajous_env.world.observation.layout`.
-X, Y = wp.constant(0), wp.constant(1)
-COS_HEADING, SIN_HEADING = wp.constant(2), wp.constant(3)
-SPEED = wp.constant(4)
-COS_PHASE, SIN_PHASE = wp.constant(5), wp.constant(6)
-WORKS = wp.constant(7)
-# Indices within the entries of a ring neighbour.
-HEARD, AGE = wp.constant(0), wp.constant(1)
-COS_LEAD, SIN_LEAD = wp.constant(2), wp.constant(3)
-X_AWAY, Y_AWAY = wp.constant(4), wp.constant(5)
-# Indices within the entries of a robot in sight.
-PRESENT = wp.constant(0)
-X_SEEN, Y_SEEN = wp.constant(1), wp.constant(2)
-X_VELOCITY, Y_VELOCITY = wp.constant(3), wp.constant(4)
+# Indices of a robot's own entries, and within those of a ring neighbour and of a robot in sight, in the order of
+# `OWN_ENTRIES`, `NEIGHBOUR_ENTRIES` and `ROBOT_ENTRIES` of `lissajous_env.world.observation`.
+X, Y, COS_HEADING, SIN_HEADING, SPEED, COS_PHASE, SIN_PHASE, WORKS = (wp.constant(k) for k in range(OWN_SIZE))
+HEARD, AGE, COS_LEAD, SIN_LEAD, X_AWAY, Y_AWAY = (wp.constant(k) for k in range(LINK_SIZE))
+PRESENT, X_SEEN, Y_SEEN, X_VELOCITY, Y_VELOCITY = (wp.constant(k) for k in range(ROBOT_SIZE))
 
 
 @wp.func

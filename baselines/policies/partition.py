@@ -21,14 +21,8 @@ from baselines.policies.loops import tour
 from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, problem_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.repair_plan import SHAPES, Takeover, middle_of, slowed, takeover_of
-from baselines.policies.taking_over import (
-    PLACES,
-    WATCH_SIZE,
-    Repair,
-    take_over,
-    watch_neighbours,
-)
+from baselines.policies.takeover_loops import SHAPES, TakeoverLoops, middle_of, slowed, takeover_loops
+from baselines.policies.taking_over import PLACES, WATCH_SIZE, Takeover, take_over, watch_neighbours
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import (
     Transit,
@@ -55,7 +49,7 @@ _DELAYS = 3, 6, 9
 """Times for which cars may stay in formation before they leave it for their loops [control step]."""
 _MOST_CANDIDATES = 50
 """Combinations of a plan, a shift of its loops and a delay for which ways are searched."""
-_SEEN = 0.98
+_COVERED = 0.98
 """Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
 
 
@@ -199,8 +193,8 @@ class PartitionRepair(TimedPaths):
 
     The loops are those of a partition with all of them in phase, driven slower (`RepairParameters.reserve`), and ring
     neighbours have neighbouring cells. If the messages of a ring neighbour show that it does not move, or if none
-    arrive, a robot drives a loop in both cells (`baselines.policies.repair_plan`). It selects a loop and a place of it
-    that are clear of stopped robots: beside them or around them. A robot that resumes waits on its loop until its
+    arrive, a robot drives a loop in both cells (`baselines.policies.takeover_loops`). It selects a loop and a place of
+    it that are clear of stopped robots: beside them or around them. A robot that resumes waits on its loop until its
     reference comes by. If the robots have no information on each other's starts, the transit uses the collision filter,
     as in `partition`.
 
@@ -228,23 +222,23 @@ class PartitionRepair(TimedPaths):
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-        self._repair = _repair_of(scenario, self.takeover, self.tables, drift, self.device)
-        self._repair.patience = self.parameters.patience
+        self._takeover = _constants_of(scenario, self.takeover_loops, self.tables, drift, self.device)
+        self._takeover.patience = self.parameters.patience
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
             self._avoid_others(scenario.robot.radius)
 
     def timed(self, scenario: Scenario) -> PathTables:
-        """Return the timed paths, a variant for each loop of `Takeover`."""
+        """Return the timed paths, a variant for each loop of `TakeoverLoops`."""
         self.parameters = replace(self.parameters, in_phase=True)
-        self.partition, self.takeover, tables = timed_repair(scenario, self.parameters)
+        self.partition, self.takeover_loops, tables = timed_repair(scenario, self.parameters)
         return tables
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._repair, observation, self._watched, self._standing]
+        inputs = [self._curve, self._takeover, observation, self._watched, self._standing]
         self.launch(watch_neighbours, self.shape, inputs, [self._case])
-        inputs = [self._repair, self._curve, self._pose, self._case, observation, self._standing]
+        inputs = [self._takeover, self._curve, self._pose, self._case, observation, self._standing]
         inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)
@@ -266,38 +260,42 @@ def _avoided_distance(scenario: Scenario) -> float:
     return (2 + _AVOIDANCE) * scenario.robot.radius + 2 * scenario.noise.position
 
 
-def _repair_of(scenario: Scenario, takeover: Takeover, tables: PathTables, drift: float, device: Any) -> Any:
-    """Return the loops of a takeover for its kernel; the middle of one drifts so far in a control step [m]."""
+def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, drift: float, device: Any) -> Any:
+    """Return the constants of takeovers for their kernels; the middle of one drifts so far in a control step [m]."""
     half = np.array([scenario.driven.half_width, scenario.driven.half_height])
-    low, high = takeover.loop.min(axis=2), takeover.loop.max(axis=2)
+    low, high = loops.loop.min(axis=2), loops.loop.max(axis=2)
     margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
-    repair = Repair()
+    constants = Takeover()
     # With noisy measurements, a stopped robot seems to move.
-    repair.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
-    repair.step, repair.time_unit, repair.speed_unit = scenario.task.step, scenario.time_unit, scenario.robot.top_speed
-    repair.radius, repair.robots_seen = scenario.sight, scenario.sensing.robots_seen
-    repair.shapes, repair.first, repair.required = SHAPES, FINE * tables.lead_in, _avoided_distance(scenario)
-    repair.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
-    repair.spacing = _avoided_distance(scenario) / _FINER
-    repair.sensing, repair.drift = _SEEN * scenario.sensing_radius, drift
-    repair.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
-    repair.margins = wp.array(margins, dtype=wp.vec4, device=device)
-    repair.middles = wp.array(middle_of(takeover.loop), dtype=wp.vec2, device=device)
-    repair.corners = wp.array(takeover.corners, dtype=wp.int32, device=device)
-    return repair
+    constants.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
+    constants.step, constants.time_unit, constants.speed_unit = (
+        scenario.task.step,
+        scenario.time_unit,
+        scenario.robot.top_speed,
+    )
+    constants.radius, constants.robots_seen = scenario.sight, scenario.sensing.robots_seen
+    constants.shapes, constants.first, constants.required = SHAPES, FINE * tables.lead_in, _avoided_distance(scenario)
+    constants.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
+    constants.spacing = _avoided_distance(scenario) / _FINER
+    constants.sensing, constants.drift = _COVERED * scenario.sensing_radius, drift
+    constants.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
+    constants.margins = wp.array(margins, dtype=wp.vec4, device=device)
+    constants.middles = wp.array(middle_of(loops.loop), dtype=wp.vec2, device=device)
+    constants.corners = wp.array(loops.corners, dtype=wp.int32, device=device)
+    return constants
 
 
 @lru_cache(maxsize=64)
-def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[PartitionLoops, Takeover, PathTables]:
+def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[PartitionLoops, TakeoverLoops, PathTables]:
     """Return the plan, the loops for takeovers and the timed paths."""
     plans = (slowed(plan, parameters.reserve) for plan in partition_plans(scenario, parameters))
     plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
     cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height
-    takeover = takeover_of(plan, cell, scenario.neighbours, problem, unit, _MOVED * _avoided_distance(scenario))
+    loops = takeover_loops(plan, cell, scenario.neighbours, problem, unit, _MOVED * _avoided_distance(scenario))
     if ways is None:
         until = _filtered_until(scenario, plan, parameters)
-        return plan, takeover, path_tables(scenario, takeover.loop, filtered_until=until)
-    loop = np.roll(takeover.loop, shift - ways.lead_in.shape[1], axis=2)
+        return plan, loops, path_tables(scenario, loops.loop, filtered_until=until)
+    loop = np.roll(loops.loop, shift - ways.lead_in.shape[1], axis=2)
     lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)
-    return plan, takeover, path_tables(scenario, loop, lead_in)
+    return plan, loops, path_tables(scenario, loop, lead_in)

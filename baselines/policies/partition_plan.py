@@ -17,7 +17,7 @@ import numpy as np
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.ideal_motion import unvisited_and_gap, worst_undetected_time
 from baselines.policies.loops import closed_loop, divisions, evenly_spaced, length_of
-from baselines.policies.transit import RESERVE, TURN, radius_for_all_cars, required_distance, slowest_speed
+from baselines.policies.transit import PLANNED_SHARE, radius_for_all_cars, required_distance, speed_on_arc
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
 
@@ -122,9 +122,9 @@ class Shape:
             phase_x: Phase difference of a loop in a row and the one before [period].
             phase_y: Phase difference of a row and the one before [period].
         """
-        problem = (np.array(half) - self.sizes).min(axis=0)
+        room = (np.array(half) - self.sizes).min(axis=0)
         outermost = np.abs(self.cells[:, :2]).max(axis=0)
-        shrink = np.minimum(1, np.divide(problem, outermost, out=np.ones(2), where=outermost > 0))
+        shrink = np.minimum(1, np.divide(room, outermost, out=np.ones(2), where=outermost > 0))
         column, row = self.cells[:, 4], self.cells[:, 5]
         count = self.loops.shape[1]
         direction = np.where((turn_x * column + turn_y * row) % 2 == 1, -1, 1)
@@ -190,9 +190,9 @@ def _loops_in_cells(problem: Problem, parameters: PartitionParameters, members: 
                 yield Shape(np.repeat(cells, members, axis=0), np.repeat(sizes, members, axis=0), np.array(shared))
 
 
-def speed_on(corner: float, problem: Problem) -> float:
+def speed_on_loop(corner: float, problem: Problem) -> float:
     """Return the largest speed on a loop with corners of some radius, a control step."""
-    return max(min(problem.speed, math.sqrt(problem.grip * corner), TURN * corner), 1.02 * problem.slowest)
+    return max(speed_on_arc(corner, problem.speed, problem.grip), 1.02 * problem.slowest)
 
 
 def _timed(loops: list, problem: Problem, corner: float, members: int) -> np.ndarray:
@@ -200,7 +200,7 @@ def _timed(loops: list, problem: Problem, corner: float, members: int) -> np.nda
 
     The period is a multiple of the number of members of a loop.
     """
-    count = max(math.ceil(max(map(length_of, loops)) / speed_on(corner, problem) - 1e-9), 8)
+    count = max(math.ceil(max(map(length_of, loops)) / speed_on_loop(corner, problem) - 1e-9), 8)
     count = members * math.ceil(count / members)
     return np.stack([evenly_spaced(loop, count) for loop in loops])
 
@@ -263,16 +263,16 @@ def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
         sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
         apart=required_distance(scenario, parameters.clearance) / unit,
         turning=max(radius_for_all_cars(scenario), parameters.turning or 0.0) / unit,
-        speed=(parameters.speed or RESERVE * robot.top_speed) * step / unit,
-        slowest=slowest_speed(scenario) * step / unit,
-        grip=RESERVE * robot.lateral_acceleration_max * step**2 / unit,
+        speed=(parameters.speed or PLANNED_SHARE * robot.top_speed) * step / unit,
+        slowest=robot.idle_speed * step / unit,
+        grip=PLANNED_SHARE * robot.lateral_acceleration_max * step**2 / unit,
         target_speed=scenario.rogue_speed * step / unit,
     )
 
 
 @lru_cache(maxsize=256)
 def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tuple, Shape, np.ndarray]]:
-    """Return scores, shapes and their loops (N, K, 2) at the cells, the best plan first; none if none have problem."""
+    """Return scores, shapes and their loops (N, K, 2) at the cells, the best first; none where no shape has room."""
     shapes = []
     for shape in shapes_of(problem, parameters):
         placed = shape.placed(problem.driven)

@@ -12,10 +12,10 @@ from baselines.policies.loops import (
     SweepParameters,
     cruising_speed,
     fastest_speed,
-    file_by_phase,
     lookahead,
     loop_spacing,
     patrol_loop,
+    slots_by_phase,
 )
 from baselines.policies.own_row import (
     Actions,
@@ -58,10 +58,9 @@ def slot_of(
     equilibrium: wp.array(dtype=float),
     loop: wp.array(dtype=wp.vec2),
 ) -> float:
-    """Return the index on the loop where robot i's place in the file begins.
+    """Return the index on the loop where robot i's slot, its place among the cars in single file, begins.
 
-    The robots of the file have the order of the formation's places along the loop, which a robot computes from its own
-    phase.
+    The slots have the order of the formation's places along the loop, which a robot computes from its own phase.
     """
     n = equilibrium.shape[0]
     size = loop.shape[0]
@@ -98,14 +97,14 @@ def follow_loop(
     observation: Observation,
     action_out: Actions,
 ):
-    """Drive to robot i's place in the file, which moves around the loop at cruising speed [m/s].
+    """Drive to robot i's slot, which moves around the loop at cruising speed [m/s].
 
-    With a time constant `gather` [s], the places start from rest: their speed is the share 1 - exp(-t / gather) of
-    that. If `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed. If `winding` is
-    not 0, the place of a robot follows from its phase by `file_by_phase`, else from the order of all (`slot_of`). The
+    With a time constant `gather` [s], the slots start from rest: their speed is the share 1 - exp(-t / gather) of that.
+    If `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed. If `winding` is not
+    0, the slot of a robot follows from its phase by `slots_by_phase`, else from the order of all (`slot_of`). The
     angle `displaced` of the start [rad] is subtracted from the phase.
 
-    The memory of a robot is the index on the loop where its place began, and one more than the number of steps since
+    The memory of a robot is the index on the loop where its slot began, and one more than the number of steps since
     then.
     """
     w, i = wp.tid()
@@ -173,7 +172,7 @@ def wander(
     observation: Observation,
     action_out: Actions,
 ):
-    """Drive to a random place in the rectangle, slower where it is `near` [m], and choose the next one on arrival."""
+    """Drive to a random place in the rectangle, slower within `near` [m] of it, and choose the next one on arrival."""
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
     goal = goals[w, i]
@@ -235,14 +234,14 @@ class Sweep(_Patrol):
         scenario, parameters = self.scenario, self.parameters
         loop, cruise = patrol_loop(scenario, parameters=parameters), parameters.cruise or cruising_speed(scenario)
         slowest = -1.0 if parameters.slowest is None else parameters.slowest
-        in_file = file_by_phase(scenario, loop) if parameters.by_phase else (0.0, 0.0)
+        by_phase = slots_by_phase(scenario, loop) if parameters.by_phase else (0.0, 0.0)
         equilibrium = wp.array(scenario.equilibrium, dtype=wp.float32, device=self.device)
         displaced = wp.array(scenario.displacements, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._inputs += [float(scenario.alpha), equilibrium, displaced, self._loop, cruise, loop_spacing(loop)]
         self._inputs += [lookahead(scenario, cruise, parameters), scenario.task.step, parameters.gather, slowest]
-        self._inputs += [*in_file]
+        self._inputs += [*by_phase]
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""

@@ -1,12 +1,11 @@
 """Policies that react to the targets that they observe, for cars whose actions are velocities.
 
-A rule chooses a velocity by the targets in sight and on tracks; robots without any patrol in `Lanes`.
-`Lanes` observes no target, so it is the measure of what reacting is worth; `index_rule.Index` learns where targets
-appear. All keep away from the robots in sight, and each robot uses its own row alone: where the robots of a team divide
-work, each computes the whole division from the places and tracks in its row, so a team that shares both agrees.
+A rule chooses a velocity by the targets in sight and on tracks, and patrols in `Lanes` while there are none. `Lanes`
+observes no target, so the difference to it is the worth of reacting; `index_rule.Index` learns where targets appear.
+All of them avoid the robots in sight. Each robot uses its own row alone: where the robots of a team divide work, each
+computes the whole division from the places and tracks in its row, so all agree if they share both.
 
-Distances in their settings are in units of `sensing.sight`, and `Lanes.reach` is in metres; the time of the index rule
-is in units of the sensing radius over the top speed.
+The settings of a rule have the unit that stands behind each in brackets: [sight] is `sensing.sight`.
 """
 
 import math
@@ -39,22 +38,22 @@ def towards(offset: np.ndarray, slow: float) -> np.ndarray:
     return unit(offset) * np.minimum(np.linalg.norm(offset, axis=-1, keepdims=True) / slow, 1.0)
 
 
-def nearest(offset: np.ndarray, there: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nearest(offset: np.ndarray, exists: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the value (W, N, 2) of the nearest thing that exists, and its distance (W, N) [m], infinite without one.
 
     Args:
         offset: (W, N, K, 2) relative places of the things [m].
-        there: (W, N, K) True for those that exist.
+        exists: (W, N, K) True for those that exist.
         values: (W, N, K, 2) their values.
     """
-    far = np.where(there, np.linalg.norm(offset, axis=-1), np.inf)
+    far = np.where(exists, np.linalg.norm(offset, axis=-1), np.inf)
     if far.shape[2] == 0:
         return values.sum(axis=2), np.full(far.shape[:2], np.inf)
     first = far.argmin(axis=-1)[..., None, None]
     return np.take_along_axis(values, first, axis=2)[:, :, 0], far.min(axis=-1)
 
 
-def kept_apart(wish: np.ndarray, rows: Rows) -> np.ndarray:
+def away_from_others(wish: np.ndarray, rows: Rows) -> np.ndarray:
     """Return wished velocities (W, N, 2) [top speed] that also lead away from robots that are near."""
     far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
     near = np.clip(_APART * rows.scenario.robot.radius / np.maximum(far, 1e-9) - 1, 0.0, 3.0)
@@ -74,7 +73,7 @@ def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sqrt(x * x + y * y)
 
 
-def divided(
+def greedy_division(
     scores: Callable[[np.ndarray], np.ndarray], take: Callable[[np.ndarray], None], shape: tuple, least: float = 0.0
 ) -> np.ndarray:
     """Return the thing (W, N) of each robot, -1 for none, in a greedy division among the robots in its row.
@@ -133,7 +132,7 @@ class Reacting(Policy):
         """Return the wished velocities, and away from robots that are near."""
         rows = self.rows(observation)
         action = np.zeros(self.action.shape, np.float32)
-        action[..., :2] = kept_apart(self.wish(rows), rows)
+        action[..., :2] = away_from_others(self.wish(rows), rows)
         return action
 
 
@@ -213,7 +212,7 @@ class Lanes(Reacting):
         def take(slot: np.ndarray) -> None:
             np.put_along_axis(far, slot[..., None, None], np.inf, axis=3)
 
-        return divided(lambda free: np.where(free > 0, -far, -np.inf), take, far.shape[:3], -np.inf)
+        return greedy_division(lambda free: np.where(free > 0, -far, -np.inf), take, far.shape[:3], -np.inf)
 
 
 class Searching(Reacting):

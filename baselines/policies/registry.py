@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 
 from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Filter, Filtered, Policy
-from baselines.policies.safety.filter import Safe
 from baselines.policies.safety.proved import Proved
-from lissajous_env.identity import OURS, parts_of
+from baselines.policies.safety.safe import Safe
+from lissajous_env import identity
+from lissajous_env.identity import OWN_PACKAGES
 from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.robot_models import MODELS, model_of
 from lissajous_env.parameters.scenario import Scenario
@@ -92,14 +93,14 @@ class Loader(NamedTuple):
     """`make(folder, scenario, num_worlds, device)` returns the policy."""
     own_scenario: Callable[[str], Scenario]
     """`own_scenario(folder)` returns the scenario of the policy."""
-    parts: Callable[[str], dict[str, str]]
-    """`parts(folder)` returns what identifies the policy, as `parts` does."""
+    fingerprint: Callable[[str], dict[str, str]]
+    """`fingerprint(folder)` returns what identifies the policy, as the function `fingerprint` does."""
 
 
 POLICIES = Registry(
     "policy",
     (r"(?s).+", "a word"),
-    lambda entry: getattr(_origin(entry.factory)[0], "__module__", "").partition(".")[0] in OURS,
+    lambda entry: getattr(_origin(entry.factory)[0], "__module__", "").partition(".")[0] in OWN_PACKAGES,
     "lissajous_env.policies",
 )
 _FILTERS: dict[str, type[Filter]] = {kind.suffix: kind for kind in (Safe, Proved)}
@@ -145,7 +146,7 @@ def register(
     if ending := next(filter(str(name).endswith, _FILTERS), ""):
         raise ValueError(f"name of a policy must not end in {ending}, which adds a filter, got {name}")
     origin, kinds = _origin(factory), (*MODELS, _VELOCITY)
-    kind = getattr(origin[0], "kind", None) if kind is None else kind
+    kind = kind_of(factory) if kind is None else kind
     rule = f"must be one of {few_of(kinds, kind)}, or None"
     require(kind in (None, *kinds), f"kind of {name}", rule, kind)
     require(callable(factory), f"factory of {name}", "must be callable", factory)
@@ -155,6 +156,11 @@ def register(
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
     POLICIES.add(Entry(name, kind, factory, tuple(made_for), about.partition("\n")[0], learned, on_request))
     return factory
+
+
+def kind_of(factory: Any) -> str | None:
+    """Return the kind of robots that the policies of a factory drive, or None for any."""
+    return getattr(_origin(factory)[0], "kind", None)
 
 
 def _origin(factory: Any) -> tuple:
@@ -231,11 +237,12 @@ def own_scenario(folder: str) -> Scenario:
     return _loader_of(plain).own_scenario(plain)
 
 
-def parts(name: str) -> dict[str, str]:
-    """Return the parts that identify a policy, its code or its file: `lissajous_env.identity.parts_of`."""
+def fingerprint(name: str) -> dict[str, str]:
+    """Return the fingerprint of a policy's code, or of its file, as `lissajous_env.identity.fingerprint` does."""
     plain, suffix = split_suffix(name)
-    of_policy = _loader_of(plain).parts(plain) if is_folder(name) else parts_of(POLICIES[plain].factory)
-    of_filter = parts_of(_FILTERS[suffix]) if suffix else {}
+    in_folder = is_folder(name)
+    of_policy = _loader_of(plain).fingerprint(plain) if in_folder else identity.fingerprint(POLICIES[plain].factory)
+    of_filter = identity.fingerprint(_FILTERS[suffix]) if suffix else {}
     return of_policy | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
 
 

@@ -139,12 +139,12 @@ def _make(folder: str, scenario: Scenario, num_worlds: int = 1, device: Any = "c
     return policy
 
 
-def _parts(folder: str) -> dict[str, str]:
-    """Return a digest of the policy's file and the parts of the named policy, which identify a policy in results."""
+def _fingerprint(folder: str) -> dict[str, str]:
+    """Return a digest of the policy's file and the fingerprint of the named policy."""
     settings = PolicySettings.read(folder)
-    return {f"policy of {POLICY_FILE}": digest_of(settings.as_toml().encode())} | registry.parts(settings.policy)
+    return {f"policy of {POLICY_FILE}": digest_of(settings.as_toml().encode())} | registry.fingerprint(settings.policy)
 
 
 registry.LOADERS[POLICY_FILE] = registry.Loader(
-    _make, lambda folder: named.build(str(Path(folder) / SCENARIO_FILE)), _parts
+    _make, lambda folder: named.build(str(Path(folder) / SCENARIO_FILE)), _fingerprint
 )

@@ -22,6 +22,7 @@ from the deviation of the measured heading from the expected one; at the start i
 import math
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
@@ -33,9 +34,10 @@ from lissajous_env.device.program import launcher
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import SPREAD_MAX
+from lissajous_env.world.robots.contacts import distance_inside
 from lissajous_env.world.robots.differential import commanded_speed, drive_step, ramp, yaw_limit
 from lissajous_env.world.robots.inside import DEVIATIONS, ROUNDING, margin_of
+from lissajous_env.world.selection import clear_worlds
 
 wp.set_module_options(OPTIONS)
 
@@ -55,7 +57,7 @@ class Limits:
     """Bound of the rounding errors of places [m]."""
     pushes: wp.vec2
     """Accelerations of the weakest and of the strongest motor [m/s^2]."""
-    turns: wp.vec2
+    yaw_rates: wp.vec2
     """Yaw rates of the widest and of the narrowest drive at an action of 1 [rad/s]."""
     speed_unit: wp.float32
     """Unit of an observed speed [m/s]."""
@@ -63,7 +65,7 @@ class Limits:
     """Bound of the noise of an action."""
     heading_error: wp.float32
     """Bound of the error of a measured heading [rad]."""
-    turn: wp.float32
+    turn_action: wp.float32
     """Action of the yaw rate of a way to stop that turns."""
     heading_noise: wp.float32
     """Bound of the change of a heading in an integration step by the noise of an action [rad]."""
@@ -104,12 +106,6 @@ def moved(limits: Limits, robot: RobotStruct, drive: Drive, speed: float, turnin
 
 
 @wp.func
-def distance_inside(half: wp.vec2, x: float, y: float) -> float:
-    """Return the distance of a place from the edge of a rectangle of half extents `half`, below 0 outside it [m]."""
-    return wp.min(half[0] - wp.abs(x), half[1] - wp.abs(y))
-
-
-@wp.func
 def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> float:
     """Return the least distance from the edge of a rectangle while a drive brakes with an action of the yaw rate [m].
 
@@ -130,11 +126,11 @@ def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
         count += 1.0
         sum_of += gone
         squares += wp.cw_mul(gone, gone)
-        now = moved(limits, robot, now, 0.0, turn * limits.turns[0], limits.pushes[0])
+        now = moved(limits, robot, now, 0.0, turn * limits.yaw_rates[0], limits.pushes[0])
         gone = wp.vec2(now.pose[0] - drive.pose[0], now.pose[1] - drive.pose[1])
         spread = count * wp.cw_mul(gone, gone) - 2.0 * wp.cw_mul(gone, sum_of) + squares
         aside = wp.vec2(wp.sqrt(wp.max(variance * spread[1], 0.0)), wp.sqrt(wp.max(variance * spread[0], 0.0)))
-        least = wp.min(least, distance_inside(half - aside, now.pose[0], now.pose[1]))
+        least = wp.min(least, distance_inside(half[0] - aside[0], half[1] - aside[1], now.pose[0], now.pose[1]))
     return least
 
 
@@ -147,7 +143,7 @@ def can_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, tu
 @wp.func
 def yaw_rate_towards(limits: Limits, action: float, side: float) -> float:
     """Return the yaw rate of an action for the wheels that turn a drive farthest to a side, 1 or -1 [rad/s]."""
-    return action * wp.where(action * side > 0.0, limits.turns[1], limits.turns[0])
+    return action * wp.where(action * side > 0.0, limits.yaw_rates[1], limits.yaw_rates[0])
 
 
 @wp.func
@@ -176,11 +172,11 @@ def room_after(
         turning = yaw_rate_towards(limits, wp.clamp(action[1] + side * limits.action_error, -1.0, 1.0), side)
         for _ in range(limits.substeps):
             now = moved(limits, robot, now, speed, turning, limits.pushes[(k / 3) % 2])
-            least = wp.min(least, distance_inside(half, now.pose[0], now.pose[1]))
+            least = wp.min(least, distance_inside(half[0], half[1], now.pose[0], now.pose[1]))
         most = float(-1.0e30)
         for way in range(3):
             if most < least and least >= lowest:
-                most = wp.max(most, room_to_stop(limits, robot, half, now, float(way - 1) * limits.turn))
+                most = wp.max(most, room_to_stop(limits, robot, half, now, float(way - 1) * limits.turn_action))
         least = wp.min(least, most)
         if least < lowest:
             break
@@ -200,8 +196,8 @@ def turn_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
     Without a wanted side, or a way to stop, this is the side of the middle of the rectangle.
     """
     ahead = cos_sin(drive.pose[2])
-    middle = wp.where(ahead[0] * drive.pose[1] < ahead[1] * drive.pose[0], limits.turn, -limits.turn)
-    side = wp.where(wp.abs(want) > 1.0e-3, wp.sign(want) * limits.turn, middle)
+    middle = wp.where(ahead[0] * drive.pose[1] < ahead[1] * drive.pose[0], limits.turn_action, -limits.turn_action)
+    side = wp.where(wp.abs(want) > 1.0e-3, wp.sign(want) * limits.turn_action, middle)
     if can_stop(limits, robot, half, drive, side):
         return side
     if can_stop(limits, robot, half, drive, 0.0):
@@ -229,7 +225,7 @@ def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) ->
     best = wp.vec2(0.0, turning)
     most = room_after(limits, robot, limits.half, drive, best, -1.0e30, 1.0e30)
     for k in range(wp.where(limits.is_exact == 1, 0, 9)):
-        action = wp.vec2(float(k / 3 - 1) * 2.0 * limits.action_error, float(k % 3 - 1) * limits.turn)
+        action = wp.vec2(float(k / 3 - 1) * 2.0 * limits.action_error, float(k % 3 - 1) * limits.turn_action)
         room = room_after(limits, robot, limits.half, drive, action, most, 1.0e30)
         if room > most:
             most = room
@@ -301,6 +297,11 @@ class Stopping(Copyable):
             return False
         return margin_of(scenario) < min(scenario.curve.half_width, scenario.curve.half_height)
 
+    def forget(self, mask: np.ndarray) -> None:
+        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew."""
+        for memory in (self.yaw_rate, self.heading):
+            clear_worlds(memory, mask)
+
     def __call__(self, observation: wp.array, action: wp.array) -> None:
         """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""
         given = [self._limits, self._robot, self._curve, observation]
@@ -314,16 +315,15 @@ def limits_of(scenario: Scenario) -> Any:
     margin = margin_of(scenario)
     limits.half = wp.vec2(curve.half_width - margin, curve.half_height - margin)
     limits.rounding = ROUNDING * (curve.half_width + curve.half_height)
-    motors = scenario.drive_factors
-    weakest = robot.top_acceleration * (2 - noise.most_drive) * float(motors.min())
-    limits.pushes = wp.vec2(weakest, robot.top_acceleration * noise.most_drive * float(motors.max()))
-    spread = SPREAD_MAX * noise.wheelbase_spread
-    limits.turns = wp.vec2(robot.top_yaw_rate / (1 + spread), robot.top_yaw_rate / (1 - spread))
+    motors, (shortest, longest) = scenario.drive_factors, noise.wheelbase_range
+    weakest = robot.top_acceleration * noise.drive_range[0] * float(motors.min())
+    limits.pushes = wp.vec2(weakest, robot.top_acceleration * noise.drive_range[1] * float(motors.max()))
+    limits.yaw_rates = wp.vec2(robot.top_yaw_rate / longest, robot.top_yaw_rate / shortest)
     limits.action_error, limits.heading_error = DEVIATIONS * noise.actuator, DEVIATIONS * noise.heading
     limits.yaw_error = limits.action_error * robot.top_yaw_rate
     limits.heading_noise = limits.action_error * robot.top_yaw_rate * task.step / math.sqrt(task.substeps)
     limits.speed_error = DEVIATIONS * noise.speed
-    limits.turn = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
+    limits.turn_action = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
     spreads = noise.wheelbase_spread, noise.drive_spread, *(factor - 1 for factor in motors)
     limits.is_exact = int(not any((noise.actuator, noise.heading, noise.speed, *spreads)))
     limits.speed_unit = robot.top_speed

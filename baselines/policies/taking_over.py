@@ -39,8 +39,8 @@ SHIFTS = wp.constant(12)
 
 
 @wp.struct
-class Repair:
-    """Constants of a robot's estimates of others, and the loops P of its cases C (`repair_plan.Takeover`)."""
+class Takeover:
+    """Constants of a robot's estimates of others, and the loops P of its cases C (`takeover_loops.TakeoverLoops`)."""
 
     still: float
     """Displacement in a step below which a robot counts as stopped [m]."""
@@ -77,13 +77,13 @@ class Repair:
     middles: wp.array2d(dtype=wp.vec2)
     """(P, N) middles of the loops [m]."""
     corners: wp.array2d(dtype=int)
-    """(C, N) `Takeover.corners`."""
+    """(C, N) `TakeoverLoops.corners`."""
 
 
 @wp.kernel
 def watch_neighbours(
     curve: CurveStruct,
-    repair: Repair,
+    takeover: Takeover,
     observation: Observation,
     memory: wp.array4d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
@@ -99,31 +99,31 @@ def watch_neighbours(
     for side in range(2):
         known = memory[w, i, side]
         if not hears(w, i, side, observation):
-            if known[MESSAGE_AGE] <= 0.0 and repair.neighbours[i][side] >= 0:
-                known[MESSAGE_AGE] -= repair.step
-            if known[MESSAGE_AGE] > 0.0 or known[MESSAGE_AGE] < -repair.time_unit - 0.5 * repair.step:
+            if known[MESSAGE_AGE] <= 0.0 and takeover.neighbours[i][side] >= 0:
+                known[MESSAGE_AGE] -= takeover.step
+            if known[MESSAGE_AGE] > 0.0 or known[MESSAGE_AGE] < -takeover.time_unit - 0.5 * takeover.step:
                 known[STATE] = float(SILENT)
         else:
             place = position + offset_heard(w, i, side, curve, observation)
             # Both have one step more: the age, and with a negative sign the time since the reset without a message.
-            age = message_age(w, i, side, repair.time_unit, observation) + repair.step
+            age = message_age(w, i, side, takeover.time_unit, observation) + takeover.step
             is_first = known[MESSAGE_AGE] <= 0.0
             # A message that was heard before is older by a step and does not count.
-            if is_first or age < known[MESSAGE_AGE] + 0.5 * repair.step:
+            if is_first or age < known[MESSAGE_AGE] + 0.5 * takeover.step:
                 moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
-                known[STILL_STEPS] = wp.where(moved < repair.still and not is_first, known[STILL_STEPS] + 1.0, 0.0)
+                known[STILL_STEPS] = wp.where(moved < takeover.still and not is_first, known[STILL_STEPS] + 1.0, 0.0)
                 known[HEARD_X] = place[0]
                 known[HEARD_Y] = place[1]
             known[MESSAGE_AGE] = age
             if known[STILL_STEPS] == 0.0:
                 known[STATE] = float(WORKING)
-            if known[STILL_STEPS] >= float(repair.patience):
+            if known[STILL_STEPS] >= float(takeover.patience):
                 known[STATE] = float(STANDING)
         if known[STATE] != float(WORKING):
             case_out[w, i] += 1 + side
         stands = wp.where(known[STATE] == float(STANDING), 1.0, 0.0)
         standing[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], stands)
-    watch_disc(w, i, position, repair, observation, standing)
+    watch_disc(w, i, position, takeover, observation, standing)
 
 
 @wp.func
@@ -131,7 +131,7 @@ def watch_disc(
     w: int,
     i: int,
     position: wp.vec2,
-    repair: Repair,
+    takeover: Takeover,
     observation: Observation,
     standing: wp.array3d(dtype=wp.vec3),
 ):
@@ -139,68 +139,68 @@ def watch_disc(
     # If a stopped robot should be in sight but is not observed, it is not there any more.
     for k in range(2, PLACES):
         known = standing[w, i, k]
-        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * repair.radius:
+        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * takeover.radius:
             standing[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
-    own = own_speed(w, i, repair.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
-    for seen in range(repair.robots_seen):
+    own = own_speed(w, i, takeover.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
+    for seen in range(takeover.robots_seen):
         if sees(w, i, seen, observation):
-            velocity = own + velocity_seen(w, i, seen, repair.speed_unit, observation)
-            place = position + offset_seen(w, i, seen, repair.radius, observation)
+            velocity = own + velocity_seen(w, i, seen, takeover.speed_unit, observation)
+            place = position + offset_seen(w, i, seen, takeover.radius, observation)
             is_known = bool(False)
             free = int(0)
             for k in range(PLACES):
                 known = standing[w, i, k]
                 if known[2] > 0.0:
-                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * repair.still + 0.1 * repair.radius:
+                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * takeover.still + 0.1 * takeover.radius:
                         is_known = True
                 elif k >= 2:
                     free = k
-            if wp.length(velocity) * repair.step < repair.still and not is_known and free > 0:
+            if wp.length(velocity) * takeover.step < takeover.still and not is_known and free > 0:
                 standing[w, i, free] = wp.vec3(place[0], place[1], 1.0)
 
 
 @wp.func
-def distance_of(repair: Repair, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
+def distance_of(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
     """Return the smallest distance of a loop from a place [m]."""
     least = float(wp.inf)
-    for sample in range(repair.first, path.shape[0], repair.every):
+    for sample in range(takeover.first, path.shape[0], takeover.every):
         least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
     return least
 
 
 @wp.func
 def clearance_of(
-    repair: Repair, path: wp.array(dtype=wp.vec4), shift: wp.vec2, standing: wp.array(dtype=wp.vec3)
+    takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, standing: wp.array(dtype=wp.vec3)
 ) -> float:
     """Return the smallest distance of a shifted loop from the stopped robots [m]."""
     least = float(wp.inf)
     for k in range(standing.shape[0]):
         if standing[k][2] > 0.0:
-            least = wp.min(least, distance_of(repair, path, wp.vec2(standing[k][0], standing[k][1]) - shift))
+            least = wp.min(least, distance_of(takeover, path, wp.vec2(standing[k][0], standing[k][1]) - shift))
     return least
 
 
 @wp.func
-def unseen_corners(
-    repair: Repair, path: wp.array(dtype=wp.vec4), shift: wp.vec2, corners: int, curve: CurveStruct
+def uncovered_corners(
+    takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, corners: int, curve: CurveStruct
 ) -> float:
     """Return the sum of the distances of a shifted loop from the corners that it never covers [sensing radii]."""
-    unseen = float(0.0)
+    uncovered = float(0.0)
     for k in range(4):
         if ((corners >> k) & 1) == 1:
             corner = wp.vec2(
                 wp.where(k % 2 == 1, curve.half_width, -curve.half_width),
                 wp.where(k / 2 == 1, curve.half_height, -curve.half_height),
             )
-            least = distance_of(repair, path, corner - shift)
-            if least > repair.sensing:
-                unseen += least / repair.sensing
-    return unseen
+            least = distance_of(takeover, path, corner - shift)
+            if least > takeover.sensing:
+                uncovered += least / takeover.sensing
+    return uncovered
 
 
 @wp.func
 def clear_loop(
-    repair: Repair,
+    takeover: Takeover,
     curve: CurveStruct,
     pose: wp.array3d(dtype=wp.vec4),
     case: int,
@@ -210,20 +210,20 @@ def clear_loop(
     """Return the shift [m] and the shape of the loop of robot i's case that have the least cost (`take_over`)."""
     best = wp.vec3(0.0, 0.0, 0.0)
     best_cost = float(wp.inf)
-    for shape in range(repair.shapes):
-        loop = case * repair.shapes + shape
+    for shape in range(takeover.shapes):
+        loop = case * takeover.shapes + shape
         path = pose[loop, i]
-        margin = repair.margins[loop, i]
+        margin = takeover.margins[loop, i]
         for row in range(-SHIFTS, SHIFTS + 1):
             for column in range(-SHIFTS, SHIFTS + 1):
-                x = wp.clamp(float(column) * repair.spacing, margin[0], margin[2])
-                tried = wp.vec2(x, wp.clamp(float(row) * repair.spacing, margin[1], margin[3]))
-                cost = 0.01 * wp.length(tried) / repair.required + 0.5 * float(shape)
+                x = wp.clamp(float(column) * takeover.spacing, margin[0], margin[2])
+                tried = wp.vec2(x, wp.clamp(float(row) * takeover.spacing, margin[1], margin[3]))
+                cost = 0.01 * wp.length(tried) / takeover.required + 0.5 * float(shape)
                 if cost < best_cost:
-                    lacking = repair.required - clearance_of(repair, path, tried, standing)
-                    cost += 1000.0 * wp.max(lacking, 0.0) / repair.required
+                    lacking = takeover.required - clearance_of(takeover, path, tried, standing)
+                    cost += 1000.0 * wp.max(lacking, 0.0) / takeover.required
                 if cost < best_cost:
-                    cost += 20.0 * unseen_corners(repair, path, tried, repair.corners[case, i], curve)
+                    cost += 20.0 * uncovered_corners(takeover, path, tried, takeover.corners[case, i], curve)
                 if cost < best_cost:
                     best_cost = cost
                     best = wp.vec3(tried[0], tried[1], float(shape))
@@ -232,7 +232,7 @@ def clear_loop(
 
 @wp.kernel
 def take_over(
-    repair: Repair,
+    takeover: Takeover,
     curve: CurveStruct,
     pose: wp.array3d(dtype=wp.vec4),
     cases: wp.array2d(dtype=int),
@@ -255,8 +255,8 @@ def take_over(
     if not own_works(w, i, observation):
         return
     case = cases[w, i]
-    near = 0.25 * repair.spacing
-    changed = case != variant[w, i] / repair.shapes
+    near = 0.25 * takeover.spacing
+    changed = case != variant[w, i] / takeover.shapes
     stands = bool(False)
     for k in range(PLACES):
         if standing[w, i, k][2] > 0.0:
@@ -268,12 +268,12 @@ def take_over(
             avoided[w, i, k] = standing[w, i, k]
         best = wp.vec3(0.0, 0.0, 0.0)
         if stands:
-            best = clear_loop(repair, curve, pose, case, i, standing[w, i])
-        chosen = case * repair.shapes + int(best[2])
-        shift[w, i] += repair.middles[variant[w, i], i] - repair.middles[chosen, i]
+            best = clear_loop(takeover, curve, pose, case, i, standing[w, i])
+        chosen = case * takeover.shapes + int(best[2])
+        shift[w, i] += takeover.middles[variant[w, i], i] - takeover.middles[chosen, i]
         variant[w, i] = chosen
         target[w, i] = wp.vec2(best[0], best[1])
     rest = target[w, i] - shift[w, i]
     if case > 0:
-        rest *= wp.min(1.0, repair.drift / wp.max(wp.length(rest), 1.0e-9))
+        rest *= wp.min(1.0, takeover.drift / wp.max(wp.length(rest), 1.0e-9))
     shift[w, i] += rest

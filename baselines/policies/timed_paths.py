@@ -35,7 +35,7 @@ from baselines.policies.driving import steady_speed
 from baselines.policies.inside import Inside
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from baselines.policies.path_tables import FINE, PathTables
-from baselines.policies.safety.filter import Safe, SafetyParameters
+from baselines.policies.safety.safe import Safe, SafetyParameters
 from baselines.similarity import manoeuvring_length, motion_scale
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
@@ -80,7 +80,7 @@ class Tracking:
     """Length of the lead-in [control steps]."""
     loop: int
     """Length of the loop [control steps]."""
-    turns_early: int
+    early_samples: int
     """Samples by which a curvature is commanded early: half of the time in which a drive gains the largest yaw rate."""
     waits: int
     """1 if a car that has stopped beside its loop waits until its reference passes."""
@@ -228,7 +228,7 @@ def follow_paths(
     gains = integrator_gains(tracking.pole)
     step_length = wp.max(speed, wp.max(0.25 * path_speed, least_speed)) * tracking.step
     approach = wp.clamp(wp.atan(gains[0] / gains[1] * left / step_length), -_APPROACH, _APPROACH)
-    path_curvature = feedforward[variant[w, i], i, sample_on_table(sample + tracking.turns_early, tracking)][0]
+    path_curvature = feedforward[variant[w, i], i, sample_on_table(sample + tracking.early_samples, tracking)][0]
     curvature = path_curvature - gains[1] / step_length * (heading_error + approach)
 
     grip_speed = wp.sqrt(robot.lateral_acceleration_max / wp.max(wp.abs(curvature), 1.0e-3 / tracking.manoeuvring))
@@ -340,7 +340,7 @@ class TimedPaths(Policy):
         self._tracking.lead_in, self._tracking.loop = tables.lead_in, tables.loop
         yaw_rate = float(np.abs(tables.feedforward[..., 0] * tables.pose[..., 3]).max())
         gained_in = yaw_rate / robot.top_yaw_acceleration
-        self._tracking.turns_early = round(FINE * min(gained_in / (2 * step), 1.0))
+        self._tracking.early_samples = round(FINE * min(gained_in / (2 * step), 1.0))
         self._pose = wp.array(tables.pose, dtype=wp.vec4, device=self.device)
         self._feedforward = wp.array(tables.feedforward, dtype=wp.vec2, device=self.device)
         self.variant = wp.zeros(self.shape, dtype=wp.int32, device=self.device)

@@ -4,35 +4,6 @@ Points follow them exactly, cars by the paper's model predictive contouring cont
 A policy has the coordinator's name and the tracker's suffix, as `kuramoto-mpcc`; points have no suffix.
 Coordination and tracking can thus be compared separately: `consensus-gvf` is the whole method of Yao et al., and
 `consensus-mpcc` their coordination alone.
-
-`WithVectorField` is the tracker of Yao et al. [16], a guiding vector field without singularities, followed by a car.
-
-W. Yao, H. Garcia de Marina, Z. Sun, M. Cao, "Guiding vector fields for the distributed motion coordination of mobile
-robots", IEEE Transactions on Robotics 39 (2023). The path parameter is a coordinate of its own, w, which the robot
-stores; so the path in (x, y, w) does not cross itself, and the field vanishes nowhere, where r(gamma) does cross
-itself.
-
-Here w = gamma L / 2 pi [m], L the length of a lap, so that f(w) = r(gamma) has |f'| near 1. With the robot at q and off
-= q - f(w) the field chi, its sum with the coordination c, and the desired motion are
-
-    chi_xy = f'(w) - k off                         without a unit; k [1/m]
-    chi_w  = 1 + k off . f'(w)
-    q' = V chi_xy,  w' = V chi_w + (L / 2 pi) c    V = omega L / 2 pi [m/s], the mean speed of the formation
-
-where c = alpha (theta' - omega / alpha) [rad/s] is the rate that the coordinator adds to the natural one. c moves w
-alone; the robot follows because of the pull of off.
-
-A car follows q' as heading and speed, e [rad] being the angle from its heading to q':
-
-    steering = atan(l TURN e / v)
-    wanted speed = |q'| max(cos e, SLOWEST), or 0 where q' points back along the curve
-    throttle = (c_drag wanted + beta + SPEED (wanted - v)) / alpha_motor, as a patrol's
-
-Differs from Yao et al.: their unicycle drives at the desired speed and turns with the feed-forward of the field's
-direction, which the limits of this car leave without effect. A car that is ahead of w cannot reverse, and waits.
-
-A failed robot sets w to its own place, so that it continues from there. On `experiment` without faults the tracking
-error is 0.147 m in the mean, against 0.182 m of `open-loop-mpcc`.
 """
 
 import math
@@ -80,6 +51,13 @@ CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
 
 class Coordinated(Policy):
     """Base class of trackers: policies whose robots follow a coordinator.
+
+    Args:
+        coordinator: Function or class that makes the coordinator.
+        scenario: The scenario.
+        num_worlds: W.
+        device: Warp device.
+        parameters: Parameters of the tracker; by default those for the scenario.
 
     Warns:
         AssumptionWarning: the scenario violates an assumption of the paper about its formation.
@@ -161,15 +139,8 @@ class WithMpcc(Coordinated):
     kind = "car"
     Parameters = MpccParameters
 
-    def __init__(
-        self,
-        coordinator: CoordinatorFactory,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
-    ):
-        super().__init__(coordinator, scenario, num_worlds, device, parameters)
+    def __init__(self, *args: Any, **settings: Any):
+        super().__init__(*args, **settings)
         self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
         self.mpcc = Mpcc(self.scenario.curve, self.parameters, batch=batch, device=self.device)
 
@@ -286,21 +257,41 @@ def follow_field(
 
 
 class WithVectorField(Coordinated):
-    """Cars that follow a coordinator by a guiding vector field."""
+    """Cars that follow a coordinator by a guiding vector field.
+
+    This is the tracker of Yao et al. [16] (`Consensus` has the reference). The path parameter is a coordinate of its
+    own, w, which the robot stores; so the path in (x, y, w) does not cross itself, although r(gamma) does, and the
+    field vanishes nowhere.
+
+    Here w = gamma L / 2 pi [m], L the length of a lap, so that f(w) = r(gamma) has |f'| near 1. With the robot at q and
+    off = q - f(w) the field chi, its sum with the coordination c, and the desired motion are
+
+        chi_xy = f'(w) - k off                         without a unit; k [1/m]
+        chi_w  = 1 + k off . f'(w)
+        q' = V chi_xy,  w' = V chi_w + (L / 2 pi) c    V = omega L / 2 pi [m/s], the mean speed of the formation
+
+    where c = alpha (theta' - omega / alpha) [rad/s] is the rate that the coordinator adds to the natural one. c moves w
+    alone; the robot follows because of the pull of off.
+
+    A car follows q' as heading and speed, e [rad] being the angle from its heading to q':
+
+        steering = atan(l TURN e / v)
+        wanted speed = |q'| max(cos e, SLOWEST), or 0 where q' points back along the curve
+        throttle = (c_drag wanted + beta + SPEED (wanted - v)) / alpha_motor, as a patrol's
+
+    Differs from Yao et al.: their unicycle drives at the desired speed and turns with the feed-forward of the field's
+    direction, which the limits of this car leave without effect. A car that is ahead of w cannot reverse, and waits.
+
+    A failed robot sets w to its own place, so that it continues from there. On `experiment` without faults the tracking
+    error is 0.147 m in the mean, against 0.182 m of `open-loop-mpcc`.
+    """
 
     kind = "car"
     remembers = ("_memory",)
     Parameters = FieldParameters
 
-    def __init__(
-        self,
-        coordinator: CoordinatorFactory,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
-    ):
-        super().__init__(coordinator, scenario, num_worlds, device, parameters)
+    def __init__(self, *args: Any, **settings: Any):
+        super().__init__(*args, **settings)
         self._field = field_of(self.scenario, self.parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 

@@ -50,7 +50,7 @@ def module_apart(name: str, options: dict[str, Any]) -> Any:
     return module
 
 
-OURS = ("lissajous_env", "baselines", "training")
+OWN_PACKAGES = ("lissajous_env", "baselines", "training")
 """Packages of this distribution."""
 
 listener: Callable[[str], None] | None = None
@@ -65,7 +65,7 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
     """
     new = [module for module in {kernel.module: None for kernel in kernels} if (module, str(device)) not in _loaded]
     for module in new:
-        if module.name.partition(".")[0] not in OURS:
+        if module.name.partition(".")[0] not in OWN_PACKAGES:
             module.mark_modified()  # its user may have loaded it with a frame for tiles
     cache, folders = (
         str(wp.config.kernel_cache_dir),

@@ -103,11 +103,11 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, inset: float, colu
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
 
 
-def _over_runs(met: str, body: str) -> str:
-    """Return C++ that computes the runs of columns of a disc, in eight rows of a lane at once, then runs `body`.
+def _over_runs(covered: str, body: str) -> str:
+    """Return C++ that computes the runs of columns of a disc, in eight rows of a lane at once, and runs `body`.
 
-    `body` knows `at`, where the bits of a row in a word that the disc can meet stand in `mark` and `met`, and `run`,
-    the bits of its columns in that word; none where the disc does not meet them.
+    It runs `body` for each word that the disc can reach in a row, where `at` is the index of this word in `mark` and in
+    `covered`, and `run` the bits of the disc's columns in it, 0 for none.
     """
     return f"""
 #if defined(__CUDA_ARCH__)
@@ -133,7 +133,7 @@ def _over_runs(met: str, body: str) -> str:
         return (int)(most > -1.0f ? most : -1.0f);
     }};
     const auto mark_rows = [&](const int lane, const int lanes, const int first_word, const int last_word,
-                               Word* __restrict mark, Word* __restrict met) {{
+                               Word* __restrict mark, Word* __restrict covered) {{
         // Whole blocks, so that those of all discs are the same.
         const int skipped = top > lane ? (top - lane + lanes - 1) / lanes / together * together : 0;
         for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {{
@@ -158,18 +158,18 @@ def _over_runs(met: str, body: str) -> str:
             }}
         }}
     }};
-    Word *const mark = &wp::index(marks, w, 0, 0), *const met = {met};
+    Word *const mark = &wp::index(marks, w, 0, 0), *const covered = {covered};
     // On a CPU, where the rows of a lane stand side by side, this becomes SIMD; a single word is faster still.
     if (lanes == 1 && marks.shape[1] == 1)
-        mark_rows(0, 1, 0, 0, mark, met);
+        mark_rows(0, 1, 0, 0, mark, covered);
     else if (lanes == 1)
-        mark_rows(0, 1, first_column(radius) / 64, last_column(radius) / 64, mark, met);
+        mark_rows(0, 1, first_column(radius) / 64, last_column(radius) / 64, mark, covered);
     else
-        mark_rows(lane, lanes, first_column(radius) / 64, last_column(radius) / 64, mark, met);
+        mark_rows(lane, lanes, first_column(radius) / 64, last_column(radius) / 64, mark, covered);
 """
 
 
-@wp.func_native(_over_runs(met="0", body="mark[at] |= run;"))
+@wp.func_native(_over_runs(covered="0", body="mark[at] |= run;"))
 def mark_disc(
     w: int,
     place: wp.vec2,
@@ -185,11 +185,11 @@ def mark_disc(
 
 
 _VISIT = """mark[at] |= run;
-                    fresh += wp::bit_count(run & ~met[at]);
-                    met[at] |= run;"""
+                    fresh += wp::bit_count(run & ~covered[at]);
+                    covered[at] |= run;"""
 
 
-@wp.func_native("int fresh = 0;" + _over_runs("&wp::index(met_before, w, i, 0, 0)", _VISIT) + "return fresh;")
+@wp.func_native("int fresh = 0;" + _over_runs("&wp::index(covered_before, w, i, 0, 0)", _VISIT) + "return fresh;")
 def visit_disc(
     w: int,
     i: int,
@@ -201,9 +201,9 @@ def visit_disc(
     columns: int,
     inset: float,
     marks: wp.array3d(dtype=wp.uint64),
-    met_before: wp.array4d(dtype=wp.uint64),
+    covered_before: wp.array4d(dtype=wp.uint64),
 ) -> int:
-    """Mark the cells as `mark_disc` does, and among those that robot i has met; returns how many are new to it."""
+    """Mark the cells as `mark_disc` does, and in `covered_before` of robot i; return how many are new to it."""
     ...
 
 

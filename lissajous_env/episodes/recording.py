@@ -14,7 +14,7 @@ from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.parameters.scenario_file import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import replacing, undamaged
 from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.selection import fold_seed, of_world
@@ -287,7 +287,7 @@ def _loaded(file: BinaryIO) -> Recording:
         raise ValueError(f"its format is not {FORMAT!r}")
     for name, dtype in ARRAYS.items():
         _require(arrays[name].dtype == dtype, name, f"be {dtype}, got {arrays[name].dtype}")
-    scenario = scenario_of(about["scenario"])
+    scenario = scenario_of_json(about["scenario"])
     for part, fields in _RESOLVED.items():
         for field in fields:
             _require(getattr(getattr(scenario, part), field) is not None, f"{part}.{field}", "be given")

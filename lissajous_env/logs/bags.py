@@ -1,7 +1,7 @@
-"""The files of a log, rosbag2 files (MCAP), and the numbers in their messages as tables, by topic.
+"""The files of a log, rosbag2 files (MCAP), and the samples in their messages, by topic.
 
-A topic of one robot has one table. A topic of several has one for each part of it: "car_2" for a frame of /tf, "2" for
-the third pose of an array.
+The samples of a topic of one robot are together. A topic of several robots has those of each part of it: "car_2" for a
+frame of /tf, "2" for the third pose of an array.
 """
 
 import contextlib
@@ -28,8 +28,8 @@ Decoder = Callable[[Any], list[Sample]]
 
 
 @dataclass(frozen=True)
-class Table:
-    """Numbers of K messages."""
+class Samples:
+    """K samples, one of each message."""
 
     bag: np.ndarray
     """(K,) number of the file."""
@@ -47,12 +47,12 @@ class Table:
     def __len__(self) -> int:
         return len(self.stamp)
 
-    def take(self, rows: Any) -> "Table":
+    def take(self, rows: Any) -> "Samples":
         """Return some rows, by a mask, numbers or a slice."""
         columns = {name: value for name, value in vars(self).items() if name != "names"}
         return dataclasses.replace(self, **{name: value[rows] for name, value in columns.items()})
 
-    def in_order(self, same: float = 0.0) -> "Table":
+    def in_order(self, same: float = 0.0) -> "Samples":
         """Return the rows by their stamps; of those that differ by at most `same` [s], the last one."""
         rows = self.take(np.argsort(self.stamp, kind="stable"))
         return rows.take(np.append(np.diff(rows.stamp) > same, True))
@@ -111,8 +111,8 @@ class Bags(contextlib.ExitStack):
         """Return the numbers of the files that contain a topic."""
         return sorted({bag for bag, reader in self._readers if any(c.topic == topic for c in reader.connections)})
 
-    def tables(self, topic: str, decoders: dict[str, Decoder], bag: int | None = None) -> dict[str, Table]:
-        """Return the tables of a topic by part, file by file in the order of the recording.
+    def samples(self, topic: str, decoders: dict[str, Decoder], bag: int | None = None) -> dict[str, Samples]:
+        """Return the samples of a topic by part, file by file in the order of the recording.
 
         Messages of other types, those that are damaged or say nothing, and samples with other names or another number
         of numbers than the first, are ignored and counted in `remarks`.
@@ -124,7 +124,7 @@ class Bags(contextlib.ExitStack):
         """
         rows: dict[str, list[tuple]] = {}
         names: dict[str, tuple[str, ...]] = {}
-        for number, logged, (part, header, own_names, numbers) in self._samples(topic, decoders, bag):
+        for number, logged, (part, header, own_names, numbers) in self._decoded(topic, decoders, bag):
             own = rows.setdefault(part, [])
             if own and (own_names, len(numbers)) != (names[part], len(own[0][-1])):
                 self.ignore(topic, "they have other names or another length than the first")
@@ -133,16 +133,16 @@ class Bags(contextlib.ExitStack):
             about = (math.nan, "") if header is None else (seconds(header.stamp), header.frame_id.strip("/"))
             own.append((number, logged, *about, numbers))
         columns = {part: list(map(np.array, zip(*own, strict=True))) for part, own in rows.items()}
-        return {part: Table(*own, names=names[part]) for part, own in columns.items()}
+        return {part: Samples(*own, names=names[part]) for part, own in columns.items()}
 
-    def finite(self, topic: str, table: Table, count: int | None = None) -> Table:
+    def finite(self, topic: str, samples: Samples, count: int | None = None) -> Samples:
         """Return the rows of a topic whose first numbers are finite, and remark that the others are ignored."""
-        sound = np.isfinite(table.numbers[:, :count]).all(axis=1)
+        sound = np.isfinite(samples.numbers[:, :count]).all(axis=1)
         if not sound.all():
             self.ignore(topic, "they have numbers that are not finite", int((~sound).sum()))
-        return table.take(sound)
+        return samples.take(sound)
 
-    def _samples(
+    def _decoded(
         self, topic: str, decoders: dict[str, Decoder], bag: int | None
     ) -> Iterator[tuple[int, float, Sample]]:
         """Yield the number of the file, the time of the recorder [s] and the sample of all that is understood."""

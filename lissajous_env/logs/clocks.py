@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lissajous_env.logs.bags import Table
+from lissajous_env.logs.bags import Samples
 from lissajous_env.logs.log import Log, runs
 
 SAME = 1e-4
@@ -44,7 +44,7 @@ class Clock:
         ValueError: a clock was set while the log was recorded.
     """
 
-    def __init__(self, poses: Sequence[Table], log: Log):
+    def __init__(self, poses: Sequence[Samples], log: Log):
         self._log, self.poses = log, [own.take(np.lexsort((own.stamp, own.logged, own.bag))) for own in poses]
         lacks = [_lacks_stamps(own.stamp) for own in self.poses]
         self.notes = log.grouped([
@@ -83,7 +83,7 @@ class Clock:
         ahead = float(np.median(stamp - self.times(bag, logged)))
         return ahead if abs(ahead) > _LAG else 0.0
 
-    def _refuse_breaks(self, robot: int, poses: Table) -> None:
+    def _refuse_breaks(self, robot: int, poses: Samples) -> None:
         """Refuse a log in which the clock of a robot's poses is set within a file.
 
         Raises:
@@ -98,7 +98,7 @@ class Clock:
                 f"got a jump of {got}: was a clock set, or a simulation reset? Cut the log there"
             )
 
-    def _deviating(self, stamped: dict[int, Table]) -> set[int]:
+    def _deviating(self, stamped: dict[int, Samples]) -> set[int]:
         """Return the robots in a file whose clocks differ from those of the others, and note them."""
         if len(stamped) < 3:  # of two clocks, nobody knows which one is off
             return set()
@@ -117,7 +117,7 @@ def _lacks_stamps(stamp: np.ndarray) -> np.ndarray:
     return (np.abs(stamp - np.median(stamp)) > _DAY) | (np.ptp(stamp) == 0)
 
 
-def _pairs_of(poses: Sequence[Table]) -> tuple[np.ndarray, np.ndarray]:
+def _pairs_of(poses: Sequence[Samples]) -> tuple[np.ndarray, np.ndarray]:
     """Return increasing times of the recorder, and the latest stamp of a pose until then."""
     logged, stamp = (np.concatenate([getattr(own, name) for own in poses]) for name in ("logged", "stamp"))
     order = np.lexsort((stamp, logged))
@@ -131,7 +131,7 @@ def _converted(given: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.n
     return np.interp(given, logged, stamp) + beyond
 
 
-def _first_break(poses: Table) -> int | None:
+def _first_break(poses: Samples) -> int | None:
     """Return the first row of a robot's poses, in the order of their recording, at which its clock was set."""
     stamp, place = poses.stamp, poses.numbers[:, :2]
     leaps = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1

@@ -109,7 +109,7 @@ def roll_out(
     is_car: int,
     constants: wp.array(dtype=float),
     starts: wp.array(dtype=State),
-    begin: wp.array(dtype=int),
+    first_pose: wp.array(dtype=int),
     time: wp.array(dtype=wp.float64),
     command_time: wp.array(dtype=wp.float64),
     command: wp.array(dtype=wp.vec2),
@@ -119,9 +119,9 @@ def roll_out(
     s = wp.tid()
     delay = wp.float64(constants[4])
     state = starts[s]
-    now = time[begin[s]]
-    predicted_out[begin[s]] = state
-    for j in range(begin[s] + 1, begin[s + 1]):
+    now = time[first_pose[s]]
+    predicted_out[first_pose[s]] = state
+    for j in range(first_pose[s] + 1, first_pose[s + 1]):
         while now < time[j] - _ON_TIME:
             until = wp.min(time[j], now + _LONGEST)
             following = int(wp.lower_bound(command_time, now - delay + _ON_TIME))
@@ -207,14 +207,14 @@ class _Fit:
         # A speed that was computed from positions is no second measurement, and lags behind the robot's.
         self._is_known = np.array([True, True, True, not motion.derived])
         self._commands = commands
-        self._begin = np.append(np.flatnonzero(np.diff(self._segment, prepend=-1)), len(self._segment))
-        self._scale, begun = _FIRST_SCALE, self._begin[:-1]
-        self._starts = np.column_stack([self._measured[begun], 0 * begun])
+        self._first_pose = np.append(np.flatnonzero(np.diff(self._segment, prepend=-1)), len(self._segment))
+        self._scale, rows = _FIRST_SCALE, self._first_pose[:-1]
+        self._starts = np.column_stack([self._measured[rows], 0 * rows])
         limits = {"acceleration_max": guess.top_acceleration, "yaw_acceleration_max": guess.top_yaw_acceleration}
         given = limits | {"speed_factor": 1.0, "yaw_factor": 1.0, "delay": 0.0}
         self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model])
         kinds = (
-            (self._begin, wp.int32),
+            (self._first_pose, wp.int32),
             (self._time, wp.float64),
             (commands.time, wp.float64),
             (commands.value, wp.vec2),
@@ -229,7 +229,7 @@ class _Fit:
     def run(self) -> Identified:
         """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
         limits = np.isin(self._names, _LIMITS)
-        constants, zone_error = self._best_of(self._begins(limits)), []
+        constants, zone_error = self._best_of(self._initial_constants(limits)), []
         if self._has_dead_zone:
             constants, error = self._with_dead_zone(constants)
             zone_error.append(error)
@@ -245,16 +245,16 @@ class _Fit:
         values, deviations = (dict(zip(self._names, map(float, row), strict=True)) for row in (constants, errors))
         return Identified(values, deviations, residual, len(self._time), self._misfits(residual))
 
-    def _begins(self, limits: np.ndarray) -> list[np.ndarray]:
+    def _initial_constants(self, limits: np.ndarray) -> list[np.ndarray]:
         """Return the constants with which fits begin: the guess, of cars also an estimate, each with some delays.
 
         `limits` is True for the constants that limit changes, which also begin with shares of the guess.
         """
-        begins, guesses = [], [self._guess, *([self._estimate()] if self._has_dead_zone else [])]
+        initial, guesses = [], [self._guess, *([self._estimate()] if self._has_dead_zone else [])]
         for guess, delay, share in product(guesses, _DELAYS, _LIMIT_SHARES if limits.any() else (1.0,)):
-            begins.append(np.where(limits, share, 1.0) * guess)
-            begins[-1][4:] = [delay, 0.0][: len(guess) - 4]
-        return begins
+            initial.append(np.where(limits, share, 1.0) * guess)
+            initial[-1][4:] = [delay, 0.0][: len(guess) - 4]
+        return initial
 
     def _estimate(self) -> np.ndarray:
         """Return constants of a car by linear regression on the changes of heading and speed between two poses."""
@@ -271,11 +271,11 @@ class _Fit:
 
     def _misfits(self, residual: dict[str, float]) -> tuple[str, ...]:
         """Return the names of the residuals that the noise of the log does not explain."""
-        names, counts = [], np.diff(self._begin)
+        names, counts = [], np.diff(self._first_pose)
         for name, columns in (("position", [0, 1]), ("heading", [2]), ("speed", [3])):
             values = self._measured[:, columns]
             noise = float(np.quantile(local_deviations(self._time, values), _CALM))
-            middle = np.add.reduceat(values, self._begin[:-1]) / counts[:, None]
+            middle = np.add.reduceat(values, self._first_pose[:-1]) / counts[:, None]
             spread = float((values - middle[self._segment]).std())
             if residual[name] > max(_NOISES * noise, _SPREAD * spread):
                 names.append(name)
@@ -304,22 +304,22 @@ class _Fit:
 
     def _fit(self, constants: np.ndarray, evaluations: int = 40) -> tuple[np.ndarray, float]:
         """Fit the smooth constants and the starts together; return the constants and the cost."""
-        unit, free, begun = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._free, self._starts
+        unit, free, before = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._free, self._starts
         start_unit = _START_UNITS * np.append(self._scale, _YAW_RATE_UNIT)[:free]
 
         def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            starts = begun.copy()
+            starts = before.copy()
             starts[:, :free] += x[5:].reshape(-1, free) * start_unit
             return np.append(x[:5] * unit, constants[5:]), starts
 
         least = self._least / unit
-        low = np.append(least, np.full(len(begun) * free, -np.inf))
-        begin = np.append(np.maximum(constants[:5] / unit, least), np.zeros(len(begun) * free))
+        low = np.append(least, np.full(len(before) * free, -np.inf))
+        initial = np.append(np.maximum(constants[:5] / unit, least), np.zeros(len(before) * free))
         # A start changes the residuals of its own segment only.
-        own = np.repeat(self._segment, 4)[:, None] == np.repeat(np.arange(len(begun)), free)
+        own = np.repeat(self._segment, 4)[:, None] == np.repeat(np.arange(len(before)), free)
         solution = least_squares(
             lambda x: self._residuals(*parts(x)).ravel(),
-            begin,
+            initial,
             "3-point",
             (low, np.inf),
             tr_solver="lsmr",
@@ -363,10 +363,10 @@ class _Fit:
 
     def _best_of(self, sets: Iterable[np.ndarray]) -> np.ndarray:
         """Return the constants of the best of some fits that begin with sets of constants."""
-        begun, fits = self._starts, []
+        before, fits = self._starts, []
         for constants in sets:
             # A bad value leads the starts astray, from where the next value would not find back.
-            self._starts = begun
+            self._starts = before
             fitted, cost = self._fit(constants, evaluations=8)
             fits.append((cost, fitted, self._starts))
         _, best, self._starts = min(fits, key=lambda fit: fit[0])

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from lissajous_env.logs.bags import Bags, Table
+from lissajous_env.logs.bags import Bags, Samples
 from lissajous_env.logs.samples import ARRAY, POSES, TRANSFORMS, poses_of
 from lissajous_env.wording import few_of, nearest
 
@@ -22,18 +22,18 @@ SHARED = {ARRAY, TRANSFORMS}
 _BODIES = ("base_link", "base_footprint")
 
 
-class Robot(NamedTuple):
+class LoggedRobot(NamedTuple):
     """A robot of a log."""
 
     label: str
     """Its number in the names of the log."""
     bag: int | None
     """Number of the only file with its topics; None for any."""
-    poses: Table
+    poses: Samples
     """Its poses, as `lissajous_env.logs.samples.poses_of` returns them."""
 
 
-def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[Robot]:
+def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[LoggedRobot]:
     """Return the robots in the order of their numbers or of the given names.
 
     Args:
@@ -49,11 +49,11 @@ def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[Robot]:
         raise ValueError(f"topics must name each topic once, got {twice[0]} twice")
     if "{" in "".join(topics) and (len(topics) > 1 or topics[0].count("{}") != 1 or topics[0].count("{") != 1):
         raise ValueError(f"topics must be names, or one name in which {{}} stands once for a number, got {topics}")
-    tables = functools.cache(lambda topic: _tables(bags, log, topic))
+    poses_of_topic = functools.cache(lambda topic: _poses_of(bags, log, topic))
 
-    def robot(label: str, name: str, bag: int | None = None) -> Robot:
+    def robot(label: str, name: str, bag: int | None = None) -> LoggedRobot:
         topic, _, part = name.partition(":")
-        parts = tables(topic)
+        parts = poses_of_topic(topic)
         if parts and part not in parts:
             rule = f"topics must name poses of {log}, as in {topic}:car_{{}}, which has {topic} of {few_of(parts)}"
             raise ValueError(f"{rule}, got {name}")
@@ -63,11 +63,11 @@ def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[Robot]:
         if poses is None or len(poses) < FEWEST:
             got = "; ".join([str(0 if poses is None else len(poses)), *bags.notes()])
             raise ValueError(f"topic {name} of {log} must have at least {FEWEST} poses, got {got}")
-        return Robot(label, bag, poses)
+        return LoggedRobot(label, bag, poses)
 
     topic, _, part = topics[0].partition(":")
     if "{}" in topics[0]:
-        names = [f"{topic}:{part}" for part in tables(topic)] if part else list(bags.kinds)
+        names = [f"{topic}:{part}" for part in poses_of_topic(topic)] if part else list(bags.kinds)
         number = re.compile(re.escape(topics[0]).replace(r"\{\}", r"(\d+)"))
         matches = [(match[1], name) for name in names if (match := number.fullmatch(name))]
         shared = [topic for topic, kinds in bags.kinds.items() if kinds & SHARED and not topic.endswith("_static")]
@@ -77,7 +77,7 @@ def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[Robot]:
         return [robot(*match) for match in numbered]
     sources: list[tuple[str, int | None]] = [(name, None) for name in topics]
     if len(topics) == 1 and not part:
-        if SHARED & bags.kinds.get(topic, set()) and (pattern := _pattern(tables(topic))):
+        if SHARED & bags.kinds.get(topic, set()) and (pattern := _pattern(poses_of_topic(topic))):
             return robots_of(bags, log, [f"{topic}:{pattern}"])
         if len(holders := bags.holders(topic)) > 1:
             sources = [(topic, bag) for bag in holders]
@@ -95,7 +95,7 @@ def _pattern(parts: Iterable[str]) -> str:
     return likely.pop() if len(likely) == 1 else ""
 
 
-def _tables(bags: Bags, log: str, topic: str) -> dict[str, Table]:
+def _poses_of(bags: Bags, log: str, topic: str) -> dict[str, Samples]:
     """Return the poses of a topic by their parts; a topic of one robot has the part ""."""
     kinds = bags.kinds.get(topic)
     if kinds is None:

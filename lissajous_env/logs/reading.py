@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.logs.bags import Bags, Decoder, Table
+from lissajous_env.logs.bags import Bags, Decoder, Samples
 from lissajous_env.logs.clocks import SAME, Clock
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.poses import FEWEST, TOPICS, robots_of
@@ -87,7 +87,7 @@ class _Reading:
         notes = *self._notes, *self._bags.notes()
         return Log(self._name, tuple(tracks), *series, episode, begin, self._blank.labels, notes)
 
-    def _track(self, robot: int, poses: Table, origin: tuple[float, float, float]) -> Track:
+    def _track(self, robot: int, poses: Samples, origin: tuple[float, float, float]) -> Track:
         """Return a track in the frame of the rectangle."""
         poses = poses.in_order(SAME)
         if len(poses) < FEWEST:
@@ -118,27 +118,27 @@ class _Reading:
         for k, robot in enumerate(self._robots):
             topic = pattern.replace("{}", robot.label)
             # A topic without a number is that of one robot in each file.
-            tables = self._bags.tables(topic, decoders, None if "{}" in pattern else robot.bag)
-            if tables and len(table := self._bags.finite(topic, tables[""])):
-                table = dataclasses.replace(table, stamp=self._times(topic, table)).in_order()
-                value = table.numbers if decoders is COMMANDS else table.numbers[:, 0]
-                series[k] = Series(table.stamp, value, table.names)
+            parts = self._bags.samples(topic, decoders, None if "{}" in pattern else robot.bag)
+            if parts and len(samples := self._bags.finite(topic, parts[""])):
+                samples = dataclasses.replace(samples, stamp=self._times(topic, samples)).in_order()
+                value = samples.numbers if decoders is COMMANDS else samples.numbers[:, 0]
+                series[k] = Series(samples.stamp, value, samples.names)
         return series
 
-    def _times(self, topic: str, table: Table) -> np.ndarray:
+    def _times(self, topic: str, samples: Samples) -> np.ndarray:
         """Return the times of messages: of their stamps if they have any on the clock of the poses."""
-        if np.isfinite(table.stamp).all():
-            ahead = self._clock.differs(table.bag, table.logged, table.stamp)
+        if np.isfinite(samples.stamp).all():
+            ahead = self._clock.differs(samples.bag, samples.logged, samples.stamp)
             if ahead == 0:
-                return table.stamp
-            if ahead and table.stamp.any():
+                return samples.stamp
+            if ahead and samples.stamp.any():
                 words = f"the stamps of {topic} differ by {abs(ahead):.3g} s from the clock of the poses"
                 self._notes.append(f"{words}; the recorder's times are used for them")
-        return self._clock.times(table.bag, table.logged)
+        return self._clock.times(samples.bag, samples.logged)
 
     def _episode(self, tracks: Sequence[Track]) -> tuple[dict[str, Any] | None, float | None]:
         """Return what a simulation wrote about its episode, and when it began: with a pose."""
-        texts = self._bags.tables(EPISODE, TEXTS).get("")
+        texts = self._bags.samples(EPISODE, TEXTS).get("")
         if texts is None:
             first = np.array([track.time[0] for track in tracks])
             if np.ptp(first) > _LATE:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.logs.bags import Bags, Decoder, Sample, Table
+from lissajous_env.logs.bags import Bags, Decoder, Sample, Samples
 from lissajous_env.logs.inputs import INPUTS
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
@@ -16,7 +16,7 @@ _UNIT = 0.01
 """Difference from 1 up to which the square of a quaternion's length is rounded."""
 
 
-def poses_of(bags: Bags, topic: str) -> dict[str, Table]:
+def poses_of(bags: Bags, topic: str) -> dict[str, Samples]:
     """Return the poses of a topic by part: x, y, z [m], heading [rad], and speed [m/s].
 
     Unknown headings and speeds are NaN. Poses in frames that have parents in the same topic are those in the root of
@@ -25,21 +25,21 @@ def poses_of(bags: Bags, topic: str) -> dict[str, Table]:
     Raises:
         ValueError: an array has another number of poses than the first one.
     """
-    tables = bags.tables(topic, POSES)
+    samples = bags.samples(topic, POSES)
     if TRANSFORMS in bags.kinds[topic]:  # transforms that never change have a topic of their own
-        tables = bags.tables(f"{topic}_static", POSES) | tables
-    counts = sorted({len(table) for table in tables.values()})
+        samples = bags.samples(f"{topic}_static", POSES) | samples
+    counts = sorted({len(own) for own in samples.values()})
     if ARRAY in bags.kinds[topic] and len(counts) > 1:
-        got = f"{len(tables)} in {counts[0]} and fewer in {counts[-1] - counts[0]}"
+        got = f"{len(samples)} in {counts[0]} and fewer in {counts[-1] - counts[0]}"
         raise ValueError(f"topic {topic} must have as many poses in every message, got {got}")
     poses = {}
-    for part, whole in tables.items():
-        table = bags.finite(topic, whole, 7)
-        heading, square = heading_of(*table.numbers[:, 3:7].T)
+    for part, whole in samples.items():
+        own = bags.finite(topic, whole, 7)
+        heading, square = heading_of(*own.numbers[:, 3:7].T)
         if odd := int((np.abs(square - 1) > _UNIT).sum()):
             bags.remarks["have quaternions that are not of length 1", topic] += odd
-        numbers = np.column_stack([table.numbers[:, :3], heading, table.numbers[:, 7:]])
-        poses[part] = dataclasses.replace(table, numbers=numbers)
+        numbers = np.column_stack([own.numbers[:, :3], heading, own.numbers[:, 7:]])
+        poses[part] = dataclasses.replace(own, numbers=numbers)
     return {part: _in_root(part, poses) for part in poses} if TRANSFORMS in bags.kinds[topic] else poses
 
 
@@ -62,12 +62,12 @@ def relative(place: np.ndarray, origin: tuple[float, float, float]) -> np.ndarra
     return moved(place - np.array(origin[:2]), (0.0, 0.0, -origin[2]))
 
 
-def _in_root(child: str, tables: dict[str, Table]) -> Table:
+def _in_root(child: str, samples: dict[str, Samples]) -> Samples:
     """Return the poses of a frame in the root of the tree of frames, in the plane and in height."""
-    own, above = tables[child], {child}
-    while len(set(own.frame)) == 1 and (parent := own.frame[0]) in tables.keys() - above:
+    own, above = samples[child], {child}
+    while len(set(own.frame)) == 1 and (parent := own.frame[0]) in samples.keys() - above:
         above.add(parent)
-        outer = tables[parent].in_order()
+        outer = samples[parent].in_order()
         outer = outer.take(np.maximum(np.searchsorted(outer.stamp, own.stamp, side="right") - 1, 0))
         numbers = own.numbers + outer.numbers * (0, 0, 1, 1, 0)
         numbers[:, :2] = moved(own.numbers[:, :2], outer.numbers[:, [0, 1, 3]].T)

@@ -17,7 +17,7 @@ from lissajous_env.logs.writing import episode_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.parameters.scenario_file import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import shown
@@ -25,7 +25,7 @@ from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
 """Longest time between two poses of a robot during which it counts as working, by default [s], if steps are shorter."""
-MOST_STEPS = 200_000
+_MOST_STEPS = 200_000
 """Largest number of control steps of a log."""
 _FAR = 5.0
 """Distance from the origin in sizes of the rectangle, from which on the log is in another frame."""
@@ -62,7 +62,7 @@ def own_scenario(log: Log) -> Scenario | None:
     if log.episode is None:
         return None
     try:
-        return scenario_of(log.episode["scenario"])
+        return scenario_of_json(log.episode["scenario"])
     except (KeyError, TypeError) as error:
         raise ValueError(f"log {log.name} must contain a whole scenario: {error}") from error
 
@@ -161,10 +161,10 @@ def _moments(log: Log, step: float, gap: float, own: Scenario | None) -> np.ndar
             f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, "
             f"got {max(float(lasts[0]) - log.start, 0):.3g} s"
         )
-    if steps > MOST_STEPS:
+    if steps > _MOST_STEPS:
         longest, robot = max((float(np.diff(track.time).max()), k) for k, track in enumerate(log.tracks))
         raise ValueError(
-            f"log {log.name} must last at most {MOST_STEPS:,} control steps of {step:g} s, got {steps:,}; the longest "
+            f"log {log.name} must last at most {_MOST_STEPS:,} control steps of {step:g} s, got {steps:,}; the longest "
             f"time without a pose is {longest:.6g} s, of {log.called([robot])}"
         )
     return log.start + step * np.arange(steps + 1)

@@ -98,11 +98,8 @@ def _of_robots(scenario: Scenario) -> Iterator[str]:
         )
         strongest = f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s"
         yield f"{strongest}, {words} (noise.drive_spread, robot.drive_factors)"
-    least = 0.0
-    if robot.throttle_min > robot.dead_zone:
-        least = max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)
-    if least > fastest * more:
-        words = f"the cars drive at {least:.3g} m/s at least (robot.throttle_min)"
+    if robot.idle_speed > fastest * more:
+        words = f"the cars drive at {robot.idle_speed:.3g} m/s at least (robot.throttle_min)"
         yield f"{words}, the curve requires {slowest:.3g} to {fastest:.3g} m/s"
     turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
     bend, share = float(bends.min()), geometry.tight_share(curve, turning)

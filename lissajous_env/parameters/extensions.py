@@ -24,7 +24,7 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.identity import parts_of
+from lissajous_env.identity import fingerprint
 from lissajous_env.plugins import PROMPT, ByValue, import_attribute
 from lissajous_env.settings.checks import Checked, choice, number, whole
 from lissajous_env.wording import few_of, require
@@ -93,7 +93,7 @@ class Extension(Checked):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that identify the extension: its settings and the parts of its function."""
-        parts = parts_of(self.run) if self.reset is None else parts_of(self.reset) | parts_of(self.run)
+        parts = fingerprint(self.run) if self.reset is None else fingerprint(self.reset) | fingerprint(self.run)
         return {"kind": self.kind, "name": self.name, "place": self.place, **self.settings, "parts": parts}
 
     @property
@@ -150,7 +150,7 @@ class TargetMotion(Extension):
     """Motion of the share `targets.custom` of the targets: (W, T, 2) new positions [m] of all targets.
 
     Only the positions of present targets with this motion are used, clipped to the rectangle. A kernel writes
-    `targets.position` itself, where `targets.motion` is CUSTOM and the status is PRESENT or DETECTED.
+    `targets.position` itself, where `targets.motion` is CUSTOM and the status is PRESENT, or DETECTED if targets stay.
     """
 
 

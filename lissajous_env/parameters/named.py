@@ -20,16 +20,14 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import (
     NAMES,
     SUFFIX,
-    TEXTS,
-    check_keys,
     included_scenarios,
     is_file,
     name_in_file,
     overridden,
     read_toml,
-    scenario_from,
+    scenario_of_table,
 )
-from lissajous_env.parameters.space import ScenarioSpace
+from lissajous_env.parameters.space import ScenarioSpace, space_of_table
 from lissajous_env.plugins import Registry
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.settings.task import MOST_STEPS
@@ -38,24 +36,22 @@ from lissajous_env.wording import require, where_raised
 _INCLUDED = included_scenarios()
 _INCLUDED_SPACES = {path.stem: str(path) for path in sorted(Path(__file__).parent.glob(f"*-v*{SUFFIX}"))}
 """Files of the included spaces, by name."""
-_OF_SPACE = {**TEXTS, "require": list, "draw": dict, "shift": dict}
-"""Kinds of the values of a space's file."""
 _OF_FILE = re.compile(rf"(.+?\{SUFFIX}):(.+)")
 _SEED = re.compile(r"(?:(.+)-)?(\d+)")
 _FIRST, _MOST = 32, 10_000
 """Default number of scenarios that represent a split, and its limit."""
-_unused: set[str] = set()
+_unreported: set[str] = set()
 """Violated assumptions of scenarios in folders of policies, which matter only if a policy uses the formation."""
-_POLICY = "policy.toml"
+_POLICY_FILE = "policy.toml"
 """Name of the file with the policy in such a folder."""
 
 
-def _register_brought(brought: Any) -> None:
+def _register_entry_point(entry: Any) -> None:
     """Register the object of an entry point: a scenario, a space, or a function that registers some."""
-    if isinstance(brought, (Scenario, ScenarioSpace)):
-        register_scenario(brought)
+    if isinstance(entry, (Scenario, ScenarioSpace)):
+        register_scenario(entry)
     else:
-        brought()
+        entry()
 
 
 ENTRIES = Registry(
@@ -63,7 +59,7 @@ ENTRIES = Registry(
     NAMES,
     lambda entry: isinstance(entry, str) or entry.name in (*_INCLUDED, *_INCLUDED_SPACES),
     "lissajous_env.scenarios",
-    _register_brought,
+    _register_entry_point,
 )
 """Scenarios and spaces by name; an included space that was not used yet is the path of its file."""
 ENTRIES.update(_INCLUDED | _INCLUDED_SPACES)
@@ -133,10 +129,10 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
             The scenario in the folder of a policy is not reported: the policy may not use its formation.
     """
     variant = build(name, **overrides)
-    if is_file(name) and os.path.isfile(os.path.join(os.path.dirname(name), _POLICY)):  # type: ignore[arg-type]
-        _unused.update(violations(variant))
+    if is_file(name) and os.path.isfile(os.path.join(os.path.dirname(name), _POLICY_FILE)):  # type: ignore[arg-type]
+        _unreported.update(violations(variant))
     elif overrides or name not in _INCLUDED:
-        warn_of_violations(variant, _unused)
+        warn_of_violations(variant, _unreported)
     return variant
 
 
@@ -265,12 +261,8 @@ def _in_file(path: str) -> Scenario | ScenarioSpace:
     table = read_toml(path)
     try:
         table["name"] = name_in_file(table, path)
-        if "draw" not in table:
-            return scenario_from(table, _registered)
-        check_keys(table, _OF_SPACE)
-        base = _registered(table["base"]) if "base" in table else Scenario()
-        rules, shifts, words = table.get("require", ()), table.get("shift", {}), table.get("description", "")
-        return ScenarioSpace(table["name"], base, table["draw"], rules, shifts, words)
+        make = space_of_table if "draw" in table else scenario_of_table
+        return make(table, _registered)
     except ValueError as error:
         raise type(error)(f"{path}: {error}") from error
 

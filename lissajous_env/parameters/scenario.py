@@ -18,8 +18,8 @@ from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity
 from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
-from lissajous_env.settings.parts import SPREAD_MAX, SPRINT, Curve, Faults, Formation, Messages, Noise, Robot
-from lissajous_env.settings.task import Sensing, Targets, Task, without_laws
+from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Noise, Robot
+from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_laws
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
 
@@ -163,7 +163,7 @@ class Scenario(BringsRogues):
     @property
     def top_speed_bound(self) -> float:
         """Largest top speed of a car or drive that the factors and the spread of drives permit [m/s]."""
-        return self.robot.steady_speed(self.robot.drive * self.noise.most_drive * float(self.drive_factors.max()))
+        return self.robot.steady_speed(self.robot.drive * self.noise.drive_range[1] * float(self.drive_factors.max()))
 
     @cached_property
     def inset(self) -> float:
@@ -211,11 +211,12 @@ class Scenario(BringsRogues):
     def start_turning(self) -> float:
         """Radius of the turn for which every car or drive has room at the start [m]; 0 without walls.
 
-        It is a tenth above that of the tightest turn of a car of the longest wheelbase (`world.robots.facing`).
+        It is a tenth above that of the tightest turn of a car of the longest wheelbase; robots turn away from a wall
+        where they lack this room (`lissajous_env.world.robots.placing.turn_from_walls`).
         """
         if self.task.boundary != "wall" or self.robot.kind not in ("car", "differential"):
             return 0.0
-        return 1.1 * (1 + SPREAD_MAX * self.noise.wheelbase_spread) * self.turning_radius
+        return 1.1 * self.noise.wheelbase_range[1] * self.turning_radius
 
     @cached_property
     def _fitted(self) -> Curve:

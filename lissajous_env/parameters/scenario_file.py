@@ -171,7 +171,7 @@ def check_keys(table: Mapping[str, Any], known: Mapping[str, type]) -> None:
             raise ValueError(f"{key} must be {_KINDS[known[key]]}, got {type(value).__name__}")
 
 
-def scenario_from(table: Mapping[str, Any], base_of: Callable[[str], Scenario]) -> Scenario:
+def scenario_of_table(table: Mapping[str, Any], base_of: Callable[[str], Scenario]) -> Scenario:
     """Make the scenario of a file from its table.
 
     Args:
@@ -192,11 +192,11 @@ def included_scenarios() -> dict[str, Scenario]:
     """Return the included scenarios by name, from `shipped.toml`."""
     scenarios: dict[str, Scenario] = {}
     for name, table in read_toml(str(Path(__file__).with_name("shipped.toml"))).items():
-        scenarios[name] = scenario_from(table | {"name": name}, scenarios.__getitem__)
+        scenarios[name] = scenario_of_table(table | {"name": name}, scenarios.__getitem__)
     return scenarios
 
 
-def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) -> Scenario:
+def scenario_of_json(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) -> Scenario:
     """Make a scenario from the values of `Scenario.to_dict` after JSON, without importing anything.
 
     Args:

@@ -102,7 +102,10 @@ def _of_targets(scenario: Any) -> Rules:
     yield (targets.entry == "custom") == bool(laws), "targets.entry", rule
     motions = [extension.name for extension in extensions if isinstance(extension, TargetMotion)]
     if targets.rogues is None:
-        yield targets.custom == 0 or motions, "targets.custom", "must be 0 without a target_motion"
+        rule = (
+            f"must be above 0 with the target motion {motions[0]}" if motions else "must be 0 without a target_motion"
+        )
+        yield (targets.custom > 0) == bool(motions), "targets.custom", rule
     else:
         rogue_of(targets.rogues)
         limit = scenario.rogue_speed

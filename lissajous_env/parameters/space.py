@@ -9,13 +9,15 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.parameters.scenario_file import by_field, overridden
+from lissajous_env.parameters.scenario_file import TEXTS, by_field, check_keys, overridden
 from lissajous_env.settings.checks import LAST_SEED, is_finite, whole_number
 from lissajous_env.settings.formulas import Formula, Names
 from lissajous_env.wording import require
 
 SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
 """Share of the seeds that belong to each split."""
+_OF_SPACE = {**TEXTS, "require": list, "draw": dict, "shift": dict}
+"""Kinds of the values of a space's file."""
 _SCALE = "length", "time"
 _MOST_TRIES = 1000
 """Limit on the draws for one scenario that rules reject."""
@@ -258,6 +260,14 @@ def _property(scenario: Scenario, dotted: str) -> Any:
 
 def _value(value: Any) -> Callable[[Names], Any]:
     return lambda names: value
+
+
+def space_of_table(table: Mapping[str, Any], base_of: Callable[[str], Scenario]) -> ScenarioSpace:
+    """Make the space of a file from its table, as `scenario_of_table` makes a scenario."""
+    check_keys(table, _OF_SPACE)
+    base = base_of(table["base"]) if "base" in table else Scenario()
+    rules, shifts, words = table.get("require", ()), table.get("shift", {}), table.get("description", "")
+    return ScenarioSpace(table["name"], base, table["draw"], rules, shifts, words)
 
 
 def _choice(name: str, choices: Any, weights: Any) -> Callable[[Names], Any]:

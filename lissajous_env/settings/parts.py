@@ -1,6 +1,6 @@
 """The parts of a scenario: frozen dataclasses that declare the meaning, unit and range of each field.
 
-Sensing, targets and the task are in `task.py`.
+Sensing, messages, targets and the task are in `task.py`.
 
 Units are SI, angles radians. The ranges are wide: they ensure that kernels stay within the range of float32, and reject
 typing errors that would exhaust the memory. A field that is None by default is derived from others.
@@ -278,6 +278,13 @@ class Robot(Checked):
         return (self.drive * self.full_throttle - self.offset) / self.drag
 
     @property
+    def idle_speed(self) -> float:
+        """Steady speed of a car at the least throttle, below which it cannot drive for long [m/s]."""
+        if self.throttle_min <= self.dead_zone:
+            return 0.0
+        return max((self.drive * self.throttle_min - self.offset) / self.drag, 0.0)
+
+    @property
     def lowest_speed(self) -> float:
         """Steady speed in full reverse: `speed_min`, or by default 0 or the top speed of a differential drive [m/s]."""
         if self.speed_min is not None:
@@ -381,15 +388,11 @@ class Noise(Checked):
     """Delay of a message, rounded to whole steps [s]."""
 
     @property
-    def most_drive(self) -> float:
-        """Largest drive of a robot, as a factor; draws of a spread are clipped at three deviations."""
-        return 1 + SPREAD_MAX * self.drive_spread
+    def drive_range(self) -> tuple[float, float]:
+        """Smallest and largest drive of a robot, as factors of the nominal one."""
+        return 1 - SPREAD_MAX * self.drive_spread, 1 + SPREAD_MAX * self.drive_spread
 
-
-@dataclass(frozen=True)
-class Messages(Checked):
-    """Messages of a policy: numbers that a robot sends to its ring neighbours beside its phase and position."""
-
-    size: int = whole(0, 0, 32)
-    """Number of components that an action has besides those that move the robot. Both ring neighbours observe them,
-    with the delay and loss of the phase message. They have no actuator noise, and do not count as effort."""
+    @property
+    def wheelbase_range(self) -> tuple[float, float]:
+        """Smallest and largest wheelbase of a car, or distance of the wheels of a drive, as factors."""
+        return 1 - SPREAD_MAX * self.wheelbase_spread, 1 + SPREAD_MAX * self.wheelbase_spread

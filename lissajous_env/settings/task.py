@@ -1,4 +1,4 @@
-"""The targets of a scenario, the sensors that detect them, and the task; the other parts are in `parts.py`."""
+"""The sensors and messages of a scenario, its targets and its task; the other parts are in `parts.py`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -51,6 +51,15 @@ class Sensing(Checked):
     def has_tracks(self) -> bool:
         """True if the observation contains tracks or teammates."""
         return self.tracks_seen + self.teammates_seen > 0
+
+
+@dataclass(frozen=True)
+class Messages(Checked):
+    """Messages of a policy: numbers that a robot sends to its ring neighbours beside its phase and position."""
+
+    size: int = whole(0, 0, 32)
+    """Number of components that an action has besides those that move the robot. Both ring neighbours observe them,
+    with the delay and loss of the phase message. They have no actuator noise, and do not count as effort."""
 
 
 @dataclass(frozen=True)

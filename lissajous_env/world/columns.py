@@ -115,9 +115,15 @@ def _contaminated(value: Callable[[Episode], Any]) -> Callable[[Episode], Any]:
     return lambda episode: value(episode) if episode.scenario.task.contamination else math.nan
 
 
+def _in_formation(value: Callable[[Episode], Any]) -> Callable[[Episode], Any]:
+    """Return a function that is NaN where actions are velocities, with which no policy follows the curve."""
+    return lambda episode: value(episode) if episode.scenario.has_formation else math.nan
+
+
 _NO_TARGET = "no target appeared"
 _NO_GRID = "no grid"
 _NO_CONTAMINATION = "contamination is not computed"
+_NO_FORMATION = "actions are velocities"
 
 # fmt: off
 TARGETS = Column("targets", "number of targets that appeared", lambda e: e.num_targets, rule=WHOLE)
@@ -196,35 +202,37 @@ LONGEST_IDLENESS = Column(
 )
 LATERAL_ERROR = Column(
     "lateral_error_mean", "distance of a robot from the nearest point of the curve, mean over robots and time",
-    lambda e: e.per_step(e.totals["lateral_sum"]), "m",
+    _in_formation(lambda e: e.per_step(e.totals["lateral_sum"])), "m", empty=_NO_FORMATION,
 )
 LARGEST_LATERAL_ERROR = Column(
-    "lateral_error_max", "largest distance of a robot from the curve", lambda e: e.totals["lateral_max"], "m"
+    "lateral_error_max", "largest distance of a robot from the curve",
+    _in_formation(lambda e: e.totals["lateral_max"]), "m", empty=_NO_FORMATION,
 )
 TRACKING_ERROR = Column(
     "tracking_error_mean",
     "distance of a robot from the point of the curve at its own phase, mean over robots and time",
-    lambda e: e.per_step(e.totals["tracking_sum"]), "m",
+    _in_formation(lambda e: e.per_step(e.totals["tracking_sum"])), "m", empty=_NO_FORMATION,
 )
 LARGEST_TRACKING_ERROR = Column(
-    "tracking_error_max", "largest of these distances", lambda e: e.totals["tracking_max"], "m"
+    "tracking_error_max", "largest of these distances", _in_formation(lambda e: e.totals["tracking_max"]), "m",
+    empty=_NO_FORMATION,
 )
 SPACING = Column(
     "spacing_factor", "largest distance of ring neighbours over 2 r_s of Eq. (8): eta_1 of the paper",
-    lambda e: e.totals["spacing_max"] / e.scenario.neighbour_distance, empty="no Lissajous curve", better=-1,
-    order=13, page=False,
+    _in_formation(lambda e: e.totals["spacing_max"] / e.scenario.neighbour_distance),
+    empty=f"no Lissajous curve, or {_NO_FORMATION}", better=-1, order=13, page=False,
 )
 PHASE_ERROR = Column(
     "phase_error", "largest deviation from the equilibrium of Eq. (2), without the common rotation",
-    lambda e: e.totals["phase_error_max"], "rad",
+    _in_formation(lambda e: e.totals["phase_error_max"]), "rad", empty=_NO_FORMATION,
 )
 RECOVERY = Column(
     "recovery_time",
     "time from the end of the last fault until the phase error stays, for at least 0.3 rad / omega, within 1.1 times "
     "its largest value before the first fault (at least 0.05 rad); empty if it never does, or if no fault disturbed "
     "the formation",
-    lambda e: e.recovery(e.totals["off_at"]), "s", empty="never, or never disturbed", title="recovery", better=-1,
-    order=10,
+    _in_formation(lambda e: e.recovery(e.totals["off_at"])), "s",
+    empty=f"never, never disturbed, or {_NO_FORMATION}", title="recovery", better=-1, order=10,
 )
 _OUTSIDE = Column(
     "outside_time", "time that bodies were wholly outside the rectangle, summed over robots",

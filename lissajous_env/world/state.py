@@ -159,6 +159,8 @@ class Tracks:
     """(W, N, T) step of that position and velocity; -1 for a target without a track."""
     leaves: wp.array3d(dtype=wp.int32)
     """(W, N, T) 1 if the robot learned in this step that the target was detected at `sighted_at`, and leaves."""
+    left_at: wp.array3d(dtype=wp.int32)
+    """(W, N, T) step in which the target that left last was detected, as far as the robot knows; -1 for none yet."""
     own_sighted_at: wp.array3d(dtype=wp.int32)
     """(W, N, T) step in which the robot itself had it in sight last; -1 for never."""
     other_sighted_at: wp.array3d(dtype=wp.int32)
@@ -383,7 +385,7 @@ named(
 
 INITIAL = {
     **dict.fromkeys(("robots.resumed_at", "links.heard_at", "tracks.mate_sent_at", "tracks.covered_at"), -1),
-    **dict.fromkeys(("tracks.sighted_at", "tracks.own_sighted_at", "tracks.other_sighted_at"), -1),
+    **dict.fromkeys(("tracks.sighted_at", "tracks.own_sighted_at", "tracks.other_sighted_at", "tracks.left_at"), -1),
     **dict.fromkeys(("contamination.high_at", "tally.off_at", "tally.fault_end"), -1),
     **dict.fromkeys(("targets.found_at", "contamination.row_oldest", "contamination.cleared_at"), int(NEVER)),
     **dict.fromkeys(("tally.covered_at", "tally.covered_each_at"), int(NEVER)),

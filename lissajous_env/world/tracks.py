@@ -55,17 +55,23 @@ def record_sightings(w, i, sensing, target, clock, robots, targets, tracks):
 
 @part
 def update_track(w, i, t, sighted: int, slot, sighted_at: int, step: float, tracks):
-    """Update the track of a target by a sighting, unless the track is newer.
+    """Update the track of a target by a sighting, unless the track is newer or the robot knows that the target left.
 
     `sighted` is _IN_SIGHT or _LEAVES in the step `sighted_at`, whose slot is `slot`; `step` is the control step [s].
     """
     known = tracks.sighted_at[w, i, t]
+    left_at = tracks.left_at[w, i, t]
+    if sighted_at <= left_at:
+        return
     if sighted == _LEAVES and sighted_at >= known:
         tracks.leaves[w, i, t] = 1
+        tracks.left_at[w, i, t] = sighted_at
     if sighted_at > known:
         position = tracks.target_position[w, slot, t]
         velocity = wp.vec2(0.0, 0.0)
-        if known >= 0 and known == sighted_at - 1:
+        if sighted == _IN_SIGHT:  # a target that has appeared anew has no part in the track of the one that left
+            tracks.leaves[w, i, t] = 0
+        if known > left_at and known == sighted_at - 1:
             velocity = (position - tracks.position[w, i, t]) / step
         tracks.position[w, i, t] = position
         tracks.velocity[w, i, t] = velocity
@@ -90,7 +96,8 @@ def arrives(w, i, j, key, sent_at: int, sensing, noise, neighbours, links) -> bo
 @stage(
     ROBOT,
     writes=(
-        "tracks: leaves, mate_position, mate_sent_at, other_sighted_at, own_sighted_at, position, sighted_at, velocity"
+        "tracks: leaves, left_at, mate_position, mate_sent_at, other_sighted_at, own_sighted_at, position, sighted_at, "
+        "velocity"
     ),
 )
 def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):

@@ -9,7 +9,8 @@ import warp as wp
 import baselines
 import lissajous_env
 from baselines.planning.families import formations, lines, partitions, patrols
-from baselines.policies.as_cars import AsCars, scenario_of_cars
+from baselines.policies.as_cars import scenario_of_cars
+from baselines.policies.factories import as_factory
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters import robot_models
@@ -84,7 +85,7 @@ def test_messages_follow_the_action():
         def decide(self, observation):
             return np.broadcast_to(np.float32([0.0, -1.0, 0.1, 0.2, 0.3]), self.action.shape)
 
-    policy = AsCars(Speaker, made, 2)
+    policy = as_factory(Speaker)(made, 2, "cpu")
     action = policy.act(np.zeros(policy.observation_shape, np.float32))
     np.testing.assert_allclose(action[..., 2:], np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (*policy.shape, 3)))
 
@@ -93,6 +94,16 @@ def test_messages_follow_the_action():
 def test_policies_for_cars_alone_are_refused_by_name(name):
     with pytest.raises(ValueError, match=f"must drive robots of kind .*got {name}, which drives kind car"):
         baselines.make(name, DRIVES)
+
+
+def test_a_class_of_a_user_drives_robots_of_its_kind_alone():
+    class Boat(baselines.Policy):
+        kind = "boat"
+
+    with pytest.raises(ValueError, match=r"kind of Boat must be differential, .* or None, got 'boat'"):
+        Boat(DRIVES)
+    with pytest.raises(ValueError, match="must drive robots of kind differential, got Boat, which drives kind boat"):
+        as_factory(Boat)(DRIVES, 1, "cpu")
 
 
 @wp.kernel

@@ -12,7 +12,7 @@ import baselines
 import lissajous_env
 from baselines.policies.base import Filtered
 from baselines.policies.registry import make
-from baselines.policies.safety.filter import Safe, SafetyParameters
+from baselines.policies.safety.safe import Safe, SafetyParameters
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.world.robots.point import POINT
 from training.learned.card import Card

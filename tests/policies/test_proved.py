@@ -121,7 +121,7 @@ def test_wheelbase_and_drive_are_learned_within_bounds_that_hold_the_truth(noise
     most = np.where(np.arange(30) % 2, 1.0, 1e3 if noise else 1.0)[:, None, None]
     scenario, widths = lissajous_env.scenario(FIVE, **noise, **{"task.duration": 60.0}), []
     for simulation, filter in played(scenario, 30, steps, lambda *now: np.clip(most * at_random(*now), -1, 1), seed=3):
-        known, robots = filter._memory.known.numpy().astype(float), simulation.robots
+        known, robots = filter._memory.factors.numpy().astype(float), simulation.robots
         widths.append(np.median(known[..., 1::2] - known[..., ::2], axis=(0, 1)))
     curvature = scenario.robot.wheelbase / robots.wheelbase.numpy()
     drive = robots.drive.numpy() / scenario.robot.drive

@@ -86,7 +86,7 @@ def crosses_the_truth(scenario, worlds, steps, adversary):
     """Return the share of cars whose learned bounds of the curvature excluded the true one in any step."""
     excluded = np.zeros((worlds, scenario.num_robots), dtype=bool)
     for simulation, filter in played(scenario, worlds, steps, adversary):
-        known = filter._memory.known.numpy()
+        known = filter._memory.factors.numpy()
         curvature = scenario.robot.wheelbase / simulation.robots.wheelbase.numpy()
         excluded |= (curvature < known[..., 0] * (1 - 1e-4)) | (curvature > known[..., 1] * (1 + 1e-4))
     return excluded.mean()

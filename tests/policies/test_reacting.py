@@ -9,7 +9,7 @@ import baselines
 import lissajous_env
 from baselines.policies.dividing import Cover, DividedPursuit, Herd
 from baselines.policies.index_rule import Index
-from baselines.policies.reacting import Chase, Force, Lanes, VoronoiPursuit, divided
+from baselines.policies.reacting import Chase, Force, Lanes, VoronoiPursuit, greedy_division
 from lissajous_env.world.observation import layout
 
 POLICIES = {
@@ -117,7 +117,7 @@ def test_a_division_gives_each_robot_one_thing():
         things.append(thing.item())
         worth[..., thing.item()] = 0.0
 
-    assert divided(lambda free: worth * free, take, worth.shape[:3]).item() == 1
+    assert greedy_division(lambda free: worth * free, take, worth.shape[:3]).item() == 1
     assert things == [1, 0]
 
 
@@ -185,7 +185,7 @@ def test_an_index_rule_learns_where_targets_appear():
         gap = np.linalg.norm(policy.cells[:, None] - places[w, there[w]], axis=-1)
         near = np.bincount(gap.argmin(axis=0), minlength=len(policy.cells))
         assert np.corrcoef(policy.rates()[w, 0], near)[0, 1] > 0.7
-        counted = policy._found[w].sum(axis=-1)
+        counted = policy._detections[w].sum(axis=-1)
         assert (counted == counted[0]).all(), "the whole team knows the same"
         detected = (simulation.targets.found_at.numpy()[w] < 2**30).sum()
         assert 0.9 * detected <= counted[0] <= detected

@@ -8,8 +8,8 @@ from scipy.optimize import linprog
 import baselines
 import lissajous_env
 from baselines.policies.base import Filtered, Policy
-from baselines.policies.safety.filter import Safe, SafetyParameters, speed_limit
 from baselines.policies.safety.quadratic_program import TOLERANCE, solve_quadratic_program
+from baselines.policies.safety.safe import Safe, SafetyParameters, speed_limit
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.theory.geometry import top_speed
 

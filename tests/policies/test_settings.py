@@ -12,7 +12,7 @@ from baselines.policies.base import Filtered
 from baselines.policies.coordinators import ArcParameters, KuramotoByArc
 from baselines.policies.loops import SweepParameters
 from baselines.policies.patrol import Sweep
-from baselines.policies.safety.filter import Safe
+from baselines.policies.safety.safe import Safe
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE, PolicySettings
 from baselines.policies.trackers import FieldParameters, WithMpcc
 from lissajous_env.parameters.scenario_file import as_toml

@@ -16,7 +16,7 @@ from baselines.benchmark import results_folder
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.policies import factories
-from lissajous_env.identity import parts_of
+from lissajous_env.identity import fingerprint
 from lissajous_env.parameters import robot_models
 from lissajous_env.world.robots.point import POINT
 
@@ -97,12 +97,12 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
     scenario = lissajous_env.scenario("failure")
     made = Still(scenario, 1, "cpu"), Still, functools.partial(Still, speed=0.5), lambda observation: observation
     for policy in made:
-        parts = factories.parts(factories.as_factory(policy, "mine"))
+        parts = factories.fingerprint(factories.as_factory(policy, "mine"))
         assert parts["code"].startswith(f"{__name__}:")
         assert set(parts) - {"speed"} == {"code", f"module {__name__}"}
-    assert parts_of(functools.partial(Still, speed=0.5)) != parts_of(functools.partial(Still, speed=0.4))
+    assert fingerprint(functools.partial(Still, speed=0.5)) != fingerprint(functools.partial(Still, speed=0.4))
     # Code of this distribution is identified by its version.
-    assert set(factories.parts(factories.as_factory("kuramoto"))) == {"code"}
+    assert set(factories.fingerprint(factories.as_factory("kuramoto"))) == {"code"}
 
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):
@@ -112,6 +112,6 @@ def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatc
     scenario = lambda: lissajous_env.scenario("ideal", **{"robot.kind": "mine", "task.duration": 1.0})  # noqa: E731
     robot_models.register_robot_model(dataclasses.replace(POINT, name="mine"))
     run(settings, still, [scenario()], QUIET)
-    monkeypatch.setattr(results_folder, "parts_of", lambda kernel: {"code": "elsewhere:move"})
+    monkeypatch.setattr(results_folder, "fingerprint", lambda kernel: {"code": "elsewhere:move"})
     with pytest.raises(ValueError, match=r"played\.robots of kind mine"):
         run(settings, still, [scenario()], QUIET)

@@ -15,7 +15,7 @@ import lissajous_env
 import training
 from lissajous_env.console import cli
 from lissajous_env.console.terminal import plain
-from lissajous_env.parameters.scenario_file import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of_json
 from training.learned import checkpoint
 from training.settings import TrainingSettings
 from training.trainer import train
@@ -147,7 +147,7 @@ def test_a_damaged_scenario_is_refused(here, part, value, words):
 def test_plain_values_make_the_scenario(name):
     made = lissajous_env.scenario(name).resolve()
     text = json.dumps(plain(made.to_dict()), allow_nan=False)
-    assert scenario_of(json.loads(text)) == made
+    assert scenario_of_json(json.loads(text)) == made
 
 
 def test_a_file_may_begin_with_a_byte_order_mark_and_have_any_name(tmp_path):

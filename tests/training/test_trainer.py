@@ -1,6 +1,7 @@
 """Training of teams: it begins from a rule, learns, keeps to its limit of collisions, and resumes from any state."""
 
 import dataclasses
+import io
 import itertools
 
 import learned
@@ -50,7 +51,8 @@ def arrays_of(folder):
     ({"base": "none", "critic": "own"}, "greedy-herd"),
 ], ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value)  # fmt: skip
 def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
-    history = train(small(tmp_path, **changes), QUIET)
+    history = train(small(tmp_path, **changes), Console(file=(said := io.StringIO())))
+    assert ("only the critic learns" in said.getvalue()) is ("base" not in changes), "in 25 rollouts of a rule"
     assert history["rival"] == base
     assert history["curve"][0]["steps"] == 0
     assert history["curve"][-1]["steps"] >= 640

@@ -12,7 +12,7 @@ from one_robot import ALONE, driven, one_robot
 import baselines
 import lissajous_env
 from baselines.policies.base import Filtered, Policy
-from baselines.policies.safety.filter import Safe
+from baselines.policies.safety.safe import Safe
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct

@@ -35,7 +35,7 @@ def test_a_column_has_a_rule_a_meaning_and_an_order_of_its_own():
     ("column", "value", "words"),
     [
         (COLUMNS["collisions"], 1.0, "a whole number of at least 0"),
-        (COLUMNS["recovery_time"], -1.0, r"a number of at least 0 \[s\] or null \(never, or never disturbed\)"),
+        (COLUMNS["recovery_time"], -1.0, r"a number of at least 0 \[s\] or null \(never, never disturbed, or actions"),
         (COLUMNS["guarantee_open"], True, "0 or 1 or null"),
         (COLUMNS["distance_mean"], None, r"a number of at least 0 \[m\]$"),
         (Column("mine", "of a user", rule=FINITE), float("nan"), "a finite number"),

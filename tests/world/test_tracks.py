@@ -106,20 +106,25 @@ def test_a_neighbours_sighting_arrives_with_its_message():
                 assert entry(simulation, "teammate", "age")[0, i, :2] == pytest.approx([0.1, 0.1])
 
 
-@pytest.mark.parametrize("shared", ["none", "team"])
-def test_a_track_ends_when_its_target_was_detected_and_left(shared):
+@pytest.mark.parametrize("shared", ["none", "ring", "team"])
+@pytest.mark.parametrize("more", [{}, MESSY, {"noise.message_delay": 0.5, "targets.respawn": True}])
+def test_a_track_ends_when_its_target_was_detected_and_left(shared, more):
     # Story: who saw it leave observes that once, and so does who is told; who is not remembers it until it is too old.
-    simulation = made(4, **{"targets.leave": True, "sensing.shared": shared, "sensing.memory": 100.0})
-    told, left = 0, 0
+    # Older news of it, which arrive later, change nothing, and a target that appears anew has no part in its track.
+    simulation = made(4, **{"targets.leave": True, "sensing.shared": shared, "sensing.memory": 100.0} | more)
+    told, left, tracks, known = 0, 0, simulation.tracks, np.full((4, 5, 12), -1)
     for _ in drive(simulation):
-        tracks, gone = simulation.tracks.sighted_at.numpy() >= 0, simulation.targets.status.numpy() == 3
-        saw = simulation.tracks.own_sighted_at.numpy() >= simulation.targets.found_at.numpy()[:, None]
+        at, leaves = tracks.sighted_at.numpy(), tracks.leaves.numpy() == 1
+        gone, saw = simulation.targets.status.numpy() == 3, tracks.own_sighted_at.numpy()
         left += entry(simulation, "track", "leaves").sum()
-        told += (tracks & gone[:, None]).sum()
-        assert not (tracks & gone[:, None] & saw).any()
-    assert (told > 0) == (shared == "none")
+        told += ((at >= 0) & gone[:, None]).sum()
+        assert not ((at >= 0) & gone[:, None] & (saw >= simulation.targets.found_at.numpy()[:, None])).any()
+        assert (at > known)[at >= 0].all()
+        assert np.linalg.norm(tracks.velocity.numpy()[at >= 0], axis=-1).max(initial=0) < 1.001
+        known = np.where(leaves, at, known)
+    assert (told > 0) == ("targets.respawn" not in more and (shared != "team" or more is MESSY))
     assert left > 0
-    if shared == "team":
+    if shared == "team" and not more:
         assert left % 5 == 0
 
 

@@ -23,7 +23,7 @@ from safetensors.numpy import save as to_safetensors
 from lissajous_env import Scenario
 from lissajous_env.identity import versions
 from lissajous_env.parameters.extensions import Extension, load_extension
-from lissajous_env.parameters.scenario_file import scenario_of
+from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import read_bytes, read_json, undamaged
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import require
@@ -137,7 +137,7 @@ def read_contents(folder: str | Path) -> dict[str, Any]:
     return contents
 
 
-def parts(folder: str | Path) -> dict[str, str]:
+def fingerprint(folder: str | Path) -> dict[str, str]:
     """Return digests of the card and the weights, which identify a policy in a folder.
 
     Raises:
@@ -212,7 +212,7 @@ def own_scenario(card: Card) -> Scenario:
     """
     extensions = card.scenario_fields.get("extensions") or ()
     require(isinstance(extensions, (list, tuple)), "extensions of a scenario", "must be a list", extensions)
-    return scenario_of(card.scenario_fields, [_brought(entry, card) for entry in extensions])
+    return scenario_of_json(card.scenario_fields, [_brought(entry, card) for entry in extensions])
 
 
 def _brought(entry: Any, card: Card) -> Extension:

@@ -16,7 +16,7 @@ import numpy as np
 
 from baselines.policies.base import Policy
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import Reacting, kept_apart
+from baselines.policies.reacting import Reacting, away_from_others
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import (
     NEIGHBOUR_ENTRIES,
@@ -89,7 +89,7 @@ def commanded_velocity(velocity: np.ndarray, observation: np.ndarray, scenario: 
     a car that stays near a point cannot turn without leaving it.
     """
     fast = velocity * (_length(velocity) >= _REST)[..., None]
-    return kept_apart(fast, Rows(observation, scenario)).astype(np.float32)
+    return away_from_others(fast, Rows(observation, scenario)).astype(np.float32)
 
 
 def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarray | None = None) -> Perception:

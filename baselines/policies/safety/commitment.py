@@ -30,6 +30,7 @@ from baselines.policies.safety.tails import POINTS, Plan, Tail, gap_between, lay
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.world.robots.contacts import distance_inside
 from lissajous_env.world.robots.inside import is_safe
 
 wp.set_module_options(OPTIONS)
@@ -52,7 +53,7 @@ class Memory:
     """Committed tail at the beginning of the step: `baselines.policies.safety.tails`."""
     old_tail: wp.array2d(dtype=Tail)
     """The rest of the previous tail, or the place at which a robot stands, if it failed in the latest step."""
-    known: wp.array2d(dtype=wp.vec4)
+    factors: wp.array2d(dtype=wp.vec4)
     """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
     sums: wp.array2d(dtype=wp.vec4)
     """Sums from which these bounds follow where commands are noisy: `baselines.policies.safety.own_motion.average`."""
@@ -76,7 +77,7 @@ def gap_to_edge(plan: Plan, bounds: Bounds) -> float:
     least = float(FAR)
     for k in range(1, POINTS):
         place = plan[k]
-        inside = wp.min(bounds.half_width - wp.abs(place[0]), bounds.half_height - wp.abs(place[1]))
+        inside = distance_inside(bounds.half_width, bounds.half_height, place[0], place[1])
         least = wp.min(least, inside - place[2])
     return least
 
@@ -92,12 +93,12 @@ def gap_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, mem
     has_decided = memory.decided[w, j] == 1
     if bounds.stops[i] == 1 or bounds.stops[j] == 1:
         other = memory.plans[w, j, wp.where(has_decided, NEW, OLD)]
-        return swept_gap(one, other, bounds.stops[i] == 1, bounds.stops[j] == 1, bounds.touch, enough)
+        return swept_gap(one, other, bounds.stops[i] == 1, bounds.stops[j] == 1, bounds.required, enough)
     least = float(FAR)
     if has_decided:
-        least = gap_between(one, memory.plans[w, j, NEW], bounds.touch, enough)
+        least = gap_between(one, memory.plans[w, j, NEW], bounds.required, enough)
     if least >= enough and (not has_decided or bounds.coasts == 1):
-        least = wp.min(least, gap_between(one, memory.plans[w, j, OLD], bounds.touch, enough))
+        least = wp.min(least, gap_between(one, memory.plans[w, j, OLD], bounds.required, enough))
     return least
 
 
@@ -131,8 +132,8 @@ def is_compatible(w: int, bounds: Bounds, memory: Memory) -> int:
 @wp.func
 def is_off_the_wall(bounds: Bounds, car: wp.vec4, speed: float) -> bool:
     """Return whether a car that had a speed [m/s] a step before cannot have touched the wall since."""
-    way = (speed + car[3]) * bounds.step + bounds.place
-    return wp.min(bounds.half_width - wp.abs(car[0]), bounds.half_height - wp.abs(car[1])) > way
+    way = (speed + car[3]) * bounds.step + bounds.position_error
+    return distance_inside(bounds.half_width, bounds.half_height, car[0], car[1]) > way
 
 
 @wp.func
@@ -155,13 +156,13 @@ def learn_of(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory):
     """Narrow the bounds of a robot's own curvature and drive by its latest step."""
     widest = bounds.widest[i]
     if bounds.noise.actuator == 0.0:
-        memory.known[w, i] = learn(bounds, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
+        memory.factors[w, i] = learn(bounds, memory.factors[w, i], widest, memory.last[w, i], car[2], car[3])
     else:
         sums = average(bounds, memory.sums[w, i], memory.last[w, i], car[2], car[3])
         curvature = averaged(sums[0], sums[1], wp.vec2(widest[0], widest[1]))
         pull = averaged(sums[2], sums[3], wp.vec2(widest[2], widest[3]))
         memory.sums[w, i] = sums
-        memory.known[w, i] = wp.vec4(curvature[0], curvature[1], pull[0], pull[1])
+        memory.factors[w, i] = wp.vec4(curvature[0], curvature[1], pull[0], pull[1])
 
 
 @wp.func
@@ -177,7 +178,7 @@ def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observat
     memory.presence[w, i] = now
     is_known = memory.steps[w] > 0 and (before != GONE or now == GONE)
     if memory.steps[w] == 0:
-        memory.known[w, i] = bounds.widest[i]
+        memory.factors[w, i] = bounds.widest[i]
     elif not works:
         memory.tail[w, i] = memory.old_tail[w, i]
     elif is_off_the_wall(bounds, car, memory.last[w, i][1]):
@@ -185,10 +186,10 @@ def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observat
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
     tail = memory.tail[w, i]
     away = wp.length(wp.vec2(car[0] - tail.x, car[1] - tail.y))
-    if is_known and away <= tail.w0 + bounds.place:
+    if is_known and away <= tail.w0 + bounds.position_error:
         return True
-    errors = wp.vec3(bounds.place, bounds.heading, bounds.speed)
-    memory.tail[w, i] = tail_from(bounds, memory.known[w, i], car, errors, tail.steering)
+    errors = wp.vec3(bounds.position_error, bounds.heading_error, bounds.speed_error)
+    memory.tail[w, i] = tail_from(bounds, memory.factors[w, i], car, errors, tail.steering)
     return memory.presence[w, i] == GONE
 
 
@@ -209,8 +210,8 @@ def commit_to_old_plan(w: int, i: int, bounds: Bounds, memory: Memory):
     speed = before.length * drag
     rate = speed * (drag + speed * wp.abs(before.curvature))
     bulge = rate * (bounds.step * bounds.step / 32.0 + bounds.chord)
-    middle = place_on(before, 1.0 - wp.sqrt(bounds.left))
-    tail = roll_on(before, bounds.left)
+    middle = place_on(before, 1.0 - wp.sqrt(bounds.decay))
+    tail = roll_on(before, bounds.decay)
     start = wp.vec2(before.x, before.y)
     middle[2] = bulge
     lay_out(memory.plans[w, i, OLD], start, middle, tail, chord_slack(bounds, tail))
@@ -223,11 +224,11 @@ def commit_to_old_plan(w: int, i: int, bounds: Bounds, memory: Memory):
 @wp.func
 def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: Observation) -> bool:
     """Return whether a robot heard the tails of all others in this step (condition 3)."""
-    if bounds.loss == 0.0:
+    if bounds.message_loss == 0.0:
         return True
     key = randomness.step_key(own_key(w, i, observation), step)
     for j in range(observation.shape[1]):
-        if j != i and randomness.uniform(key, j, randomness.MESSAGE) < bounds.loss:
+        if j != i and randomness.uniform(key, j, randomness.MESSAGE) < bounds.message_loss:
             return False
     return True
 
@@ -235,15 +236,15 @@ def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: Observatio
 @wp.func
 def propose(w: int, i: int, bounds: Bounds, car: wp.vec4, action: wp.vec2, turn: float, memory: Memory) -> Tail:
     """Lay out the new plan of a robot, an action and a tail with the steering `turn`; return the tail."""
-    known = memory.known[w, i]
-    after, errors, middle = drive(bounds, known, car, action)
-    tail = tail_from(bounds, known, after, errors, turn)
+    factors = memory.factors[w, i]
+    after, errors, middle = drive(bounds, factors, car, action)
+    tail = tail_from(bounds, factors, after, errors, turn)
     lay_out(memory.plans[w, i, NEW], wp.vec2(car[0], car[1]), middle, tail, chord_slack(bounds, tail))
     return tail
 
 
 @wp.func
-def turn_after(k: int, bounds: Bounds, known: wp.vec4, speed: float, action: wp.vec2) -> float:
+def turn_after(k: int, bounds: Bounds, factors: wp.vec4, speed: float, action: wp.vec2) -> float:
     """Return the steering of the k-th tail after an action: the action's, the largest to either side, or none.
 
     Grip limits the steering also at `speed`, that before the action [m/s], and within the step.
@@ -252,7 +253,7 @@ def turn_after(k: int, bounds: Bounds, known: wp.vec4, speed: float, action: wp.
         return action[0]
     if k == 3:
         return 0.0
-    return within_limits(bounds, known, speed, wp.vec2(wp.where(k == 1, 1.0, -1.0), action[1]))[0]
+    return within_limits(bounds, factors, speed, wp.vec2(wp.where(k == 1, 1.0, -1.0), action[1]))[0]
 
 
 @wp.func
@@ -271,7 +272,7 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
     A tail whose end leaves the car no way out of the walls is not taken, unless that of the old one does not either.
     If that of the old tail is negative, which can happen if conditions are violated, the plan with the largest is used.
     """
-    known = memory.known[w, i]
+    factors = memory.factors[w, i]
     old = memory.tail[w, i]
     chosen = wp.vec2(old.steering, -1.0)
     enough = float(0.0)
@@ -279,14 +280,14 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
         enough = wp.min(smallest_gap(w, i, OLD, -FAR, -1, bounds, memory)[0], 0.0)
     gap = wp.vec2(-FAR, -1.0)
     ends_well = leads_out(bounds, old)
-    for k in range(bounds.changes.shape[0] * bounds.tails):
-        change = bounds.changes[k / bounds.tails]
-        action = within_limits(bounds, known, car[3], want + change)
-        if k % bounds.tails > 0 and change[0] != 0.0:
+    for k in range(bounds.changes.shape[0] * bounds.num_tails):
+        change = bounds.changes[k / bounds.num_tails]
+        action = within_limits(bounds, factors, car[3], want + change)
+        if k % bounds.num_tails > 0 and change[0] != 0.0:
             continue  # before a tail with another steering, only actions with the wanted steering are tried
         if (change[0] != 0.0 and action[0] == want[0]) or (change[1] != 0.0 and action[1] == want[1]):
             continue  # the box or grip undoes the change
-        turn = turn_after(k % bounds.tails, bounds, known, car[3], action)
+        turn = turn_after(k % bounds.num_tails, bounds, factors, car[3], action)
         tail = propose(w, i, bounds, car, action, turn, memory)
         if ends_well and not leads_out(bounds, tail):
             gap = wp.vec2(-FAR, -1.0)  # not this one
@@ -297,7 +298,7 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
             memory.tail[w, i] = tail
             chosen = action
             if bounds.stops[i] == 1:
-                stand(w, i, wp.vec3(car[0], car[1], car[2]), old.steering, bounds.place, memory)
+                stand(w, i, wp.vec3(car[0], car[1], car[2]), old.steering, bounds.position_error, memory)
             enough = gap[0]
             if enough >= 0.0:
                 break

@@ -28,15 +28,15 @@ class Bounds:
 
     step: wp.float32
     """Control step, h [s]."""
-    left: wp.float32
+    decay: wp.float32
     """exp(-c h), the share of the speed that a rolling car has left after a step."""
-    touch: wp.float32
+    required: wp.float32
     """Least distance of two cars, 2 r + margin [m]."""
-    place: wp.float32
+    position_error: wp.float32
     """Bound of the error of a measured position [m]."""
-    heading: wp.float32
+    heading_error: wp.float32
     """Bound of the error of a measured heading [rad]."""
-    speed: wp.float32
+    speed_error: wp.float32
     """Bound of the error of a measured speed [m/s]."""
     speed_unit: wp.float32
     """Unit of observed speeds [m/s]."""
@@ -44,7 +44,7 @@ class Bounds:
     """Half of the width of the rectangle that tails stay in [m]."""
     half_height: wp.float32
     """Half of its height [m]."""
-    loss: wp.float32
+    message_loss: wp.float32
     """Probability that a robot misses the tail of another one in a step."""
     chord: wp.float32
     """Distance of the simulation's straight sub-steps from the path, divided by the acceleration [s^2]."""
@@ -52,7 +52,7 @@ class Bounds:
     """Relative error of the path in the simulation's integration."""
     coasts: wp.int32
     """1 where a robot's motor may fail in any step, and the robot coasts."""
-    tails: wp.int32
+    num_tails: wp.int32
     """Number of tails that are tried after an action: with its steering, the most to either side, and none."""
     robot: RobotStruct
     """The cars."""
@@ -77,7 +77,7 @@ def curvature_of(robot: RobotStruct, steering: float) -> float:
 
 
 @wp.func
-def tail_from(bounds: Bounds, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float) -> Tail:
+def tail_from(bounds: Bounds, factors: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float) -> Tail:
     """Return the tail from x, y, heading, speed, with bounds on their errors: position [m], heading [rad], speed [m/s].
 
     The distance of two cars that begin with these differences is at most
@@ -86,8 +86,8 @@ def tail_from(bounds: Bounds, known: wp.vec4, car: wp.vec4, errors: wp.vec3, ste
         |heading_1 - heading_2|(q) <= heading + bend L q + (|kappa| + bend) along q.
     """
     nominal = curvature_of(bounds.robot, steering)
-    curvature = 0.5 * (known[0] + known[1]) * nominal
-    bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
+    curvature = 0.5 * (factors[0] + factors[1]) * nominal
+    bend = 0.5 * (factors[1] - factors[0]) * wp.abs(nominal)
     length = car[3] / bounds.robot.drag
     along = errors[2] / bounds.robot.drag + bounds.coarseness * length
     w2 = 0.5 * length * (bend * length + (wp.abs(curvature) + bend) * along)
@@ -103,7 +103,7 @@ def chord_slack(bounds: Bounds, tail: Tail) -> float:
 
 
 @wp.func
-def drive(bounds: Bounds, known: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
+def drive(bounds: Bounds, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
     """Return the car after an action of one step, the bounds of its errors, and the middle of the step.
 
     `car` is the measured x, y, heading, speed. The middle is x, y and the bound by which either half of the step leaves
@@ -111,33 +111,33 @@ def drive(bounds: Bounds, known: wp.vec4, car: wp.vec4, action: wp.vec2) -> tupl
     """
     robot = bounds.robot
     nominal = curvature_of(robot, action[0])
-    curvature = 0.5 * (known[0] + known[1]) * nominal
-    bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
+    curvature = 0.5 * (factors[0] + factors[1]) * nominal
+    bend = 0.5 * (factors[1] - factors[0]) * wp.abs(nominal)
     if bounds.noise.actuator > 0.0:
         slope = wp.tan(steering_angle(robot, action[0]))
-        bend += known[1] * bounds.noise.actuator * robot.steering_max * (1.0 + slope * slope) / robot.wheelbase
+        bend += factors[1] * bounds.noise.actuator * robot.steering_max * (1.0 + slope * slope) / robot.wheelbase
     tau = throttle(robot, action[1])
     push = float(0.0)
     slack = float(0.0)
     if tau > robot.dead_zone:
-        push = 0.5 * (known[2] + known[3]) * robot.drive * tau - robot.offset
-        slack = 0.5 * (known[3] - known[2]) * robot.drive * tau
-        slack += known[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.noise.actuator
+        push = 0.5 * (factors[2] + factors[3]) * robot.drive * tau - robot.offset
+        slack = 0.5 * (factors[3] - factors[2]) * robot.drive * tau
+        slack += factors[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.noise.actuator
     speed = car[3]
-    gone = 1.0 - bounds.left
+    gone = 1.0 - bounds.decay
     late = (bounds.step - gone / robot.drag) / robot.drag
-    after = wp.max(speed * bounds.left + push * gone / robot.drag, 0.0)
+    after = wp.max(speed * bounds.decay + push * gone / robot.drag, 0.0)
     way = wp.max(speed * gone / robot.drag + push * late, 0.0)
-    way_error = bounds.speed * gone / robot.drag + slack * late
+    way_error = bounds.speed_error * gone / robot.drag + slack * late
     way_error += 0.5 * bounds.step * bounds.step * wp.max(slack - push, 0.0)  # a car that stops within the step
-    swing = bounds.heading + (wp.abs(curvature) + bend) * way_error
+    swing = bounds.heading_error + (wp.abs(curvature) + bend) * way_error
     errors = wp.vec3(
-        bounds.place + bounds.coarseness * way + way_error + swing * way + 0.5 * bend * way * way,
+        bounds.position_error + bounds.coarseness * way + way_error + swing * way + 0.5 * bend * way * way,
         swing + bend * way,
-        bounds.speed * bounds.left + slack * gone / robot.drag,
+        bounds.speed_error * bounds.decay + slack * gone / robot.drag,
     )
     end = arc_end(car[0], car[1], car[2], way, curvature)
-    half_gone = 1.0 - wp.sqrt(bounds.left)
+    half_gone = 1.0 - wp.sqrt(bounds.decay)
     half_late = (0.5 * bounds.step - half_gone / robot.drag) / robot.drag
     half_way = wp.clamp(speed * half_gone / robot.drag + push * half_late, 0.0, way)
     middle = arc_end(car[0], car[1], car[2], half_way, curvature)
@@ -158,34 +158,34 @@ def narrowed(low: float, high: float, value: float, error: float, widest: wp.vec
 
 
 @wp.func
-def learn(bounds: Bounds, known: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
+def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
     """Narrow the bounds of curvature and drive by the motion of the latest step (condition 2 of the theorem).
 
     push = c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), way = (v_0 - v_1 + push h) / c, kappa = turn / way.
     """
     robot = bounds.robot
-    gone = 1.0 - bounds.left
-    push = robot.drag * (speed - last[1] * bounds.left) / gone
-    push_error = robot.drag * bounds.speed * (1.0 + bounds.left) / gone
+    gone = 1.0 - bounds.decay
+    push = robot.drag * (speed - last[1] * bounds.decay) / gone
+    push_error = robot.drag * bounds.speed_error * (1.0 + bounds.decay) / gone
     tau = throttle(robot, last[3])
-    narrow = known
+    narrow = factors
     if tau > robot.dead_zone and speed > 0.0:
         unit = robot.drive * tau
         value = (push + robot.offset) / unit
-        span = narrowed(known[2], known[3], value, push_error / unit, wp.vec2(widest[2], widest[3]))
+        span = narrowed(factors[2], factors[3], value, push_error / unit, wp.vec2(widest[2], widest[3]))
         narrow[2] = span[0]
         narrow[3] = span[1]
     way = (last[1] - speed + push * bounds.step) / robot.drag
-    way_error = (2.0 * bounds.speed + push_error * bounds.step) / robot.drag
+    way_error = (2.0 * bounds.speed_error + push_error * bounds.step) / robot.drag
     unit = way * curvature_of(robot, last[2])
     # A car that has stopped within the step has driven less than this; one that turns by more than pi hides a turn.
-    shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading
-    if shows and wp.abs(unit) * known[1] < 3.0:
+    shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading_error
+    if shows and wp.abs(unit) * factors[1] < 3.0:
         turned = heading - last[0]
         turned -= 6.2831853 * wp.rint(turned / 6.2831853)
         value = turned / unit
-        error = (2.0 * bounds.heading / wp.abs(unit) + wp.abs(value) * way_error / way) * way / (way - way_error)
-        span = narrowed(known[0], known[1], value, error, wp.vec2(widest[0], widest[1]))
+        error = (2.0 * bounds.heading_error / wp.abs(unit) + wp.abs(value) * way_error / way) * way / (way - way_error)
+        span = narrowed(factors[0], factors[1], value, error, wp.vec2(widest[0], widest[1]))
         narrow[0] = span[0]
         narrow[1] = span[1]
     return narrow
@@ -213,9 +213,9 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
     Steps in which noise may turn off the motor, or grip may limit the turn, do not count.
     """
     robot = bounds.robot
-    gone = 1.0 - bounds.left
-    push = robot.drag * (speed - last[1] * bounds.left) / gone
-    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.left) / gone
+    gone = 1.0 - bounds.decay
+    push = robot.drag * (speed - last[1] * bounds.decay) / gone
+    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.decay) / gone
     summed = sums
     pull = mean_and_deviation(last[3], bounds.noise.actuator)
     tau = throttle(robot, pull[0])
@@ -262,7 +262,7 @@ def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def within_limits(bounds: Bounds, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
+def within_limits(bounds: Bounds, factors: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
     """Clip an action to the box, and so that grip never limits the yaw rate in the step and after it (condition 1)."""
     robot = bounds.robot
     throttling = wp.clamp(wanted[1], -1.0, 1.0)
@@ -270,9 +270,9 @@ def within_limits(bounds: Bounds, known: wp.vec4, speed: float, wanted: wp.vec2)
         throttling = -1.0
     most = float(1.0)
     if wp.isfinite(robot.lateral_acceleration_max):
-        push = wp.max(known[3] * robot.drive * throttle(robot, throttling) - robot.offset, 0.0)
-        fastest = speed + bounds.speed
-        fastest = wp.max(fastest, fastest * bounds.left + push * (1.0 - bounds.left) / robot.drag)
+        push = wp.max(factors[3] * robot.drive * throttle(robot, throttling) - robot.offset, 0.0)
+        fastest = speed + bounds.speed_error
+        fastest = wp.max(fastest, fastest * bounds.decay + push * (1.0 - bounds.decay) / robot.drag)
         curvature = 0.999 * robot.lateral_acceleration_max / wp.max(fastest * fastest, 1.0e-20)
-        most = wp.min(wp.atan(curvature * robot.wheelbase / known[1]) / robot.steering_max, 1.0)
+        most = wp.min(wp.atan(curvature * robot.wheelbase / factors[1]) / robot.steering_max, 1.0)
     return wp.vec2(wp.clamp(wanted[0], -most, most), throttling)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Filter, clear_worlds
+from baselines.policies.base import Filter
 from baselines.policies.inside import Inside
 from baselines.policies.safety.commitment import PLANS, Memory, commit
 from baselines.policies.safety.own_motion import Bounds
@@ -30,9 +30,9 @@ from lissajous_env.device.structs import NoiseStruct, RobotStruct, allocate, to_
 from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-from lissajous_env.settings.parts import SPREAD_MAX
 from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.inside import Walls, walls_of
+from lissajous_env.world.selection import clear_worlds
 
 __all__ = ["Proved", "ProvedParameters", "unmet_conditions"]
 
@@ -46,7 +46,7 @@ _COARSEST = 0.01
 """Largest relative error of the integration for which the bounds of the errors are valid."""
 _MIXED = 5e-4
 """Relative error of the integration above which turning and slowing down at the same time matters."""
-_SEEN = 3.9
+_IN_RANGE = 3.9
 """Largest coordinate of a tail [half widths], and speed of a car [top speeds], for which observations are exact."""
 _FLOAT = 2.0**-24
 """Relative error of a rounded float32."""
@@ -122,18 +122,18 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "c
     """Return the constants of the theorem for a scenario (conditions 1 to 3)."""
     curve, robot, noise, task = scenario.curve, scenario.robot, scenario.noise, scenario.task
     bounds: Any = Bounds()
-    bounds.step, bounds.left = task.step, math.exp(-robot.drag * task.step)
-    bounds.touch = 2 * robot.radius + parameters.margin
+    bounds.step, bounds.decay = task.step, math.exp(-robot.drag * task.step)
+    bounds.required = 2 * robot.radius + parameters.margin
     size = curve.half_width + curve.half_height
-    bounds.place = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
-    bounds.heading = parameters.deviations * noise.heading + _ROUNDING
+    bounds.position_error = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
+    bounds.heading_error = parameters.deviations * noise.heading + _ROUNDING
     decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
     error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * farthest_speed(scenario))
-    bounds.speed = parameters.deviations * noise.speed + error
+    bounds.speed_error = parameters.deviations * noise.speed + error
     bounds.speed_unit = robot.top_speed
-    room, body = (1.0, robot.radius) if task.boundary == "wall" else (_SEEN, 0.0)
+    room, body = (1.0, robot.radius) if task.boundary == "wall" else (_IN_RANGE, 0.0)
     bounds.half_width, bounds.half_height = room * curve.half_width - body, room * curve.half_height - body
-    bounds.loss = noise.message_loss**parameters.repeats
+    bounds.message_loss = noise.message_loss**parameters.repeats
     bounds.chord = (task.step / task.substeps) ** 2 / 8
     bounds.coarseness = integration_error(scenario)
     bounds.coasts = int(scenario.faults.stop == "coast" and any(may_fail(scenario)))
@@ -141,7 +141,7 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "c
     # straight tail is the narrowest, because it does not depend on the wheelbase.
     # Within walls, a car could hardly drive straight on if it had to coast straight on.
     turns = any(stops_of(scenario)) or task.boundary == "wall"
-    bounds.tails = 1 if bounds.coasts else 4 if noise.actuator > 0 else 3 if turns else 1
+    bounds.num_tails = 1 if bounds.coasts else 4 if noise.actuator > 0 else 3 if turns else 1
     bounds.robot, bounds.noise = to_struct(RobotStruct, robot), to_struct(NoiseStruct, noise)
     bounds.walls = walls_of(scenario) if Inside.suits(scenario) else Walls()
     bounds.widest = wp.array(widest_of(scenario), dtype=wp.vec4, device=device)
@@ -163,9 +163,9 @@ def stops_of(scenario: Scenario) -> np.ndarray:
 
 def widest_of(scenario: Scenario) -> np.ndarray:
     """Return the bounds (N, 4) of each car's curvature and drive over the nominal ones: least, most; least, most."""
-    wheelbase, drive = SPREAD_MAX * scenario.noise.wheelbase_spread, SPREAD_MAX * scenario.noise.drive_spread
-    turning = (1 / (1 + wheelbase) - _ROUNDING, 1 / (1 - wheelbase) + _ROUNDING)
-    rows = [(*turning, f * (1 - drive - _ROUNDING), f * (1 + drive + _ROUNDING)) for f in scenario.drive_factors]
+    (shortest, longest), (weakest, strongest) = scenario.noise.wheelbase_range, scenario.noise.drive_range
+    turning = (1 / longest - _ROUNDING, 1 / shortest + _ROUNDING)
+    rows = [(*turning, f * (weakest - _ROUNDING), f * (strongest + _ROUNDING)) for f in scenario.drive_factors]
     return np.array(rows, dtype=np.float32)
 
 
@@ -191,7 +191,7 @@ def farthest_speed(scenario: Scenario) -> float:
     The weakest motor brakes just above the dead zone where its drive is less than the offset.
     """
     robot, noise = scenario.robot, scenario.noise
-    weakest = robot.drive * (1 - SPREAD_MAX * noise.drive_spread) * float(scenario.drive_factors.min())
+    weakest = robot.drive * noise.drive_range[0] * float(scenario.drive_factors.min())
     return fastest_of(scenario) + max(robot.offset - weakest * robot.dead_zone, 0.0) / robot.drag
 
 
@@ -202,7 +202,7 @@ def rounding_error(scenario: Scenario) -> float:
     1 / (c h) times this error from the end of its path.
     """
     task, curve = scenario.task, scenario.curve
-    farthest = _SEEN * math.hypot(curve.half_width, curve.half_height)
+    farthest = _IN_RANGE * math.hypot(curve.half_width, curve.half_height)
     return _FLOAT * farthest * task.substeps / (scenario.robot.drag * task.step)
 
 
@@ -215,7 +215,7 @@ def integration_error(scenario: Scenario) -> float:
     """
     robot, noise = scenario.robot, scenario.noise
     h = scenario.task.step / scenario.task.substeps
-    shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
+    shortest = robot.wheelbase * noise.wheelbase_range[0]
     turn = fastest_of(scenario) * h / turning_radius(shortest, robot.steering_max)
     change = robot.drag * h * farthest_speed(scenario) / fastest_of(scenario)
     mixed = (turn / 7.33 + change / 3) ** 4
@@ -236,7 +236,7 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
     short = f"must be short enough for a relative error of {_COARSEST:g} at top speed [s]"
     long = f"must be long enough for a rounding error of {most:.2g} m with {task.substeps} sub-steps [s]"
     normal = "must be 0, since normal noise has no bound"
-    seen = f"must be at least 1 / {_SEEN:g} of the speed of the strongest car, {scenario.top_speed_bound:.3g} m/s"
+    seen = f"must be at least 1 / {_IN_RANGE:g} of the speed of the strongest car, {scenario.top_speed_bound:.3g} m/s"
     shows = "must be count or remove, since the row of a robot that a collision stops still shows its speed"
     prompt = f"must be below half a step of {task.step:g} s"
     rules = (
@@ -247,7 +247,12 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
         (noise.position == 0, "2: noise.position", normal, f"{noise.position:g}"),
         (noise.heading == 0, "2: noise.heading", normal, f"{noise.heading:g}"),
         (noise.speed == 0, "2: noise.speed", normal, f"{noise.speed:g}"),
-        (scenario.top_speed_bound <= _SEEN * robot.top_speed, "2: robot.speed_max", seen, f"{robot.top_speed:.3g}"),
+        (
+            scenario.top_speed_bound <= _IN_RANGE * robot.top_speed,
+            "2: robot.speed_max",
+            seen,
+            f"{robot.top_speed:.3g}",
+        ),
         (round(noise.message_delay / task.step) == 0, "3: noise.message_delay", prompt, f"{noise.message_delay:g}"),
         (task.on_collision != "stop", "5: task.on_collision", shows, task.on_collision),
     )

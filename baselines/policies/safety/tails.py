@@ -69,14 +69,14 @@ def place_on(tail: Tail, q: float) -> wp.vec3:
 
 
 @wp.func
-def roll_on(tail: Tail, left: float) -> Tail:
-    """Return the rest of a tail when the share `left` = exp(-c t) of its length is left."""
-    gone = 1.0 - left
+def roll_on(tail: Tail, decay: float) -> Tail:
+    """Return the rest of a tail when the share `decay` = exp(-c t) of its length is left."""
+    gone = 1.0 - decay
     begin = place_on(tail, gone)
     w0 = tail.w0 + gone * (tail.w1 + gone * tail.w2)
-    w1 = (tail.w1 + 2.0 * gone * tail.w2) * left
-    w2 = tail.w2 * left * left
-    return Tail(begin[0], begin[1], begin[2], tail.length * left, tail.curvature, tail.steering, w0, w1, w2)
+    w1 = (tail.w1 + 2.0 * gone * tail.w2) * decay
+    w2 = tail.w2 * decay * decay
+    return Tail(begin[0], begin[1], begin[2], tail.length * decay, tail.curvature, tail.steering, w0, w1, w2)
 
 
 @wp.func
@@ -108,21 +108,21 @@ def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: fl
 
 
 @wp.func
-def gap_of_reaches(one: Plan, other: Plan, touch: float) -> float:
-    """Return a lower bound of the distance of two plans from their reaches, less `touch` [m]."""
+def gap_of_reaches(one: Plan, other: Plan, required: float) -> float:
+    """Return a lower bound of the distance of two plans from their reaches, less `required` [m]."""
     apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1]))
-    return apart - one[0][2] - other[0][2] - touch
+    return apart - one[0][2] - other[0][2] - required
 
 
 @wp.func
-def gap_between(one: Plan, other: Plan, touch: float, enough: float) -> float:
-    """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
+def gap_between(one: Plan, other: Plan, required: float, enough: float) -> float:
+    """Return a lower bound of the distance of two cars at equal times on two plans, less `required` [m].
 
     If the bound is below `enough`, any value below `enough` is returned. Along each piece it is the closest approach of
     the chords at equal times, less the bounds on both deviations. For two plans that are too far apart to meet, their
     reaches suffice.
     """
-    least = gap_of_reaches(one, other, touch)
+    least = gap_of_reaches(one, other, required)
     if least >= 0.0:
         return least
     least = float(1.0e30)
@@ -131,7 +131,7 @@ def gap_between(one: Plan, other: Plan, touch: float, enough: float) -> float:
         a = one[k]
         b = other[k]
         after = wp.vec2(a[0] - b[0], a[1] - b[1])
-        least = wp.min(least, wp.sqrt(closest_approach(before, after)) - a[2] - b[2] - touch)
+        least = wp.min(least, wp.sqrt(closest_approach(before, after)) - a[2] - b[2] - required)
         if least < enough:
             break
         before = after
@@ -182,7 +182,7 @@ def chord_bound(plan: Plan, block: int) -> float:
 
 @wp.func
 def gap_of_blocks(
-    one: Plan, other: Plan, block: int, other_block: int, stops: bool, other_stops: bool, touch: float, enough: float
+    one: Plan, other: Plan, block: int, other_block: int, stops: bool, other_stops: bool, required: float, enough: float
 ) -> float:
     """Return `swept_gap` of two blocks."""
     least = float(1.0e30)
@@ -191,21 +191,21 @@ def gap_of_blocks(
         for m in range(block_start(other_block), block_start(other_block + 1)):
             if (stops or k >= m) and (other_stops or m >= k):
                 b_end = other[m + 1]
-                least = wp.min(least, segment_distance(one[k], a_end, other[m], b_end) - a_end[2] - b_end[2] - touch)
+                least = wp.min(least, segment_distance(one[k], a_end, other[m], b_end) - a_end[2] - b_end[2] - required)
                 if least < enough:
                     return least
     return least
 
 
 @wp.func
-def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, touch: float, enough: float) -> float:
-    """Return a lower bound of the distance of two cars, of which either may stop dead, less `touch` [m].
+def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, required: float, enough: float) -> float:
+    """Return a lower bound of the distance of two cars, of which either may stop dead, less `required` [m].
 
     If the bound is below `enough`, any value below `enough` is returned. A car that `stops` can be at any earlier place
     of its plan than at equal times: the places of piece k are compared with those of all pieces m >= k of the other
     plan, with those of k >= m if the other one stops, and with all if both do.
     """
-    least = gap_of_reaches(one, other, touch)
+    least = gap_of_reaches(one, other, required)
     if least >= 0.0:
         return least
     least = float(1.0e30)
@@ -215,7 +215,7 @@ def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, touch: flo
         to_end = wp.length(wp.vec2(end[0] - other[0][0], end[1] - other[0][1]))
         wide = chord_bound(one, block)
         length = wp.length(wp.vec2(end[0] - begin[0], end[1] - begin[1]))
-        away = to_end - length - wide - other[0][2] - touch
+        away = to_end - length - wide - other[0][2] - required
         if away >= wp.max(enough, 0.0):
             least = wp.min(least, away)
             continue
@@ -223,9 +223,9 @@ def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, touch: flo
             if (stops or block >= other_block) and (other_stops or other_block >= block):
                 start = other[block_start(other_block)]
                 finish = other[block_start(other_block + 1)]
-                gap = segment_distance(begin, end, start, finish) - wide - chord_bound(other, other_block) - touch
+                gap = segment_distance(begin, end, start, finish) - wide - chord_bound(other, other_block) - required
                 if gap < 0.0:
-                    gap = gap_of_blocks(one, other, block, other_block, stops, other_stops, touch, enough)
+                    gap = gap_of_blocks(one, other, block, other_block, stops, other_stops, required, enough)
                 least = wp.min(least, gap)
                 if least < enough:
                     return least

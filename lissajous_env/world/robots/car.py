@@ -14,7 +14,7 @@ from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
-from lissajous_env.settings.parts import SPREAD_MAX, Curve, Formation, Noise, Robot
+from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import require
 from lissajous_env.world.robots.contacts import WALL, begin_path, end_motion, stop_at_walls
@@ -170,12 +170,12 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     rule = "must keep cars on the curve below 100000 m/s [rad/s]"
     require(at_start <= 1e5, "formation.phase_rate", rule, formation.phase_rate)
     # A car's own constants lie at most three deviations from those of the scenario.
-    strongest = robot.drive * noise.most_drive * max([1.0, *robot.factors.values()])
+    strongest = robot.drive * noise.drive_range[1] * max([1.0, *robot.factors.values()])
     fastest = robot.steady_speed(strongest)
     if fastest > 1e4:
         rule = "must keep every car's top speed, with noise.drive_spread, at most 10000 m/s"
         raise ValueError(f"robot.drive_factors {rule}, got {fastest:g} m/s with {robot.drive_factors}")
-    shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
+    shortest = robot.wheelbase * noise.wheelbase_range[0]
     turn = fastest * h * math.tan(robot.steering_max) / shortest
     rule = f"must keep a car's turn in an integration step below 10000 rad, at {fastest:g} m/s and full steering [m]"
     require(turn <= 1e4, "robot.wheelbase", rule, robot.wheelbase)

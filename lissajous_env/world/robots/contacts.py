@@ -15,7 +15,7 @@ from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.nearby import PARTED, columns_of, max_displacement, rows_of
+from lissajous_env.world.robots.nearby import PARTED, columns_crossed, max_displacement, rows_crossed
 from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
@@ -90,9 +90,9 @@ def compare_with_others(
     """
     nearest = float(1.0e30)
     if bins.columns > 0 and relevant <= bins.reach and bins.is_everywhere[w, i] == 0:
-        rows = rows_of(w, i, 0.0, robots, bins)
+        rows = rows_crossed(w, i, 0.0, robots, bins)
         for row in range(rows[0], rows[1] + 1):
-            columns = columns_of(w, i, row, 0.0, robots, bins)
+            columns = columns_crossed(w, i, row, 0.0, robots, bins)
             for column in range(columns[0], columns[1] + 1):
                 entry = bins.entry[w, bins.first[w, row * bins.columns + column]]
                 while entry[0] >= 0:
@@ -210,10 +210,10 @@ def end_motion(block, moving: int, x: Floats, y: Floats, heading: Floats, speed:
     abreast.put_floats(block, moving, speed, robots.speed)
 
 
-@part
-def wall_distance(curve, radius: float, place: wp.vec2) -> float:
-    """Return the distance of a body at `place` [m] from the nearest wall [m]; negative if it is beyond one."""
-    return wp.min(curve.half_width - wp.abs(place[0]), curve.half_height - wp.abs(place[1])) - radius
+@wp.func
+def distance_inside(half_width: float, half_height: float, x: float, y: float) -> float:
+    """Return the distance of a place from the edge of a rectangle around the origin, below 0 outside of it [m]."""
+    return wp.min(half_width - wp.abs(x), half_height - wp.abs(y))
 
 
 @part
@@ -236,7 +236,8 @@ def count_wall_contacts(w, i, curve, robot, task, action_speeds, clock, robots, 
     """
     if robots.status[w, i] != REMOVED:
         for s in range(1, robots.path.shape[2]):
-            distance = wall_distance(curve, robot.radius, planar(robots.path[w, i, s]))
+            at = robots.path[w, i, s]
+            distance = distance_inside(curve.half_width, curve.half_height, at[0], at[1]) - robot.radius
             if distance > APART * robot.radius:
                 tally.at_wall[w, i] = 0
             if distance < CONTACT * robot.radius and tally.at_wall[w, i] == 0:

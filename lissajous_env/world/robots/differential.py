@@ -13,7 +13,7 @@ from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
-from lissajous_env.settings.parts import SPREAD_MAX, Curve, Formation, Noise, Robot
+from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import require
 from lissajous_env.world.robots.contacts import WALL, begin_path, end_motion, stop_at_walls
@@ -159,7 +159,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     """
     require(curve.half_depth <= 0, "curve.half_depth", "must be 0 for differential drives [m]", curve.half_depth)
     h = task.step / task.substeps
-    turn = robot.top_yaw_rate * h / (1 - SPREAD_MAX * noise.wheelbase_spread)
+    turn = robot.top_yaw_rate * h / noise.wheelbase_range[0]
     if turn > math.pi:
         rule = f"must turn a drive by at most pi in an integration step of {h:g} s, not by {turn:.3g} rad [rad/s]"
         raise ValueError(f"robot.yaw_rate_max {rule}, got {robot.top_yaw_rate:g}")

@@ -64,9 +64,10 @@ from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import SPREAD_MAX, Robot
+from lissajous_env.settings.parts import Robot
 from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.car import car_step, motor_acceleration
+from lissajous_env.world.robots.placing import way_within
 from lissajous_env.world.state import WORKING
 
 wp.set_module_options(OPTIONS)
@@ -145,32 +146,15 @@ def beyond(walls: Walls, around: wp.vec3) -> float:
 
 
 @wp.func
-def way_within(walls: Walls, around: wp.vec3, ahead: wp.vec2) -> float:
-    """Return the length of the part in C of a circle's way straight ahead [m]; below 0 if it passes C."""
-    reach = wp.vec2(walls.half_width - around[2], walls.half_height - around[2])
-    if wp.min(reach[0], reach[1]) < 0.0:
-        return -1.0
-    begin = float(0.0)
-    end = float(1.0e30)
-    for axis in range(2):
-        if wp.abs(ahead[axis]) > 1.0e-6:
-            middle = -around[axis] / ahead[axis]
-            half = wp.abs(reach[axis] / ahead[axis])
-            begin = wp.max(begin, middle - half)
-            end = wp.min(end, middle + half)
-        elif wp.abs(around[axis]) > reach[axis]:
-            return -1.0
-    return end - begin
-
-
-@wp.func
 def leads_in(walls: Walls, robot: RobotStruct, car: wp.vec4, side: float) -> bool:
     """Return whether a car's way straight ahead leads to a circle to one side, 1 or -1, or to any side, 0."""
     ahead = cos_sin(car[2])
     way = wp.max(car[3], walls.creep) * walls.step
     for k in range(2):
         turn = wp.where(k == 0, 1.0, -1.0)
-        if side != -turn and way_within(walls, circle(walls, robot, car, turn), ahead) >= way:
+        around = circle(walls, robot, car, turn)
+        half = wp.vec2(walls.half_width - around[2], walls.half_height - around[2])  # of C
+        if side != -turn and way_within(wp.vec2(around[0], around[1]), ahead, half) >= way:
             return True
     return False
 
@@ -342,11 +326,10 @@ def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     walls.rounding = ROUNDING * (curve.half_width + curve.half_height)
     margin = margin_of(scenario)
     walls.half_width, walls.half_height = curve.half_width - margin, curve.half_height - margin
-    walls.shortest = robot.wheelbase * (1 - SPREAD_MAX * noise.wheelbase_spread)
-    walls.longest = robot.wheelbase * (1 + SPREAD_MAX * noise.wheelbase_spread)
+    walls.shortest, walls.longest = (robot.wheelbase * factor for factor in noise.wheelbase_range)
     walls.turning = turning_radius(walls.longest, robot.steering_max)
     walls.fastest_turn = math.sqrt(robot.lateral_acceleration_max * walls.turning)
-    walls.strongest = robot.drive * noise.most_drive * float(np.max(scenario.drive_factors))
+    walls.strongest = robot.drive * noise.drive_range[1] * float(np.max(scenario.drive_factors))
     walls.creep = CREEP * min(robot.top_speed, walls.fastest_turn)
     walls.speed_gain = scaled_gain(scenario, SPEED_GAIN)
     walls.speed_unit = robot.top_speed

@@ -12,10 +12,6 @@ A list is read from the first entry of its bin to an entry without a robot:
     while entry[0] >= 0:
         ...  # robot entry[0]
         entry = bins.entry[w, entry[1]]
-
-The last functions find the robots that have a place in their sensing discs, at the end of a step and first within it.
-Within a step a target goes straight from its old place to its new one at one speed, past the robots, each of which goes
-along its path of sub-steps.
 """
 
 import math
@@ -27,7 +23,7 @@ from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import BIN, ROBOT, named_struct, part, stage
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.state import NOWHERE, REMOVED, planar
+from lissajous_env.world.state import REMOVED, planar
 
 wp.set_module_options(OPTIONS)
 
@@ -91,7 +87,7 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
 
 
 @part
-def rows_of(w, i, widened: float, robots, bins) -> wp.vec2i:
+def rows_crossed(w, i, widened: float, robots, bins) -> wp.vec2i:
     """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
     low = robots.path[w, i, 0][1]
     high = low
@@ -102,7 +98,7 @@ def rows_of(w, i, widened: float, robots, bins) -> wp.vec2i:
 
 
 @part
-def columns_of(w, i, row, widened: float, robots, bins) -> wp.vec2i:
+def columns_crossed(w, i, row, widened: float, robots, bins) -> wp.vec2i:
     """Return the first and last column of this path in one of these rows."""
     bottom = float(row) * bins.size - bins.half_height
     low = wp.where(row == 0, -1.0e30, bottom - widened)
@@ -136,9 +132,9 @@ def columns_of(w, i, row, widened: float, robots, bins) -> wp.vec2i:
 @part
 def list_robot(w, i, robots, bins) -> bool:
     """Put a robot into the lists of the bins that it comes near; return whether there was room for it."""
-    rows = rows_of(w, i, bins.widened, robots, bins)
+    rows = rows_crossed(w, i, bins.widened, robots, bins)
     for row in range(rows[0], rows[1] + 1):
-        columns = columns_of(w, i, row, bins.widened, robots, bins)
+        columns = columns_crossed(w, i, row, bins.widened, robots, bins)
         for column in range(columns[0], columns[1] + 1):
             entry = wp.atomic_add(bins.used, w, 1)
             if entry >= bins.room:
@@ -275,77 +271,3 @@ def max_displacement(w, robots) -> float:
         for s in range(last):
             square = wp.max(square, wp.length_sq(robots.path[w, i, last] - robots.path[w, i, s]))
     return wp.sqrt(square)
-
-
-@wp.func
-def first_within(before: wp.vec2, after: wp.vec2, radius: float) -> float:
-    """Return the smallest t in [0, 1] with |before + t (after - before)| <= radius [m]; 2 for none.
-
-    `before` and `after` are the offset of two points at the two ends of a stretch of time, at equal speeds within it.
-    """
-    outside = wp.dot(before, before) - radius * radius
-    if outside <= 0.0:
-        return 0.0
-    moved = after - before
-    nearing = -wp.dot(before, moved)
-    root = nearing * nearing - wp.dot(moved, moved) * outside
-    if nearing <= 0.0 or root < 0.0:
-        return 2.0
-    # The smaller root of a quadratic equation, written without a difference of numbers that are nearly equal.
-    t = outside / (nearing + wp.sqrt(root))
-    return wp.where(t <= 1.0, t, 2.0)
-
-
-@part
-def share_until_sight(w, i, before: wp.vec2, after: wp.vec2, radius: float, robots) -> float:
-    """Return the share of the step until a robot detects a target that moves as in `first_sight`; 2 for never."""
-    pieces = robots.path.shape[2] - 1
-    moved = (after - before) / float(pieces)
-    start = before - planar(robots.path[w, i, 0])
-    for s in range(pieces):
-        end = before + float(s + 1) * moved - planar(robots.path[w, i, s + 1])
-        share = first_within(start, end, radius)
-        if share <= 1.0:
-            return (float(s) + share) / float(pieces)
-        start = end
-    return 2.0
-
-
-@wp.func
-def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> bool:
-    """Return whether a target moved so far that the list of its bin may lack robots that detect it.
-
-    Half of the margin of the lists is for the rounding of a target that moves exactly as far as they reach.
-    """
-    return wp.length(after - before) > 0.5 * (bins.reach + bins.widened) - radius
-
-
-@part
-def first_sight(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins) -> wp.vec2:
-    """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
-
-    The target goes straight from `before` to `after` [m], also if a wall reflected it in between. Robots that end the
-    step farther than `reach` [m] from `after` are skipped, and so are those that do not work. A robot that resumes
-    works from the beginning of that step on. With bins, robots are those in the list of the bin in which the target
-    was, unless it moved too far.
-    """
-    first = int(-1)
-    least = float(2.0)
-    if bins.columns > 0 and not leaves_lists(before, after, radius, bins):
-        entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
-        while entry[0] >= 0:
-            i = entry[0]
-            if robots.sensor[w, i][0] < NOWHERE:
-                share = share_until_sight(w, i, before, after, radius, robots)
-                if share < least or (share == least and i < first):
-                    least = share
-                    first = i
-            entry = bins.entry[w, entry[1]]
-    elif reach > 0.0:
-        for i in range(robots.sensor.shape[1]):
-            if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
-                share = share_until_sight(w, i, before, after, radius, robots)
-                if share < least:
-                    least = share
-                    first = i
-    return wp.vec2(float(first), least)

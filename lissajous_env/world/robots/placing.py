@@ -27,7 +27,7 @@ from lissajous_env.device.stage import ROBOT, WORLD, part, stage
 from lissajous_env.device.structs import RobotStruct, code_of, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import Formation
+from lissajous_env.settings.parts import SPREAD_MAX, Formation
 from lissajous_env.world.robots.contacts import closest_approach
 from lissajous_env.world.robots.faults import is_coasting
 from lissajous_env.world.state import REMOVED, WORKING, planar
@@ -41,6 +41,7 @@ LARGEST_CORRECTION = wp.constant(0.1)
 ROTATED = wp.constant(code_of(Formation, "start", "rotated"))
 RANDOM = wp.constant(code_of(Formation, "start", "random"))
 
+_CLIP = wp.constant(SPREAD_MAX)
 _DRAWS = wp.constant(100)
 """Largest number of starts that are drawn for a robot; the last one remains."""
 
@@ -122,10 +123,10 @@ def reset_robots(
     begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
     robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
     body = randomness.stream(key, i, randomness.BODY)
-    # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
-    robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+    # A spread is clipped, so that no car has a wheelbase of zero.
+    robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -_CLIP, _CLIP))
     drive = robot.drive * drive_factors[i]
-    robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+    robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -_CLIP, _CLIP))
 
 
 @part
@@ -161,45 +162,50 @@ _HALVINGS = wp.constant(12)
 
 
 @wp.func
-def passes(place: wp.vec2, ahead: wp.vec2, half: wp.vec2) -> bool:
-    """Return whether a ray enters, or begins in, the rectangle of half extents `half` [m] around the origin."""
-    first = float(0.0)
-    last = float(wp.inf)
-    for k in range(2):
-        if wp.abs(ahead[k]) > 1.0e-6:
-            one = (-half[k] - place[k]) / ahead[k]
-            other = (half[k] - place[k]) / ahead[k]
-            first = wp.max(first, wp.min(one, other))
-            last = wp.min(last, wp.max(one, other))
-        elif wp.abs(place[k]) > half[k]:
-            last = -1.0
-    return first <= last
+def way_within(place: wp.vec2, ahead: wp.vec2, half: wp.vec2) -> float:
+    """Return the length [m] of the part of a ray in the rectangle of half extents `half` [m]; below 0 for none.
+
+    The ray begins at `place` [m] in the direction `ahead`; the rectangle is around the origin.
+    """
+    if wp.min(half[0], half[1]) < 0.0:
+        return -1.0
+    begin = float(0.0)
+    end = float(1.0e30)
+    for axis in range(2):
+        if wp.abs(ahead[axis]) > 1.0e-6:
+            middle = -place[axis] / ahead[axis]
+            reach = wp.abs(half[axis] / ahead[axis])
+            begin = wp.max(begin, middle - reach)
+            end = wp.min(end, middle + reach)
+        elif wp.abs(place[axis]) > half[axis]:
+            return -1.0
+    return end - begin
 
 
 @wp.func
-def has_room(place: wp.vec2, heading: float, turning_radius: float, half: wp.vec2) -> bool:
+def can_turn(place: wp.vec2, heading: float, turning_radius: float, half: wp.vec2) -> bool:
     """Return whether a car can turn in a rectangle, to the left or to the right, at once or after driving straight on.
 
     `turning_radius` is that of its tightest circle [m]. The circle's centre must be within the half extents `half` [m].
     """
     ahead = cos_sin(heading)
     to_side = turning_radius * wp.vec2(-ahead[1], ahead[0])
-    return passes(place + to_side, ahead, half) or passes(place - to_side, ahead, half)
+    return way_within(place + to_side, ahead, half) >= 0.0 or way_within(place - to_side, ahead, half) >= 0.0
 
 
 @wp.func
 def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, half: wp.vec2) -> float:
     """Return the nearest heading at which a car has room to turn [rad]; the same heading if there is none."""
-    if half[0] < 0.0 or half[1] < 0.0 or has_room(place, heading, turning_radius, half):
+    if half[0] < 0.0 or half[1] < 0.0 or can_turn(place, heading, turning_radius, half):
         return heading
     part = 6.2831853 / float(_PARTS)
     for k in range(1, _PARTS + 1):
         turned = float((k + 1) / 2) * part * wp.where(k % 2 == 0, -1.0, 1.0)
-        if has_room(place, heading + turned, turning_radius, half):
+        if can_turn(place, heading + turned, turning_radius, half):
             width = wp.sign(turned) * part
             for _halving in range(_HALVINGS):
                 width *= 0.5
-                if has_room(place, heading + turned - width, turning_radius, half):
+                if can_turn(place, heading + turned - width, turning_radius, half):
                     turned -= width
             return wrap(heading + turned)
     return heading

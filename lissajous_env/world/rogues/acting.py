@@ -19,7 +19,7 @@ from lissajous_env.world.observation import Layout, layout_of
 from lissajous_env.world.observing import clip_coordinate, comes_before, velocity_of
 from lissajous_env.world.robots.signals import LARGEST, flag
 from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, IDLE, PRESENT, REMOVED, RUNNING, WORKING, planar
-from lissajous_env.world.targets.motion import inside
+from lissajous_env.world.targets.motion import into_rectangle
 
 wp.set_module_options(OPTIONS)
 
@@ -86,7 +86,7 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
         y = rogues.action[w, t, 1]
         place = targets.position[w, t]
         if wp.abs(x) <= LARGEST and wp.abs(y) <= LARGEST:
-            after = inside(place + target.speed_limit * task.step * commanded(x, y), curve)
+            after = into_rectangle(place + target.speed_limit * task.step * commanded(x, y), curve)
             moved = after - place
             targets.position[w, t] = after
         else:

@@ -11,7 +11,7 @@ from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters.rogues import rogue
 from lissajous_env.world.rogues.acting import FIRST_ROBOT, ROBOT_SIZE
-from lissajous_env.world.targets.motion import inside
+from lissajous_env.world.targets.motion import into_rectangle
 
 wp.set_module_options(OPTIONS)
 
@@ -115,7 +115,7 @@ def least_gap(w, t, ahead: wp.vec2, curve, sensing, target, speed_unit, rogues) 
     gap = float(1.0e30)
     for k in range(1, _MOMENTS + 1):
         distance = 0.5 * sensing.radius * float(k) / float(_MOMENTS)
-        offset = inside(here + distance * ahead, curve) - here
+        offset = into_rectangle(here + distance * ahead, curve) - here
         gap = wp.min(gap, gap_at(w, t, offset, distance / target.speed_limit, curve, sensing, speed_unit, rogues))
     return gap
 

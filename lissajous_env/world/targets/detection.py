@@ -1,6 +1,8 @@
 """Detection of targets: they appear, move, and are detected by the first working robot that has them in its disc.
 
-A target is in sight of each working robot that has it within `sensing.sight` at the end of a step.
+A target is in sight of each working robot that has it within `sensing.sight` at the end of a step. Within a step it
+goes straight from its old place to its new one at one speed, past the robots, each of which goes along its path of
+sub-steps.
 
 The targets of a world are processed in groups, so that loops over a group become SIMD. With many robots, bins select
 the robots near a target, with the same result to the last bit.
@@ -14,8 +16,8 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.stage import OPTIONAL, TARGET, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.robots.nearby import Bins, bin_of, first_sight, max_displacement, nearest_sensors
-from lissajous_env.world.state import DETECTED, GONE, HIDDEN, PRESENT
+from lissajous_env.world.robots.nearby import Bins, bin_of, max_displacement, nearest_sensors
+from lissajous_env.world.state import DETECTED, GONE, HIDDEN, NOWHERE, PRESENT, planar
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
@@ -23,6 +25,80 @@ wp.set_module_options(MOTION)
 _TRIES = wp.constant(64)
 """Number of positions that are tried for a target that appears outside all discs."""
 _FROM_ALL = wp.constant(code_of(TargetSettings, "flight", "all"))
+
+
+@wp.func
+def first_within(before: wp.vec2, after: wp.vec2, radius: float) -> float:
+    """Return the smallest t in [0, 1] with |before + t (after - before)| <= radius [m]; 2 for none.
+
+    `before` and `after` are the offset of two points at the two ends of a stretch of time, at equal speeds within it.
+    """
+    outside = wp.dot(before, before) - radius * radius
+    if outside <= 0.0:
+        return 0.0
+    moved = after - before
+    nearing = -wp.dot(before, moved)
+    root = nearing * nearing - wp.dot(moved, moved) * outside
+    if nearing <= 0.0 or root < 0.0:
+        return 2.0
+    # The smaller root of a quadratic equation, written without a difference of numbers that are nearly equal.
+    t = outside / (nearing + wp.sqrt(root))
+    return wp.where(t <= 1.0, t, 2.0)
+
+
+@part
+def share_until_detection(w, i, before: wp.vec2, after: wp.vec2, radius: float, robots) -> float:
+    """Return the share of the step until a robot detects a target that moves as in `first_detection`; 2 for never."""
+    pieces = robots.path.shape[2] - 1
+    moved = (after - before) / float(pieces)
+    start = before - planar(robots.path[w, i, 0])
+    for s in range(pieces):
+        end = before + float(s + 1) * moved - planar(robots.path[w, i, s + 1])
+        share = first_within(start, end, radius)
+        if share <= 1.0:
+            return (float(s) + share) / float(pieces)
+        start = end
+    return 2.0
+
+
+@wp.func
+def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> bool:
+    """Return whether a target moved so far that the list of its bin may lack robots that detect it.
+
+    Half of the margin of the lists is for the rounding of a target that moves exactly as far as they reach.
+    """
+    return wp.length(after - before) > 0.5 * (bins.reach + bins.widened) - radius
+
+
+@part
+def first_detection(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins) -> wp.vec2:
+    """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
+
+    The target goes straight from `before` to `after` [m], also if a wall reflected it in between. Robots that end the
+    step farther than `reach` [m] from `after` are skipped, and so are those that do not work. A robot that resumes
+    works from the beginning of that step on. With bins, robots are those in the list of the bin in which the target
+    was, unless it moved too far.
+    """
+    first = int(-1)
+    least = float(2.0)
+    if bins.columns > 0 and not leaves_lists(before, after, radius, bins):
+        entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
+        while entry[0] >= 0:
+            i = entry[0]
+            if robots.sensor[w, i][0] < NOWHERE:
+                share = share_until_detection(w, i, before, after, radius, robots)
+                if share < least or (share == least and i < first):
+                    least = share
+                    first = i
+            entry = bins.entry[w, entry[1]]
+    elif reach > 0.0:
+        for i in range(robots.sensor.shape[1]):
+            if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
+                share = share_until_detection(w, i, before, after, radius, robots)
+                if share < least:
+                    least = share
+                    first = i
+    return wp.vec2(float(first), least)
 
 
 @wp.func
@@ -144,7 +220,8 @@ def move_together(
 def detect(w, t, now, nearest: wp.vec2, first: wp.vec2, radius: float, targets, latest) -> int:
     """Let a robot detect a target: the first one during the step or, without any, the nearest one at its end.
 
-    `nearest` is the result of `nearest_sensors` at the end, `first` that of `first_sight`. Returns 1 for a detection.
+    `nearest` is the result of `nearest_sensors` at the end, and `first` that of `first_detection`. Returns 1 for a
+    detection, else 0.
     """
     robot = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
     if first[1] <= 1.0:
@@ -224,7 +301,7 @@ def detect_together(
             first = wp.vec2(-1.0, 2.0)
             if group.status[k] == PRESENT:
                 before = wp.vec2(group.before_x[k], group.before_y[k])
-                first = first_sight(w, before, wp.vec2(x[k], y[k]), radius, near[k] + displacement, robots, bins)
+                first = first_detection(w, before, wp.vec2(x[k], y[k]), radius, near[k] + displacement, robots, bins)
             at_end = wp.vec2(float(nearest[k]), least[k])
             waiting -= detect(w, t, now, at_end, first, radius, targets, latest)
     return wp.vec2i(waiting, sighted)

@@ -31,7 +31,7 @@ _WALL = wp.constant(0.5)
 
 
 @part
-def inside(place: wp.vec2, curve) -> wp.vec2:
+def into_rectangle(place: wp.vec2, curve) -> wp.vec2:
     """Return the nearest place in the rectangle [m]."""
     x = wp.clamp(place[0], -curve.half_width, curve.half_width)
     return wp.vec2(x, wp.clamp(place[1], -curve.half_height, curve.half_height))
@@ -78,12 +78,12 @@ def near_hotspot(key, share: float, offset: wp.vec2, curve, target) -> wp.vec2:
             chosen = k
         left -= hotspot(key, k, curve)[2]
     place = hotspot(key, chosen, curve)
-    return inside(wp.vec2(place[0], place[1]) + offset, curve)
+    return into_rectangle(wp.vec2(place[0], place[1]) + offset, curve)
 
 
 @part
-def entry_place(key, draw: wp.uint32, curve, target) -> tuple[wp.vec2, wp.uint32]:
-    """Draw the position where a target appears [m]; return it and the next state of the generator `draw`."""
+def draw_entry(w, t, key, draw: wp.uint32, curve, target, targets) -> wp.uint32:
+    """Draw position and heading of a target that appears; return the next state of the generator `draw`."""
     x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
     y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
     place = wp.vec2(x, y)
@@ -93,7 +93,10 @@ def entry_place(key, draw: wp.uint32, curve, target) -> tuple[wp.vec2, wp.uint32
         share = wp.randf(draw)
         offset = target.hotspot_spread * wp.vec2(wp.randn(draw), wp.randn(draw))
         place = near_hotspot(key, share, offset, curve, target)
-    return place, draw
+    targets.position[w, t] = place
+    targets.before[w, t] = place
+    targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+    return draw
 
 
 @stage(TARGET, writes="targets: before, heading, motion, position, speed")
@@ -103,10 +106,7 @@ def reset_targets(w, t, curve, target, clock, targets):
     With `targets.entry` = `unseen`, the position is drawn again when the target appears (`place_unseen`).
     """
     key = randomness.step_key(clock.seed[w], 0)
-    place, draw = entry_place(key, randomness.stream(key, t, randomness.ENTRY), curve, target)
-    targets.position[w, t] = place
-    targets.before[w, t] = place
-    targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+    draw = draw_entry(w, t, key, randomness.stream(key, t, randomness.ENTRY), curve, target, targets)
     share = wp.randf(draw)
     motion = int(STILL)
     if share < target.drifting:
@@ -138,10 +138,7 @@ def respawn(w, t, curve, target, clock, targets):
         targets.earlier_time[w, t] += wp.float64(time)
         targets.earlier_longest[w, t] = wp.max(targets.earlier_longest[w, t], time)
         draw = randomness.stream(randomness.step_key(clock.seed[w], now), t, randomness.ENTRY)
-        place, draw = entry_place(randomness.step_key(clock.seed[w], 0), draw, curve, target)
-        targets.position[w, t] = place
-        targets.before[w, t] = place
-        targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+        draw_entry(w, t, randomness.step_key(clock.seed[w], 0), draw, curve, target, targets)
         targets.status[w, t] = HIDDEN
         targets.appears_at[w, t] = now
         targets.found_at[w, t] = NEVER
@@ -213,5 +210,5 @@ def away_from_all(w, place: wp.vec2, curve, target, robots) -> wp.vec2:
 def flee(place: wp.vec2, away: wp.vec2, step: float, curve, target) -> wp.vec3:
     """Return x, y [m], heading [rad] of a target that flees for a step [s] in the direction `away`, of any length."""
     # A wall turns the flight along itself; it does not send the target back to the robot.
-    fled = inside(place + target.flee_speed * step * wp.normalize(away), curve)
+    fled = into_rectangle(place + target.flee_speed * step * wp.normalize(away), curve)
     return wp.vec3(fled[0], fled[1], atan2(away[1], away[0]))

@@ -43,7 +43,7 @@ from typing import Any
 import warp as wp
 
 from baselines.policies.base import Filter
-from baselines.policies.safety.kernel import (
+from baselines.policies.safety.avoidance import (
     MANOEUVRES,
     NEAREST,
     Constants,

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.policies.loops import are_adjacent, closed_loop, evenly_spaced, length_of
-from baselines.policies.partition_plan import PartitionLoops, Problem, rating_of, smallest_distance, speed_on
+from baselines.policies.partition_plan import PartitionLoops, Problem, rating_of, smallest_distance, speed_on_loop
 
 SHAPES = 4
 """Loops of different shapes for each case."""
@@ -31,7 +31,7 @@ _DISTINCT = 0.1
 
 
 @dataclass(frozen=True)
-class Takeover:
+class TakeoverLoops:
     """Loops of each robot in its cases; row SHAPES c + s is for case c."""
 
     loop: np.ndarray
@@ -53,9 +53,9 @@ def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
     return replace(plan, loop=loop, speed=plan.speed * period / count)
 
 
-def takeover_of(
+def takeover_loops(
     plan: PartitionLoops, cell: np.ndarray, neighbours: np.ndarray, problem: Problem, unit: float, moved: float
-) -> Takeover:
+) -> TakeoverLoops:
     """Return the loops of robots that take over the cells of ring neighbours.
 
     A cell that shares no edge with the robot's own is left to the other neighbour. Loops that come too near to
@@ -90,11 +90,11 @@ def takeover_of(
         clear = [option for option in placed if smallest_distance(option[None], others) >= problem.apart]
         for shape in range(SHAPES if clear else 0):  # the last one is repeated
             loop[SHAPES * case + shape, robot] = clear[min(shape, len(clear) - 1)]
-    return Takeover(loop * unit, corners)
+    return TakeoverLoops(loop * unit, corners)
 
 
 def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
-    """Return the corners of the rectangle that a part of it has, as bits (`Takeover.corners`)."""
+    """Return the corners of the rectangle that a part of it has, as bits (`TakeoverLoops.corners`)."""
     left, right = low[0] < -half_width + _ALIKE, high[0] > half_width - _ALIKE
     bottom, top = low[1] < -1.0 + _ALIKE, high[1] > 1.0 - _ALIKE
     return sum(bool(has) << k for k, has in enumerate((left & bottom, right & bottom, left & top, right & top)))
@@ -113,7 +113,7 @@ def _placed(loop: np.ndarray, middle: np.ndarray, problem: Problem) -> np.ndarra
 
 def _is_drivable(loop: np.ndarray, corner: float, problem: Problem, count: int) -> bool:
     """Return whether a car can drive a loop with corners of a radius in `count` control steps."""
-    return length_of(loop) <= speed_on(corner, problem) * count * (1 + 1e-9)
+    return length_of(loop) <= speed_on_loop(corner, problem) * count * (1 + 1e-9)
 
 
 @lru_cache(maxsize=256)
