@@ -3,7 +3,7 @@
 Each algorithm trains on `watch` for a million decisions of robots, with 64 worlds and layers of 64, in five trainings
 of seeds 0 to 4; all other settings are BenchMARL's defaults. Afterwards each policy plays the episodes of the test
 seeds, with its most likely actions. A score is 0 for the best patrol, `lanes`, and 1 for the best tuned rule,
-`greedy-herd`, on the same seeds; the interval is from 2,000 bootstrap resamples of trainings and episodes. A curve is
+`greedy-cover`, on the same seeds; the interval is from 2,000 bootstrap resamples of trainings and episodes. A curve is
 the same score after each quarter of the training.
 
 The folder `--out` keeps each training: the same command goes on after an interruption. It requires
@@ -25,7 +25,7 @@ import lissajous_env
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.world.columns import task_score
 
-SCENARIO, PATROL, RULE = "watch", "lanes", "greedy-herd"
+SCENARIO, PATROL, RULE = "watch", "lanes", "greedy-cover"
 ALGORITHMS = {"MAPPO": "MappoConfig", "IPPO": "IppoConfig", "MASAC": "MasacConfig", "VDN": "VdnConfig"}
 WORLDS, STEPS, LAYERS = 64, 96, (64, 64)
 SHARES = 0.25, 0.5, 0.75, 1.0
