@@ -59,7 +59,7 @@ LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "tr
 """Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
-    "watch.gif": "lissajous run watch learned-watch --seed 5",
+    "watch.gif": "lissajous run watch greedy-herd --seed 5",
     "learning_curve.png": "lissajous train --scenario watch`",
     "growth.png": "python benchmarks/speed.py --parts growth --against",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",
