@@ -106,7 +106,7 @@ POLICIES = Registry(
 _FILTERS: dict[str, type[Filter]] = {kind.suffix: kind for kind in (Safe, Proved)}
 """Filters, by the suffix that adds them to the name of a policy."""
 LOADERS: dict[str, Loader] = {}
-"""Loaders of policies in folders, by the file by which they recognise a folder; the last one is for all others."""
+"""Loaders of policies in folders, by the file by which they recognise a folder."""
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
 
@@ -223,8 +223,12 @@ def is_folder(name: str) -> bool:
 
 
 def _loader_of(folder: str) -> Loader:
-    fitting = (loader for file, loader in LOADERS.items() if Path(folder, file).is_file())
-    return next(fitting, [*LOADERS.values()][-1])
+    for file, loader in LOADERS.items():
+        if Path(folder, file).is_file():
+            return loader
+    within = [path.parent for file in LOADERS for path in sorted(Path(folder).glob(f"*/{file}"))]
+    hint = f"; did you mean {' or '.join(map(str, within[:3]))}?" if within else ""
+    raise ValueError(f"folder of a policy must contain {' or '.join(LOADERS)}, got {folder}{hint}")
 
 
 def own_scenario(folder: str) -> Scenario:
