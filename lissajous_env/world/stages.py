@@ -21,8 +21,8 @@ from lissajous_env.world.contamination.field import clear_cells, reset_labels, s
 from lissajous_env.world.coverage import cover
 from lissajous_env.world.observing import observe, store_final_rows
 from lissajous_env.world.robots.car import drive
-from lissajous_env.world.robots.contacts import count_wall_contacts, find_collisions, stop_or_remove
-from lissajous_env.world.robots.deviations import find_deviations, mark_outside
+from lissajous_env.world.robots.contacts import count_wall_contacts, find_collisions, mark_outside, stop_or_remove
+from lissajous_env.world.robots.deviations import find_deviations
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.inside import drive_inside, has_room, walls_of
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
