@@ -116,7 +116,7 @@ def compare_with_others(
 
 
 @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
-def find_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins=OPTIONAL):
+def count_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins=OPTIONAL):
     """Compare each robot with those of larger index, over the sub-steps of the latest step."""
     contact = 2.0 * robot.radius
     # A pair that is farther apart neither collides nor is the nearest of the episode.

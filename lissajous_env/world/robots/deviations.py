@@ -121,7 +121,7 @@ def distance_at_phase(curve, x: float, y: float, alpha: float, phase: wp.float64
 
 
 @stage(ROBOT, writes="latest: lateral, phase_offset, tracking")
-def find_deviations(block, curve, formation, curve_points, equilibrium, clock, robots, latest):
+def compute_deviations(block, curve, formation, curve_points, equilibrium, clock, robots, latest):
     """Compute each robot's distances from the curve and from the point at its phase, and its phase error."""
     alpha = float(formation.alpha)
     x, y, phase = positions_and_phases(block, robots)
