@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from baselines.benchmark.shown import Entry, bounds_in_words, lines_of
-from baselines.benchmark.statistics import MAIN, main_columns, with_numbers
+from baselines.benchmark.statistics import MAIN, added_columns, main_columns, with_numbers
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import BenchmarkOutcome
 from lissajous_env.console.terminal import plain
@@ -80,7 +80,7 @@ def table_of(table: Table) -> dict[str, list]:
     rows: list[list[str]] = []
     scores = map(task_score, table.scenarios.values())
     of_policies = dict(enumerate(of for policies in table.estimates.values() for of in policies.values()))
-    columns = with_numbers(of_policies, dict.fromkeys((*scores, *MAIN)))
+    columns = with_numbers(of_policies, dict.fromkeys((*scores, *MAIN, *added_columns(of_policies.values()))))
     for name, policies in table.estimates.items():
         where = f"`{name}`{bounds_in_words(table.bounds[name])}"
         for line in lines_of(policies, columns, table.bounds[name].best_known):

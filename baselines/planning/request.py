@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 import re
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -15,6 +16,7 @@ from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, whole
@@ -23,6 +25,7 @@ from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.design import Design, best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed, turning_radius
+from lissajous_env.wording import few_of, outside
 
 _SWEEPS = 12
 """Duration of an episode of a rectangle, in the time in which an ideal team would sweep it once."""
@@ -129,7 +132,13 @@ class Request(Checked, with_defaults=False, part=""):
     @cached_property
     def base(self) -> Scenario | None:
         """Return the scenario from which missing values are taken."""
-        return None if self.scenario is None else named.build(self.scenario)
+        base = None if self.scenario is None else named.build(self.scenario)
+        if base is not None and base.extensions:
+            names = few_of([extension.name for extension in base.extensions])
+            words = f"scenario {base.name}: plans are made without its extensions {names}"
+            laws = "targets of their laws appear anywhere and do not move"
+            warnings.warn(f"{words}; {laws}", AssumptionWarning, stacklevel=outside())
+        return base
 
     @property
     def episodes(self) -> Episodes:

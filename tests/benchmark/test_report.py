@@ -87,6 +87,7 @@ def test_columns_of_ones_own_are_in_every_table(tmp_path):
         console = Console(record=True, file=io.StringIO(), width=110)
         run(settings, scenarios=[scenario], console=console)
         assert "furthest" in console.export_text()
+        assert " furthest |" in (tmp_path / "table.md").read_text().partition("\n")[0]
         data = blocks_of(tmp_path)["data"]
         (of,) = data["scenarios"]
         assert "furthest" in [each["column"] for each in of["measures"]]

@@ -84,6 +84,13 @@ def test_a_scenario_is_the_task_as_it_is():
     assert changed_.curve == evaders.curve
     seven = Request(evaders, robots=7).scenario_of(7)
     assert (seven.num_robots, seven.curve.half_width, seven.robot.wheelbase) == (7, 1.8, evaders.robot.wheelbase)
+    with pytest.warns(UserWarning, match="evaders: plans are made without its extensions top_speed; targets of"):
+        assert Request(lissajous_env.scenario(evaders, extensions=(top_speed,))).scenario_of(5) == evaders
+
+
+@lissajous_env.score_column
+def top_speed(world):
+    return world.robots.speed.max(axis=1)
 
 
 @pytest.mark.parametrize(
