@@ -198,10 +198,10 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
             the number of worlds is below 1, or the device is not available.
     """
     num_worlds = whole_number("num_worlds", num_worlds)
-    return find(name)(build_scenario(scenario), num_worlds, device)
+    return resolve(name)(build_scenario(scenario), num_worlds, device)
 
 
-def find(name: str) -> Entry:
+def resolve(name: str) -> Entry:
     """Return the entry of a registered policy, or of that in a folder, with or without the suffix of a filter.
 
     Raises:

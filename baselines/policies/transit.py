@@ -39,6 +39,8 @@ _TRIES = 24
 """Orders of the cars that are tried."""
 _PER_ROBOT = 60
 """Paths of a car that are tried in an order, the earliest first."""
+_FARTHEST = 3.0
+"""Largest coordinate on a way, as a multiple of half of the rectangle's side; a car observes its own up to 4."""
 _LONGEST = 6.0
 """Longest planned transit, in the time in which a car drives a quarter of the rectangle's perimeter."""
 
@@ -77,6 +79,8 @@ class Car:
     """Steady speed at full throttle [m/s]."""
     drag: float
     """Damping of the speed [1/s]."""
+    grip: float
+    """Largest lateral acceleration in turns [m/s^2]; infinite without a limit."""
     within: tuple[float, float]
     """Half width and half height of the rectangle that the car does not leave [m]; infinite without an inset."""
 
@@ -85,10 +89,11 @@ class Car:
         """Return the limits of the cars of a scenario; the largest speed is a share of the top speed by default."""
         robot, turning, driven = scenario.robot, radius_for_all_cars(scenario), scenario.driven
         speed = speed or PLANNED_SHARE * robot.top_speed
-        speed = speed_on_arc(turning, speed, PLANNED_SHARE * robot.lateral_acceleration_max, scenario.task.step)
+        grip = PLANNED_SHARE * robot.lateral_acceleration_max
+        speed = speed_on_arc(turning, speed, grip, scenario.task.step)
         slowest = max(1.02 * robot.idle_speed, 0.15 * robot.top_speed)
         within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
-        return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, within)
+        return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, grip, within)
 
 
 def start_is_known(scenario: Scenario) -> bool:
@@ -182,7 +187,9 @@ class _Search:
 
     def __init__(self, scenario: Scenario, loop: np.ndarray, car: Car, turned: float):
         self.loop, self.car, self.step = loop, car, scenario.task.step
+        self.farthest = _FARTHEST * np.array([scenario.curve.half_width, scenario.curve.half_height])
         self.start, self.speed = formation_starts(scenario, turned)
+        self.turning = np.maximum(car.turning, self.speed**2 / car.grip)  # wider for a car that starts faster
         time = _LONGEST * (scenario.curve.half_width + scenario.curve.half_height) / speed_of(loop, self.step)
         self.times = np.arange(2, math.ceil(time / self.step) + 1)
         velocity = (np.roll(loop, -1, axis=1) - np.roll(loop, 1, axis=1)) / (2 * self.step)
@@ -204,7 +211,9 @@ class _Search:
     def drivable(self, robot: int, loops: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the pieces (M, T, 6, 3) of a robot's paths into M loops [m], and which of these it can drive."""
         car, start, before, after = self.car, self.start[robot], self.speed[robot], self.entry_speed[loops]
-        pieces = dubins_lengths(start, self.entry[loops], car.turning)
+        turning = float(self.turning[robot])
+        pieces = dubins_lengths(start, self.entry[loops], turning)
+        fastest = max(car.speed, math.sqrt(car.grip * turning))  # in a turn
         lengths, duration = pieces.sum(axis=-1), (self.times * self.step)[:, None]
         swell = lengths / duration - (before + after) / 2
         possible = np.isfinite(lengths)
@@ -214,9 +223,13 @@ class _Search:
             possible &= speed >= np.minimum(car.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * car.speed
             possible &= speed <= np.maximum(car.speed, np.maximum(before, after)) * (1 + 1e-9)
             possible &= (gain <= car.drag * (car.top_speed - speed)) & (gain >= -0.85 * car.drag * speed)
+            if math.isfinite(fastest):
+                along = _distance(before, after, swell, duration, share)
+                is_straight = (along >= pieces[..., 0]) & (along <= lengths - pieces[..., 2]) & (TURNS[:, 1] == 0)
+                possible &= is_straight | (speed <= fastest * (1 + 1e-9))
         if np.isfinite(car.within).all():
             turns = np.broadcast_to(TURNS, pieces.shape)[possible]
-            reach = dubins_reach(start, pieces[possible], turns, np.array(car.turning))
+            reach = dubins_reach(start, pieces[possible], turns, np.array(turning))
             possible[possible] = (reach <= np.maximum(car.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
         return pieces, possible
 
@@ -233,8 +246,8 @@ class _Search:
         duration, before, after = arrives * self.step, self.speed[robot], self.loop_speed[loop, arrives % len(around)]
         swell = pieces.sum() / duration - (before + after) / 2
         share = np.arange(2 * arrives) / (2 * arrives)
-        along = duration * (before * share + (after - before) * share**2 / 2 + swell * share**2 * (3 - 2 * share))
-        lead = dubins_poses(self.start[robot], pieces, turns, np.array(self.car.turning), along)[:, :2]
+        along = _distance(before, after, swell, duration, share)
+        lead = dubins_poses(self.start[robot], pieces, turns, self.turning[robot], along)[:, :2]
         onward = np.arange(2 * arrives, halves)
         ends = around[onward // 2 % len(around)], around[(onward + 1) // 2 % len(around)]
         return np.concatenate([lead, (ends[0] + ends[1]) / 2])
@@ -251,7 +264,8 @@ class _Search:
             places, arrives = {}, 0
             for robot in order:
                 for k, (arrival_step, *_) in enumerate(ways[robot]):
-                    if _is_clear(places_of(robot, k), places.values(), apart):
+                    is_near = (np.abs(places_of(robot, k)) <= self.farthest).all()
+                    if is_near and _is_clear(places_of(robot, k), places.values(), apart):
                         places[robot], arrives = places_of(robot, k), max(arrives, arrival_step)
                         break
                 else:  # the robot without a way goes first in the next order
@@ -261,6 +275,14 @@ class _Search:
             else:
                 return np.stack([places[robot][: 2 * arrives : 2] for robot in range(len(ways))])
         return None
+
+
+def _distance(before: Any, after: Any, swell: Any, duration: Any, share: Any) -> Any:
+    """Return the distance driven in a share of a duration [s] at speeds from `before` to `after` [m/s] in m.
+
+    In the middle, the speed is higher than the line between them by 3/2 of `swell` [m/s].
+    """
+    return duration * (before * share + (after - before) * share**2 / 2 + swell * share**2 * (3 - 2 * share))
 
 
 def _is_clear(places: np.ndarray, others: Any, apart: float) -> bool:

@@ -67,7 +67,7 @@ def log_of(recording: Recording) -> Log:
     robots, names = range(recording.scenario.num_robots), recording.scenario.action_names
     time, score = START + recording.scenario.task.step * np.arange(len(recording)), recording.score
     arrays = recording.position, recording.heading, recording.speed
-    commands = _commands(recording)[1:] if np.isfinite(score["smoothness"]) else None
+    commands = _commands(recording)[1:] if np.isfinite(score["return_mean"]) else None
     return Log(
         "",
         tuple(Track(time, *(array[:, k] for array in arrays)) for k in robots),

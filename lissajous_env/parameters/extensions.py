@@ -150,7 +150,7 @@ class TargetMotion(Extension):
     """Motion of the share `targets.custom` of the targets: (W, T, 2) new positions [m] of all targets.
 
     Only the positions of present targets with this motion are used, clipped to the rectangle. A kernel writes
-    `targets.position` itself, where `targets.motion` is CUSTOM and the status is PRESENT or DETECTED.
+    `targets.position` itself, where `targets.motion` is CUSTOM and the status is PRESENT, or DETECTED if targets stay.
     """
 
 

@@ -27,7 +27,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown, where_raised
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
-from lissajous_env.world.state import GONE, HIDDEN
+from lissajous_env.world.state import DETECTED, HIDDEN, PRESENT
 from lissajous_env.world.tally import TERMS
 from lissajous_env.world.targets.motion import CUSTOM, into_rectangle
 
@@ -163,10 +163,11 @@ def reduce_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, k
 
 
 @stage(TARGET, writes="targets: heading, position")
-def copy_positions(w, t, curve, value: wp.array2d(dtype=wp.vec2), clock, targets):
-    """Move the targets with motion CUSTOM to an extension's positions [m]."""
+def copy_positions(w, t, curve, target, value: wp.array2d(dtype=wp.vec2), clock, targets):
+    """Move the targets with motion CUSTOM to an extension's positions [m]; those that leave now stay in their place."""
     status = targets.status[w, t]
-    if targets.motion[w, t] == CUSTOM and status != HIDDEN and status != GONE:
+    stays = status == PRESENT or (status == DETECTED and target.leave == 0)
+    if targets.motion[w, t] == CUSTOM and stays:
         place = into_rectangle(value[w, t], curve)
         moved = place - targets.position[w, t]
         if wp.length_sq(moved) > 0.0:

@@ -15,7 +15,7 @@ from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenl
 from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart
 from baselines.policies.partition_plan import PartitionParameters, partition_plans, problem_of, smallest_distance
 from baselines.policies.timed_paths import plain_of
-from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, radius_for_all_cars
+from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, planned_transit, radius_for_all_cars
 
 
 @pytest.mark.parametrize(("count", "half"), [(1, (2.0, 1.0)), (7, (1.0, 3.0)), (15, (5.0, 5.0))])
@@ -124,6 +124,18 @@ def test_a_plan_obeys_the_limits_of_the_cars(name):
     assert (turn / (speed * step)).max() <= 1.02 / radius_for_all_cars(scenario)
     assert smallest_distance(plan.loop) >= 3 * robot.radius
     assert (np.abs(plan.loop) <= np.array([scenario.curve.half_width, scenario.curve.half_height]) * 1.0001).all()
+
+
+def test_ways_into_the_loops_are_within_the_grip_of_the_cars():
+    # Story: some cars start faster than their grip allows in the tightest turn.
+    grip, scenario = 2.0, lissajous_env.scenario("evaders-uneven", **{"robot.lateral_acceleration_max": 2.0})
+    ways = planned_transit(scenario, partition_plans(scenario)[0].loop).lead_in
+    away = np.diff(ways, axis=1)
+    speed, heading = np.linalg.norm(away, axis=2) / 0.1, np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=1)
+    assert (speed[:, 0] ** 2 > grip * radius_for_all_cars(scenario)).any()
+    assert (np.abs(np.diff(heading, axis=1)) / 0.1 * speed[:, 1:]).max() < 0.8 * grip
+    rows = lissajous_env.evaluate(baselines.make("partition", scenario, 2), scenario, range(2))
+    assert sum(row["collisions"] for row in rows) == 0
 
 
 def test_ring_neighbours_have_neighbouring_cells():

@@ -73,7 +73,7 @@ HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, 
     ("experiment", "kuramoto-mpcc", SHORT), ("evaders-uneven", "sweep", WEAK),
     ("evaders", "random", {"task.boundary": "remove", "task.duration": 6.0}),
     ("evaders", "random", HIT | {"task.on_collision": "remove", "faults.rate": 0.2}),
-    ("evaders", "random", HIT | {"task.on_collision": "stop"}),
+    ("evaders", "random", HIT | {"task.on_collision": "stop"}), ("evaders", "random", {"task.duration": 0.1}),
     ("perturbation", "consensus", {"faults.removed": ((7, 1.0),), "task.duration": 3.0, "task.step": 0.6}),
 ])  # fmt: skip
 def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_did(scenario, policy, fields, tmp_path):

@@ -118,21 +118,24 @@ def test_entries_stand_at_the_end_of_the_row_from_the_reset_on():
     assert np.abs(simulation.final_observation.numpy()[..., -2:]).max() <= 0.5
 
 
-def test_targets_move_as_they_are_told_and_stay_in_the_rectangle():
-    # Oracle: 0.05 m to the right in each step, up to the edge; the others wander as before.
-    simulation = lissajous_env.Simulation(made(march, **CUSTOM), 2, seed=3)
+@pytest.mark.parametrize("leave", [False, True])
+def test_targets_move_as_they_are_told_and_stay_in_the_rectangle(leave):
+    # Oracle: 0.05 m to the right in each step, up to the edge; the others wander as before. Those that left stay there.
+    simulation = lissajous_env.Simulation(made(march, **CUSTOM | {"targets.leave": leave}), 2, seed=3)
     for _ in range(60):
         before, motion = simulation.targets.position.numpy().copy(), simulation.targets.motion.numpy()
         simulation.step(np.zeros(simulation.action_shape, np.float32))
         moved = simulation.targets.position.numpy() - before
-        expected = np.minimum(before[..., 0] + 0.05, 1.8) - before[..., 0]
+        left = simulation.targets.status.numpy() == 3
+        expected = np.where(left, 0, np.minimum(before[..., 0] + 0.05, 1.8) - before[..., 0])
         np.testing.assert_allclose(moved[..., 0][motion == 4], expected[motion == 4], atol=1e-5)
         assert (moved[..., 1][motion == 4] == 0).all()
         if simulation.over.all():
             break
     assert (motion == 4).any()
+    assert left[motion == 4].any() == leave
     assert simulation.scenario.without_extensions().targets.custom == 0
-    assert (np.abs(moved[motion == 2]).sum(axis=-1) > 0).all()
+    assert (np.abs(moved[(motion == 2) & ~left]).sum(axis=-1) > 0).all()
 
 
 def test_every_adapter_and_score_row_has_them():
