@@ -214,6 +214,8 @@ def resolve(name: str) -> Entry:
     if is_folder(name):
         kind = "car" if suffix else None
         return Entry(str(name), kind, partial(_loader_of(plain).make, plain), filter=_FILTERS.get(suffix))
+    if os.sep in plain:
+        raise ValueError(f"folder of a policy must exist, got {plain}")
     raise POLICIES.unknown(name, "policies", names())
 
 
