@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 42_176
+LINES = 42_180
 """Lines of the packages."""
 MODULES = 258
 """Files of the packages."""
-TESTS = 25_947
+TESTS = 25_951
 """Lines of the tests."""
 
 
