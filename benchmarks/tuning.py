@@ -92,7 +92,7 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
     elif name == "line-abreast":
         policy = LineAbreast(planned, num_worlds, device, LineParameters(**parts.get("line", {})))
     else:
-        factory = registry.find(name).factory
+        factory = registry.resolve(name).factory
         tracker, coordinator = factory.func, factory.args[0]
         if name.startswith("arc"):
             coordinator = partial(coordinator, parameters=ArcParameters(**parts.get("arc", {})))

@@ -125,7 +125,7 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
             with self.without_warnings():
-                registry.find(self.rival).check(self.make_scenario())
+                registry.resolve(self.rival).check(self.make_scenario())
 
     @cached_property
     def space(self) -> ScenarioSpace | None:

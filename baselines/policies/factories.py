@@ -53,7 +53,7 @@ def as_factory(policy: Any, name: str = "") -> Factory:
     if isinstance(policy, (str, os.PathLike)):
         name = os.fspath(policy)
         if not is_imported(name):
-            return registry.find(name)
+            return registry.resolve(name)
         policy = import_attribute(name, "policy must be module:factory")
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)

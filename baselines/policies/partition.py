@@ -142,7 +142,7 @@ def _with_ways(
             transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
             if transit is not None:
                 return plan, transit, shift
-        if plan is best and (not scenario.inset or loops_lie_apart(plan.loop, apart)):
+        if plan is best and not _is_crowded(scenario, plan, parameters):
             return plan, None, 0
     rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
     rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"

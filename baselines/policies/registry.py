@@ -106,7 +106,7 @@ POLICIES = Registry(
 _FILTERS: dict[str, type[Filter]] = {kind.suffix: kind for kind in (Safe, Proved)}
 """Filters, by the suffix that adds them to the name of a policy."""
 LOADERS: dict[str, Loader] = {}
-"""Loaders of policies in folders, by the file by which they recognise a folder; the last one is for all others."""
+"""Loaders of policies in folders, by the file by which they recognise a folder."""
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
 
@@ -198,10 +198,10 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
             the number of worlds is below 1, or the device is not available.
     """
     num_worlds = whole_number("num_worlds", num_worlds)
-    return find(name)(build_scenario(scenario), num_worlds, device)
+    return resolve(name)(build_scenario(scenario), num_worlds, device)
 
 
-def find(name: str) -> Entry:
+def resolve(name: str) -> Entry:
     """Return the entry of a registered policy, or of that in a folder, with or without the suffix of a filter.
 
     Raises:
@@ -214,6 +214,8 @@ def find(name: str) -> Entry:
     if is_folder(name):
         kind = "car" if suffix else None
         return Entry(str(name), kind, partial(_loader_of(plain).make, plain), filter=_FILTERS.get(suffix))
+    if os.sep in plain:
+        raise ValueError(f"folder of a policy must exist, got {plain}")
     raise POLICIES.unknown(name, "policies", names())
 
 
@@ -223,8 +225,12 @@ def is_folder(name: str) -> bool:
 
 
 def _loader_of(folder: str) -> Loader:
-    fitting = (loader for file, loader in LOADERS.items() if Path(folder, file).is_file())
-    return next(fitting, [*LOADERS.values()][-1])
+    for file, loader in LOADERS.items():
+        if Path(folder, file).is_file():
+            return loader
+    within = [path.parent for file in LOADERS for path in sorted(Path(folder).glob(f"*/{file}"))]
+    hint = f"; did you mean {' or '.join(map(str, within[:3]))}?" if within else ""
+    raise ValueError(f"folder of a policy must contain {' or '.join(LOADERS)}, got {folder}{hint}")
 
 
 def own_scenario(folder: str) -> Scenario:

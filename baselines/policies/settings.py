@@ -61,7 +61,7 @@ class PolicySettings:
         Raises:
             ValueError: an unknown policy, one that does not fit the scenario, or an unknown or invalid parameter.
         """
-        entry = registry.find(self.policy)
+        entry = registry.resolve(self.policy)
         factory = entry.factory
         if self.coordinator:
             factory = _with_coordinator(self, factory, scenario)

@@ -50,7 +50,7 @@ CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
 
 
 class Coordinated(Policy):
-    """Base class of trackers: policies whose robots follow a coordinator.
+    """Base class of trackers: policies whose robots follow a coordinator; a subclass implements `decide`.
 
     Args:
         coordinator: Function or class that makes the coordinator.
@@ -80,6 +80,10 @@ class Coordinated(Policy):
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._alpha = float(self.scenario.alpha)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make what the tracker needs besides its coordinator."""
 
 
 @wp.kernel
@@ -139,8 +143,7 @@ class WithMpcc(Coordinated):
     kind = "car"
     Parameters = MpccParameters
 
-    def __init__(self, *args: Any, **settings: Any):
-        super().__init__(*args, **settings)
+    def _prepare(self) -> None:
         self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
         self.mpcc = Mpcc(self.scenario.curve, self.parameters, batch=batch, device=self.device)
 
@@ -290,8 +293,7 @@ class WithVectorField(Coordinated):
     remembers = ("_memory",)
     Parameters = FieldParameters
 
-    def __init__(self, *args: Any, **settings: Any):
-        super().__init__(*args, **settings)
+    def _prepare(self) -> None:
         self._field = field_of(self.scenario, self.parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 

@@ -107,7 +107,7 @@ class Bags(contextlib.ExitStack):
             remarks.setdefault(remark, Counter())[topic] += count
         return [f"{topics.total()} messages of {few_of(topics)} {remark}" for remark, topics in remarks.items()]
 
-    def holders(self, topic: str) -> list[int]:
+    def files_with(self, topic: str) -> list[int]:
         """Return the numbers of the files that contain a topic."""
         return sorted({bag for bag, reader in self._readers if any(c.topic == topic for c in reader.connections)})
 

@@ -79,8 +79,8 @@ def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[LoggedRobot]:
     if len(topics) == 1 and not part:
         if SHARED & bags.kinds.get(topic, set()) and (pattern := _pattern(poses_of_topic(topic))):
             return robots_of(bags, log, [f"{topic}:{pattern}"])
-        if len(holders := bags.holders(topic)) > 1:
-            sources = [(topic, bag) for bag in holders]
+        if len(files := bags.files_with(topic)) > 1:
+            sources = [(topic, bag) for bag in files]
     first = [re.search(r"\d+", name.rpartition(":")[2]) for name, _ in sources]
     numbers = [match[0] for match in first if match]
     if len(set(numbers)) < len(sources):

@@ -219,13 +219,13 @@ class Scenario(BringsRogues):
         return 1.1 * self.noise.wheelbase_range[1] * self.turning_radius
 
     @cached_property
-    def _fitted(self) -> Curve:
-        """The Lissajous curve, also where it is rounded, of the rectangle without the inset; (6) to (8) apply to it."""
+    def _unrounded(self) -> Curve:
+        """The Lissajous curve of the rectangle without the inset; (6) to (8) apply to it, not to a rounded one."""
         curve = closed_forms.unrounded(self.curve)
         return dataclasses.replace(curve, inset=self.inset).driven if self.inset else curve
 
     @cached_property
-    def _followed(self) -> Curve:
+    def _rounded(self) -> Curve:
         """The curve with its inset, rounded where walls leave cars no way round its bends.
 
         These are bends of less than half of `start_turning`. Of some curves there is no rounded form, and cars whose
@@ -234,18 +234,18 @@ class Scenario(BringsRogues):
         curve = dataclasses.replace(self.curve, inset=self.inset)
         if self.start_turning == 0 or curve.harmonics or self.task.action == "velocity":
             return curve
-        is_tight = 2 * geometry.along_lap(self._fitted)[1].min() < self.start_turning
+        is_tight = 2 * geometry.along_lap(self._unrounded)[1].min() < self.start_turning
         return closed_forms.rounded(curve) if is_tight else curve
 
     @cached_property
     def driven(self) -> Curve:
         """The curve that is driven: in the rectangle without the inset, and rounded where cars need it within walls."""
-        return self._followed.driven if self.inset else self.curve
+        return self._rounded.driven if self.inset else self.curve
 
     @cached_property
     def robot_radius_bound(self) -> float:
         """r_max of (6) [m], for the Lissajous curve, also where it is rounded."""
-        return closed_forms.robot_radius_bound(self._fitted, self.num_robots)
+        return closed_forms.robot_radius_bound(self._unrounded, self.num_robots)
 
     @cached_property
     def coverage_radius(self) -> float:
@@ -253,7 +253,7 @@ class Scenario(BringsRogues):
 
         No point of the rectangle is farther than that from the rectangle of the curve that is driven.
         """
-        return closed_forms.coverage_radius(self._fitted) + math.sqrt(2) * self.inset
+        return closed_forms.coverage_radius(self._unrounded) + math.sqrt(2) * self.inset
 
     @cached_property
     def neighbour_distance(self) -> float:
@@ -263,7 +263,7 @@ class Scenario(BringsRogues):
     @cached_property
     def detection_radius(self) -> float:
         """Sensing radius of (8) [m], with sqrt(2) `inset` added as for `coverage_radius`."""
-        reach = closed_forms.detection_radius(self._fitted, self.num_robots, self.clusters)
+        reach = closed_forms.detection_radius(self._unrounded, self.num_robots, self.clusters)
         return reach + math.sqrt(2) * self.inset
 
     @property
@@ -347,7 +347,7 @@ class Scenario(BringsRogues):
         """Return the same scenario with every derived field filled in; it runs identically."""
         robot, rate_max, rogues = self.robot, self.robot.phase_rate_max, self.targets.rogues is not None
         filled: dict[str, dict[str, Any]] = {
-            "curve": {"inset": self.inset, "harmonics": self._followed.harmonics},
+            "curve": {"inset": self.inset, "harmonics": self._rounded.harmonics},
             "robot": {
                 "count": self.num_robots,
                 "phase_rate_max": SPRINT * self.formation.phase_rate / self.alpha if rate_max is None else rate_max,

@@ -39,6 +39,7 @@ HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 _SHORTEST, _TICKS_MAX = 0.99, 32
 """Least duration of the shortest hop where a tick lasts several steps [tick]; limit on the ticks per step."""
 _STRETCH_MAX = 1.5
+"""Largest ratio of the sides of a cell."""
 _COARSE = 2.0
 """Sensing radius up to which it remains as it is, in spacings of the nodes."""
 _CELLS = (1, 2, 4, 8, 16, 24)
@@ -109,7 +110,7 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
         speed: Speed limit of evading targets [m/s].
 
     Raises:
-        ValueError: the cells are not square, or are far smaller than the distance that a target moves in a step.
+        ValueError: the cells are far from square, or far smaller than the distance that a target moves in a step.
     """
     if task.contamination is None:
         return Spreading(1, 1, 0.0, 1, 1, (), ())

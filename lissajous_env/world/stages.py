@@ -21,8 +21,8 @@ from lissajous_env.world.contamination.field import clear_cells, reset_labels, s
 from lissajous_env.world.coverage import cover
 from lissajous_env.world.observing import observe, store_final_rows
 from lissajous_env.world.robots.car import drive
-from lissajous_env.world.robots.contacts import count_wall_contacts, find_collisions, stop_or_remove
-from lissajous_env.world.robots.deviations import find_deviations, mark_outside
+from lissajous_env.world.robots.contacts import count_collisions, count_wall_contacts, mark_outside, stop_or_remove
+from lissajous_env.world.robots.deviations import compute_deviations
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.inside import drive_inside, has_room, walls_of
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
@@ -52,7 +52,7 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("arrivals", reset_arrivals, when=begins and targets.arrival_rate > 0),
         Stage("bins", clear_bins, when=many),
         Stage("listing", list_robots, when=many),
-        Stage("collisions", find_collisions, when=moves),
+        Stage("collisions", count_collisions, when=moves),
         *(_decision(rogue_of(targets.rogues), rogues) if moves and targets.rogues is not None else []),
         Stage("rogues", move_rogues, when=moves and are_rogues),
         Stage("respawn", respawn, when=targets.respawn),
@@ -65,7 +65,7 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("consequences", stop_or_remove, when=moves and task.on_collision != "count"),
         Stage("boundary", mark_outside),
         Stage("walls", count_wall_contacts, when=moves and task.boundary == "wall" and not model.keeps_to_curve),
-        Stage("deviations", find_deviations),
+        Stage("deviations", compute_deviations),
         Stage("score", update_totals),
         Stage("end", end_episodes, when=moves),
         Stage("reward", compute_reward, when=moves),

@@ -92,7 +92,10 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
     assert {cell.policy for cell in cells} == {str(tmp_path), "still"}
     assert isinstance(cells[-1].factory(cells[-1].scenario, 2, "cpu"), LearnedTeam)
     (tmp_path / "nothing").mkdir()
-    with pytest.raises(ValueError, match=r"or a folder with checkpoint.json, got .*nothing"):
+    with pytest.raises(ValueError, match=r"must contain policy.toml or checkpoint.json, got .*nothing$"):
+        baselines.make(str(tmp_path / "nothing"), "rough")
+    checkpoint.save(tmp_path / "nothing" / "best", make_team(), Card.of(lissajous_env.scenario("intruders")))
+    with pytest.raises(ValueError, match=r"got .*nothing; did you mean .*/nothing/best\?"):
         baselines.make(str(tmp_path / "nothing"), "rough")
 
 

@@ -1,4 +1,4 @@
-"""Contacts of robots: their collisions, walls, which stop them, and the steps in which they are blocked.
+"""Contacts of robots: their collisions, walls or the edge of the rectangle, and the steps in which they are blocked.
 
 A pair collides where it is closer than the sum of its radii, by the closest approach between sub-steps.
 """
@@ -116,7 +116,7 @@ def compare_with_others(
 
 
 @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
-def find_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins=OPTIONAL):
+def count_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins=OPTIONAL):
     """Compare each robot with those of larger index, over the sub-steps of the latest step."""
     contact = 2.0 * robot.radius
     # A pair that is farther apart neither collides nor is the nearest of the episode.
@@ -214,6 +214,42 @@ def end_motion(block, moving: int, x: Floats, y: Floats, heading: Floats, speed:
 def distance_inside(half_width: float, half_height: float, x: float, y: float) -> float:
     """Return the distance of a place from the edge of a rectangle around the origin, below 0 outside of it [m]."""
     return wp.min(half_width - wp.abs(x), half_height - wp.abs(y))
+
+
+_REMOVE_OUTSIDE = wp.constant(code_of(Task, "boundary", "remove"))
+_EDGE = wp.constant(1e-3)
+"""Share of the radius by which a body must extend beyond the edge to count as partly outside."""
+
+
+@stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
+def mark_outside(block, curve, robot, task, clock, robots, latest):
+    """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
+    n = robots.status.shape[1]
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    excess = Floats()  # of a centre beyond the nearest edge, negative inside
+    square = Floats()  # of the distance of a centre from the rectangle
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
+            beyond_x = wp.abs(x[k]) - curve.half_width
+            beyond_y = wp.abs(y[k]) - curve.half_height
+            excess[k] = wp.max(beyond_x, beyond_y)
+            beyond_x = wp.max(beyond_x, 0.0)
+            beyond_y = wp.max(beyond_y, 0.0)
+            square[k] = beyond_x * beyond_x + beyond_y * beyond_y
+    there = ~abreast.where_equal(block, robots.status, REMOVED)
+    outside = abreast.where_above(block, square, robot.radius * robot.radius) & there
+    partly = abreast.where_above(block, excess, -(1.0 - _EDGE) * robot.radius) & there
+    abreast.put_bits(block, block.active_mask, partly, latest.partly_outside)
+    abreast.put_bits(block, block.active_mask, outside, latest.outside)
+    if task.boundary == _REMOVE_OUTSIDE:
+        for k in range(block.count):
+            if abreast.is_in(k, outside & block.active_mask):
+                w = (block.start + k) / n
+                i = (block.start + k) % n
+                robots.status[w, i] = REMOVED
+                robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+                latest.terminated[w, i] = True
 
 
 @part

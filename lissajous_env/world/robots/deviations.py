@@ -1,4 +1,4 @@
-"""Robots outside the rectangle, and their removal; deviations from the curve and from the equilibrium.
+"""Deviations of robots from the curve and from the equilibrium.
 
 The point of the plane curve nearest to a robot is found by a Newton step from the nearest of many sampled points. A
 robot's own parameter does not help: it moves along one branch of the curve, and the nearest point may be on any other.
@@ -27,13 +27,10 @@ from lissajous_env.device.curve import (
     series,
 )
 from lissajous_env.device.stage import ROBOT, named_struct, part, stage
-from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
-from lissajous_env.settings.task import Task
 from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
 from lissajous_env.world.robots.placing import positions_and_phases
-from lissajous_env.world.state import NOWHERE, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -116,44 +113,6 @@ def points_of(curve: Curve | None, device: str) -> Any:
     return sampled
 
 
-_REMOVE = wp.constant(code_of(Task, "boundary", "remove"))
-
-
-_EDGE = wp.constant(1e-3)
-"""Share of the radius by which a body must extend beyond the edge to count as partly outside."""
-
-
-@stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
-def mark_outside(block, curve, robot, task, clock, robots, latest):
-    """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
-    n = robots.status.shape[1]
-    x = abreast.coordinates(block, robots.position, 0)
-    y = abreast.coordinates(block, robots.position, 1)
-    excess = Floats()  # of a centre beyond the nearest edge, negative inside
-    square = Floats()  # of the distance of a centre from the rectangle
-    for k in range(abreast.ABREAST):
-        if k < abreast.width():
-            beyond_x = wp.abs(x[k]) - curve.half_width
-            beyond_y = wp.abs(y[k]) - curve.half_height
-            excess[k] = wp.max(beyond_x, beyond_y)
-            beyond_x = wp.max(beyond_x, 0.0)
-            beyond_y = wp.max(beyond_y, 0.0)
-            square[k] = beyond_x * beyond_x + beyond_y * beyond_y
-    there = ~abreast.where_equal(block, robots.status, REMOVED)
-    outside = abreast.where_above(block, square, robot.radius * robot.radius) & there
-    partly = abreast.where_above(block, excess, -(1.0 - _EDGE) * robot.radius) & there
-    abreast.put_bits(block, block.active_mask, partly, latest.partly_outside)
-    abreast.put_bits(block, block.active_mask, outside, latest.outside)
-    if task.boundary == _REMOVE:
-        for k in range(block.count):
-            if abreast.is_in(k, outside & block.active_mask):
-                w = (block.start + k) / n
-                i = (block.start + k) % n
-                robots.status[w, i] = REMOVED
-                robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
-                latest.terminated[w, i] = True
-
-
 @part
 def distance_at_phase(curve, x: float, y: float, alpha: float, phase: wp.float64) -> float:
     """Return the distance of x, y [m] from the point of a Lissajous curve at a phase [rad]."""
@@ -162,7 +121,7 @@ def distance_at_phase(curve, x: float, y: float, alpha: float, phase: wp.float64
 
 
 @stage(ROBOT, writes="latest: lateral, phase_offset, tracking")
-def find_deviations(block, curve, formation, curve_points, equilibrium, clock, robots, latest):
+def compute_deviations(block, curve, formation, curve_points, equilibrium, clock, robots, latest):
     """Compute each robot's distances from the curve and from the point at its phase, and its phase error."""
     alpha = float(formation.alpha)
     x, y, phase = positions_and_phases(block, robots)

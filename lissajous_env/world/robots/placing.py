@@ -155,7 +155,7 @@ def redraw_colliding_starts(w, curve, formation, robot, equilibrium, displacemen
             begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
 
 
-_PARTS = wp.constant(64)
+_HEADINGS = wp.constant(64)
 """Number of headings that are tried."""
 _HALVINGS = wp.constant(12)
 """Number of bisections between two of these headings."""
@@ -198,8 +198,8 @@ def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, hal
     """Return the nearest heading at which a car has room to turn [rad]; the same heading if there is none."""
     if half[0] < 0.0 or half[1] < 0.0 or can_turn(place, heading, turning_radius, half):
         return heading
-    part = 6.2831853 / float(_PARTS)
-    for k in range(1, _PARTS + 1):
+    part = 6.2831853 / float(_HEADINGS)
+    for k in range(1, _HEADINGS + 1):
         turned = float((k + 1) / 2) * part * wp.where(k % 2 == 0, -1.0, 1.0)
         if can_turn(place, heading + turned, turning_radius, half):
             width = wp.sign(turned) * part

@@ -23,7 +23,7 @@ LARGEST = wp.constant(float(np.finfo(np.float32).max))
 
 
 @part
-def flag(w, clock):
+def flag_invalid(w, clock):
     """Flag a world that received an action that is not finite."""
     clock.invalid[w] = 1
     if clock.invalid_at[w] == 0:
@@ -83,7 +83,7 @@ def limit_actions(block, noise, action, clock, latest, limited_action, command_o
     if flagged != 0:
         for k in range(block.count):
             if abreast.is_in(k, flagged):
-                flag((block.start + k) / n, clock)
+                flag_invalid((block.start + k) / n, clock)
     if noise.actuator > 0.0:
         for k in range(block.count):
             if abreast.is_in(k, block.active_mask):

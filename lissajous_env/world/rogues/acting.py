@@ -17,7 +17,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import Layout, layout_of
 from lissajous_env.world.observing import clip_coordinate, comes_before, velocity_of
-from lissajous_env.world.robots.signals import LARGEST, flag
+from lissajous_env.world.robots.signals import LARGEST, flag_invalid
 from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, IDLE, PRESENT, REMOVED, RUNNING, WORKING, planar
 from lissajous_env.world.targets.motion import into_rectangle
 
@@ -90,7 +90,7 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
             moved = after - place
             targets.position[w, t] = after
         else:
-            flag(w, clock)
+            flag_invalid(w, clock)
         if wp.length_sq(moved) > 0.0:
             targets.heading[w, t] = atan2(moved[1], moved[0])
     rogues.velocity[w, t] = moved / task.step
