@@ -94,7 +94,7 @@ def test_bad_options_of_a_search_and_of_a_training_are_refused_by_name(arguments
         (["evaluate", "failure", "x\udcff"], "got 'x"),
         (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
         (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
-        (["evaluate", "failure", "x[/b]"], "got 'x[/b]'"),
+        (["evaluate", "failure", "x[/b]"], "must exist, got x[/b]"),
         (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
