@@ -39,7 +39,7 @@ def test_the_best_known_plans_are_better_than_the_best_default():
         task, bounds = as_played(name, {}), bounds_of(as_played(name, {}))
         figures = play(Plan("defaults", task, PolicySettings("partition")), Episodes()).figures
         assert bounds.best_known < figures.worst_case
-        assert bounds.best_known_settled < figures.settled
+        assert bounds.best_known_settled <= figures.settled, "on `evaders` as good as that of `partition`"
         assert bounds.worst_case <= bounds.best_known_settled <= bounds.best_known
 
 
