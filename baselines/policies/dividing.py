@@ -41,9 +41,13 @@ class Cover(Searching):
     """Distance within which targets around a place count [sight]."""
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """Drive to the robot's place, if it has one."""
+        """React to the tracks, if rows have entries for them."""
         if rows.tracks.shape[2] == 0:
             return np.zeros_like(rows.position), np.zeros(self.shape, dtype=bool)
+        return self.react_to_tracks(rows)
+
+    def react_to_tracks(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """Drive to the robot's place, if it has one."""
         at = rows.position[:, :, None] + self.expected_offset(rows)
         pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)
         places = np.concatenate([at, at[:, :, pairs].mean(axis=3)], axis=2)
@@ -95,10 +99,8 @@ class Herd(Cover):
     slow: float = 0.8
     """Distance from its goal within which a robot is slower than its top speed [sight]."""
 
-    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+    def react_to_tracks(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Drive to the robot's place, behind a target that flees, or rest before a cornered one."""
-        if rows.tracks.shape[2] == 0:
-            return np.zeros_like(rows.position), np.zeros(self.shape, dtype=bool)
         flees, cornered = self.fleeing_and_cornered(rows)
         at = np.where(rows.tracks[..., None], rows.position[:, :, None] + self.expected_offset(rows), np.nan)
         own = self.division(rows, at, at, self.worth(rows) * np.where(flees, self.fleeing, 1.0))
@@ -115,12 +117,12 @@ class Herd(Cover):
     def fleeing_and_cornered(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Return which tracks are of targets that flee, and of those that stand in a corner (W, N, K)."""
         at, known = rows.position[:, :, None] + rows.track_offset, known_places(rows)
-        speed, top = np.linalg.norm(rows.track_velocity, axis=-1), self.scenario.targets.flee_speed
+        speed, flight = np.linalg.norm(rows.track_velocity, axis=-1), self.scenario.targets.flee_speed
         robot = np.nan_to_num(distances(known, at), nan=np.inf).argmin(axis=2)
         away = unit(at - np.take_along_axis(known, robot[..., None], axis=2))
-        flees = rows.tracks & (speed > 0.9 * top) & ((unit(rows.track_velocity) * away).sum(axis=-1) > _AWAY)
+        flees = rows.tracks & (speed > 0.9 * flight) & ((unit(rows.track_velocity) * away).sum(axis=-1) > _AWAY)
         corner = np.linalg.norm(self.half - np.abs(at), axis=-1) < _CORNER * self.sight
-        return flees, rows.tracks & (speed < 0.1 * top) & corner
+        return flees, rows.tracks & (speed < 0.1 * flight) & corner
 
 
 class DividedPursuit(Chase):

@@ -68,8 +68,8 @@ def as_factory(policy: Any, name: str = "") -> Factory:
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         kind = registry.kind_of(policy)
         others = kind not in (None, scenario.actuation)  # refused, or driven as cars
-        made = registry.Entry(name or getattr(policy, "__name__", str(policy)), kind, policy) if others else policy
-        acting: Any = made(scenario, num_worlds, device)
+        factory = registry.Entry(name or getattr(policy, "__name__", str(policy)), kind, policy) if others else policy
+        acting: Any = factory(scenario, num_worlds, device)
         acts = _acts(acting) and not isinstance(acting, type)
         require(acts, f"policy {name}", "must be made with reset, act and num_worlds", acting)
         return cast(ActingPolicy, acting)
