@@ -57,7 +57,7 @@ class PlayedEpisodes:
 
     @property
     def ring_phases(self) -> np.ndarray:
-        """Return the phase of the next robot on the ring minus each one's (F, W, N), in [0, 2 pi) [rad], in its order."""
+        """Return the relative phase of the next robot (F, W, N) in [0, 2 pi) [rad], in the order of the ring."""
         ordered = self.phase[..., list(self.scenario.ring)]
         return (np.roll(ordered, -1, axis=-1) - ordered) % (2 * np.pi)
 
