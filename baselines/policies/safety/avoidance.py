@@ -41,7 +41,7 @@ NEAREST = wp.constant(8)
 _LONGEST = 40
 """Longest horizon [control steps]."""
 _DIFFERENCE = wp.constant(0.05)
-_NONE = wp.constant(1.0e30)
+"""Change of an action by which the margins are differentiated."""
 
 Others = wp.array(dtype=wp.vec4)
 """Relative x, y [m] and velocity [m/s] of the other robots (NEAREST,)."""
@@ -114,7 +114,7 @@ class Constants:
 
 @wp.func
 def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
-    """Return x, y, heading, v after a step at a constant action: (12) by the midpoint rule, with v up to speed_max."""
+    """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max."""
     robot = c.robot
     h = c.step
     given = steering_and_throttle(robot, action)
@@ -167,9 +167,9 @@ def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out:
 
     The car applies the action for one step and then follows the way out; the other (x, y, x', y') goes straight on.
     """
-    least = float(_NONE)
+    least = float(wp.inf)
     now = car
-    keep = 2.0 * c.robot.radius + c.safety.clearance
+    required = 2.0 * c.robot.radius + c.safety.clearance
     for t in range(c.safety.horizon):
         then = drive_on(c, now, wp.where(t == 0, action, way_out))
         early = float(t) * c.step
@@ -178,15 +178,15 @@ def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out:
             wp.vec2(now[0] - other[0] - early * other[2], now[1] - other[1] - early * other[3]),
             wp.vec2(then[0] - other[0] - late * other[2], then[1] - other[1] - late * other[3]),
         )
-        least = wp.min(least, wp.sqrt(square) - keep - c.safety.growth * early)
+        least = wp.min(least, wp.sqrt(square) - required - c.safety.growth * early)
         now = then
     return least
 
 
 @wp.func
 def barrier(c: Constants, car: wp.vec4, n: int, others: Others, action: wp.vec2, way_out: wp.vec2) -> float:
-    """Return the least margin to the n others."""
-    least = float(_NONE)
+    """Return the least margin to the n others [m], min over k of m_k(action; way_out)."""
+    least = float(wp.inf)
     for k in range(n):
         least = wp.min(least, margin(c, car, others[k], action, way_out))
     return least
@@ -200,10 +200,10 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
     follows b and the other b' from now on. Both cars of a pair observe the same two states, so they compute the same
     pair. `path` is working memory: places on the manoeuvres of this car, then on those of another.
     """
-    keep = 2.0 * c.robot.radius + c.safety.clearance
+    required = 2.0 * c.robot.radius + c.safety.clearance
     score = scores()
     for b in range(MANOEUVRES):
-        score[b] = _NONE
+        score[b] = wp.inf
         now = car
         action = manoeuvre(c.robot, b, car[3])
         for t in range(c.safety.horizon + 1):
@@ -221,13 +221,13 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
                 if speed >= c.safety.resting:
                     now = drive_on(c, now, action)
         for b in range(MANOEUVRES):
-            best = float(-_NONE)
+            best = float(-wp.inf)
             for answer in range(answers):
-                least = float(_NONE)
+                least = float(wp.inf)
                 before = path[b, 0] - path[MANOEUVRES + answer, 0]
                 for t in range(c.safety.horizon):
                     after = path[b, t + 1] - path[MANOEUVRES + answer, t + 1]
-                    apart = wp.sqrt(closest_approach(before, after)) - keep - c.safety.growth * float(t) * c.step
+                    apart = wp.sqrt(closest_approach(before, after)) - required - c.safety.growth * float(t) * c.step
                     least = wp.min(least, apart)
                     before = after
                 worth = wp.min(least, c.safety.ample)
@@ -236,7 +236,7 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
                 best = wp.max(best, worth)
             score[b] = wp.min(score[b], best)
     chosen = int(0)
-    best = float(-_NONE)
+    best = float(-wp.inf)
     for b in range(MANOEUVRES):
         worth = score[b] - price(c.safety, b)
         if worth > best:
@@ -263,8 +263,8 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
 
 
 @wp.func
-def see(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
-    """Write relative x, y [m] and velocity [m/s] of the robots in sight; `own` is this robot's velocity. Return n."""
+def list_seen(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
+    """Write relative x, y [m] and velocity [m/s] of the robots in sight; `own` is its velocity. Return their number."""
     n = int(0)
     for k in range(wp.min(c.sensing.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
@@ -276,7 +276,7 @@ def see(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, ot
 
 
 @wp.func
-def hear(
+def list_heard(
     w: int,
     i: int,
     n: int,
@@ -286,7 +286,7 @@ def hear(
     observation: Observation,
     others_out: Others,
 ) -> int:
-    """Add the ring neighbours beyond the sight that sent in this step and the one before; return the number.
+    """Add the ring neighbours beyond the sight that sent in this step and the one before; return the number of all.
 
     Their velocity is the difference of the two positions that they sent. The memory is the latest position, and 1 if
     there is one.
@@ -351,9 +351,9 @@ def keep_clear(
         action_out[w, i, k] = wanted[w, i, k]  # beyond the first two, a message
     speed = wp.max(own_speed(w, i, c.speed_unit, observation), speed_limit_below(c.robot))
     heading = own_heading(w, i, observation)
-    n = see(w, i, c, speed * cos_sin(heading), observation, others[w, i])
+    n = list_seen(w, i, c, speed * cos_sin(heading), observation, others[w, i])
     if c.listens == 1:
-        n = hear(w, i, n, c, curve, memory, observation, others[w, i])
+        n = list_heard(w, i, n, c, curve, memory, observation, others[w, i])
     if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
         return
     car = wp.vec4(0.0, 0.0, heading, speed)

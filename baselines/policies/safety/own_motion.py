@@ -2,7 +2,7 @@
 
 Every number is an interval: the errors of measured positions, headings and speeds are within `Bounds`. A robot stores
 bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and narrow with
-each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`average`).
+each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`add_step`).
 """
 
 import warp as wp
@@ -125,15 +125,15 @@ def drive(bounds: Bounds, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tu
         slack += factors[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.noise.actuator
     speed = car[3]
     gone = 1.0 - bounds.decay
-    late = (bounds.step - gone / robot.drag) / robot.drag
+    late = (bounds.step - gone / robot.drag) / robot.drag  # distance for a push of 1 m/s^2 [s^2]
     after = wp.max(speed * bounds.decay + push * gone / robot.drag, 0.0)
     way = wp.max(speed * gone / robot.drag + push * late, 0.0)
     way_error = bounds.speed_error * gone / robot.drag + slack * late
     way_error += 0.5 * bounds.step * bounds.step * wp.max(slack - push, 0.0)  # a car that stops within the step
-    swing = bounds.heading_error + (wp.abs(curvature) + bend) * way_error
+    turn_error = bounds.heading_error + (wp.abs(curvature) + bend) * way_error
     errors = wp.vec3(
-        bounds.position_error + bounds.coarseness * way + way_error + swing * way + 0.5 * bend * way * way,
-        swing + bend * way,
+        bounds.position_error + bounds.coarseness * way + way_error + turn_error * way + 0.5 * bend * way * way,
+        turn_error + bend * way,
         bounds.speed_error * bounds.decay + slack * gone / robot.drag,
     )
     end = arc_end(car[0], car[1], car[2], way, curvature)
@@ -159,7 +159,9 @@ def narrowed(low: float, high: float, value: float, error: float, widest: wp.vec
 
 @wp.func
 def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
-    """Narrow the bounds of curvature and drive by the motion of the latest step (condition 2 of the theorem).
+    """Return the bounds of curvature and drive, narrowed by the motion of the latest step (condition 2 of the theorem).
+
+    `last` is the measured heading [rad] and speed [m/s] before it, and its action.
 
     push = c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), way = (v_0 - v_1 + push h) / c, kappa = turn / way.
     """
@@ -192,22 +194,24 @@ def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, head
 
 
 @wp.func
-def mean_and_deviation(action: float, wobble: float) -> wp.vec2:
-    """Return mean and standard deviation of a noisy action, clipped to [-1, 1]; deviation 0 if these are not known.
+def mean_and_deviation(action: float, noise: float) -> wp.vec2:
+    """Return mean and standard deviation of an action with noise of deviation `noise`, clipped to [-1, 1].
+
+    A deviation of 0 means that they are not known: the noise may be clipped, or not.
 
     At an end of the range, half of the noise is clipped: of min(n, 0), the mean is -1 / sqrt(2 pi) and the variance
     1 / 2 - 1 / (2 pi).
     """
     if wp.abs(action) >= 1.0:
-        return wp.vec2(wp.sign(action) * (1.0 - 0.39894 * wobble), 0.58381 * wobble)
-    if wp.abs(action) > 1.0 - 3.0 * wobble:
+        return wp.vec2(wp.sign(action) * (1.0 - 0.39894 * noise), 0.58381 * noise)
+    if wp.abs(action) > 1.0 - 3.0 * noise:
         return wp.vec2(action, 0.0)
-    return wp.vec2(action, wobble)
+    return wp.vec2(action, noise)
 
 
 @wp.func
-def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
-    """Add the latest step to the sums of weights, and of weighted factors less 1, of curvature and of drive.
+def add_step(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
+    """Return the sums with the latest step: weight and weighted factor less 1 of curvature, then those of drive.
 
     The motion of a step with a noisy command shows a factor with a standard deviation; the weight is 1 over its square.
     Steps in which noise may turn off the motor, or grip may limit the turn, do not count.
@@ -254,8 +258,8 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
 
 
 @wp.func
-def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
-    """Return the bounds of a factor from its sums: the mean of the steps -+ four standard errors."""
+def bounds_from_sums(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
+    """Return the bounds of a factor from its two sums: the mean of the steps -+ four standard errors and BIAS."""
     if weight <= 0.0:
         return widest
     return narrowed(widest[0], widest[1], 1.0 + weighted / weight, 4.0 / wp.sqrt(weight) + BIAS, widest)
@@ -263,7 +267,7 @@ def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
 
 @wp.func
 def within_limits(bounds: Bounds, factors: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
-    """Clip an action to the box, and so that grip never limits the yaw rate in the step and after it (condition 1)."""
+    """Return an action clipped to the box, and so that grip never limits the yaw rate from then on (condition 1)."""
     robot = bounds.robot
     throttling = wp.clamp(wanted[1], -1.0, 1.0)
     if wp.abs(throttle(robot, throttling) - robot.dead_zone) < EDGE * robot.throttle_max:

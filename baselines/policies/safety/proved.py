@@ -92,18 +92,18 @@ class Proved(Filter):
         self._bounds = bounds_of(self.scenario, self.parameters, self.device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         worlds = (self.num_worlds,)
-        shapes = {"steps": worlds, "holds": worlds, "plans": (*self.shape, int(PLANS), int(POINTS))}
+        shapes = {"steps": worlds, "compatible": worlds, "plans": (*self.shape, int(PLANS), int(POINTS))}
         self._memory = allocate(Memory, shapes, self.shape, self.device)
         # A struct of Warp cannot be copied; its arrays, stored by name, are copied with the filter.
         self._arrays = fields_of(self._memory)
 
     @property
-    def holds(self) -> np.ndarray:
-        """Return for each world (W,) whether its committed tails were compatible before the latest step.
+    def tails_compatible(self) -> np.ndarray:
+        """Return for each world (W,) whether its committed tails were compatible at the beginning of the latest step.
 
-        From a step where they are, by the theorem, they remain so; if they do not, a condition is violated.
+        By the theorem they then remain so; if they do not, a condition is violated.
         """
-        return self._memory.holds.numpy() == 1
+        return self._memory.compatible.numpy() == 1
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget tails, and the bounds that robots have narrowed; plans are laid out anew in every step."""
@@ -225,7 +225,7 @@ def integration_error(scenario: Scenario) -> float:
 def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
     """Return the conditions of the theorem that a scenario violates, each as a sentence; none where it applies.
 
-    Condition 6, on the start of an episode, is `Proved.holds`.
+    Condition 6, on the start of an episode, is `Proved.tails_compatible`.
     """
     scenario = scenario.resolve()
     robot, noise, task = scenario.robot, scenario.noise, scenario.task

@@ -87,10 +87,10 @@ class Safe(Filter):
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
-        near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
-        self._others = wp.zeros((*self.shape, *near), dtype=wp.vec4, device=self.device)
-        self._paths = wp.zeros((*self.shape, *paths), dtype=wp.vec2, device=self.device)
-        self._rows = wp.zeros((*self.shape, *near), dtype=wp.vec3, device=self.device)
+        others, places = (*self.shape, int(NEAREST)), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
+        self._others = wp.zeros(others, dtype=wp.vec4, device=self.device)
+        self._paths = wp.zeros((*self.shape, *places), dtype=wp.vec2, device=self.device)
+        self._rows = wp.zeros(others, dtype=wp.vec3, device=self.device)
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones, from observations."""

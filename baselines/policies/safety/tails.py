@@ -125,7 +125,7 @@ def gap_between(one: Plan, other: Plan, required: float, enough: float) -> float
     least = gap_of_reaches(one, other, required)
     if least >= 0.0:
         return least
-    least = float(1.0e30)
+    least = float(wp.inf)
     before = wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])
     for k in range(1, POINTS):
         a = one[k]
@@ -185,7 +185,7 @@ def gap_of_blocks(
     one: Plan, other: Plan, block: int, other_block: int, stops: bool, other_stops: bool, required: float, enough: float
 ) -> float:
     """Return `swept_gap` of two blocks."""
-    least = float(1.0e30)
+    least = float(wp.inf)
     for k in range(block_start(block), block_start(block + 1)):
         a_end = one[k + 1]
         for m in range(block_start(other_block), block_start(other_block + 1)):
@@ -208,7 +208,7 @@ def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, required: 
     least = gap_of_reaches(one, other, required)
     if least >= 0.0:
         return least
-    least = float(1.0e30)
+    least = float(wp.inf)
     for block in range(BLOCKS):
         begin = one[block_start(block)]
         end = one[block_start(block + 1)]
