@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Remembering, parameters_for
+from baselines.policies.base import parameters_for
 from baselines.policies.loops import cruising_speed
 from baselines.policies.own_row import Observation, Rows, hears, lead, message_age, own_phase, own_works, sine_ahead
 from baselines.similarity import motion_scale
@@ -24,6 +24,7 @@ from lissajous_env.settings.checks import Checked, flag, number
 from lissajous_env.theory.closed_forms import curve_speed
 from lissajous_env.theory.geometry import curve_length, lap_phases
 from lissajous_env.world.extension_stages import read_only
+from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)
 

@@ -22,7 +22,6 @@ from the deviation of the measured heading from the expected one; at the start i
 import math
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
@@ -37,7 +36,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.contacts import distance_inside
 from lissajous_env.world.robots.differential import commanded_speed, drive_step, ramp, yaw_limit
 from lissajous_env.world.robots.inside import DEVIATIONS, ROUNDING, margin_of
-from lissajous_env.world.selection import clear_worlds
+from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)
 
@@ -270,7 +269,7 @@ def leave_a_way_to_stop(
     heading[w, i] = drive.pose[2]
 
 
-class Stopping(Copyable):
+class Stopping(Copyable, Remembering):
     """The rule for the differential drives of a scenario with walls, for W worlds on one device.
 
     Args:
@@ -279,8 +278,10 @@ class Stopping(Copyable):
         device: Warp device.
     """
 
+    remembers = "yaw_rate", "heading"
+
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        shape = (num_worlds, scenario.num_robots)
+        self.num_worlds, shape = num_worlds, (num_worlds, scenario.num_robots)
         self._limits = limits_of(scenario)
         self._robot = to_struct(RobotStruct, scenario.robot)
         self._curve = curve_struct(scenario.curve, as_device(device))
@@ -296,11 +297,6 @@ class Stopping(Copyable):
         if scenario.actuation != "differential" or scenario.task.boundary != "wall":
             return False
         return margin_of(scenario) < min(scenario.curve.half_width, scenario.curve.half_height)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew."""
-        for memory in (self.yaw_rate, self.heading):
-            clear_worlds(memory, mask)
 
     def __call__(self, observation: wp.array, action: wp.array) -> None:
         """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""

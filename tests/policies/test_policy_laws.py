@@ -13,7 +13,7 @@ import lissajous_env
 from baselines import names
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.policies.coordinators import Kuramoto
+from baselines.policies.coordinators import TrackedReference
 from lissajous_env import Simulation
 
 STEPS = 6
@@ -104,8 +104,11 @@ class Remembering(Policy):
         self.gain, self.steps, self.seen = gain, 0, []
         self.sums = np.zeros(self.action.shape, np.float32)
         self.draw = np.random.default_rng(3)
-        self.part = Kuramoto(self.scenario, num_worlds, self.device)
+        self.part = TrackedReference(self.scenario, num_worlds, self.device)
         self.squash = lambda x: np.clip(x, -1, 1)
+
+    def forget(self, mask):
+        self.sums[mask] = 0
 
     def decide(self, observation):
         self.part.coordinate(observation)
@@ -128,6 +131,8 @@ def test_a_users_policy_is_copied_with_all_that_it_keeps():
             rows = simulation.observation.numpy().copy()
             np.testing.assert_array_equal(each.act(rows), expected.act(rows))
     assert policy.steps == 7, "the original is left as it was"
+    policy.reset([1])
+    assert [memory.any() for memory in (*policy.sums, *policy.part._memory.numpy())] == [True, False, True, False]
 
 
 def test_a_device_array_that_its_making_does_not_make_is_named():
