@@ -268,16 +268,13 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, 
     constants = Takeover()
     # With noisy measurements, a stopped robot seems to move.
     constants.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
-    constants.step, constants.time_unit, constants.speed_unit = (
-        scenario.task.step,
-        scenario.time_unit,
-        scenario.robot.top_speed,
-    )
-    constants.radius, constants.robots_seen = scenario.sight, scenario.sensing.robots_seen
-    constants.shapes, constants.first, constants.required = SHAPES, FINE * tables.lead_in, _avoided_distance(scenario)
-    constants.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
-    constants.spacing = _avoided_distance(scenario) / _FINER
-    constants.sensing, constants.drift = _COVERED * scenario.sensing_radius, drift
+    constants.step, constants.time_unit = scenario.task.step, scenario.time_unit
+    constants.speed_unit = scenario.robot.top_speed
+    constants.sight, constants.robots_seen = scenario.sight, scenario.sensing.robots_seen
+    constants.shapes, constants.loop_start = SHAPES, FINE * tables.lead_in
+    constants.required = required = _avoided_distance(scenario)
+    constants.stride, constants.spacing = max(int(_SPARSE * required / (drift / FINE)), 1), required / _FINER
+    constants.corner_reach, constants.drift = _COVERED * scenario.sensing_radius, drift
     constants.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
     constants.margins = wp.array(margins, dtype=wp.vec4, device=device)
     constants.middles = wp.array(middle_of(loops.loop), dtype=wp.vec2, device=device)

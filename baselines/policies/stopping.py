@@ -113,7 +113,7 @@ def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
     deviations of the steps are independent, so the variances of their displacements add up.
     """
     now = drive
-    least = float(1.0e30)
+    least = float(wp.inf)
     variance = limits.heading_noise * limits.heading_noise
     count = float(0.0)
     sum_of = wp.vec2()
@@ -157,7 +157,7 @@ def room_after(
     `enough` is not computed exactly.
     """
     least = enough
-    for k in range(wp.where(limits.is_exact == 1, 1, 12)):
+    for k in range(wp.where(limits.is_exact == 1, 1, 12)):  # side: k % 3, motor: k / 3 % 2, faster or slower: k / 6
         side = 1.0 - float(k % 3)
         faster = wp.where((action[0] < 0.0) == (k < 6), -1.0, 1.0)
         if k >= 6 and wp.abs(action[0]) > limits.action_error:
@@ -172,7 +172,7 @@ def room_after(
         for _ in range(limits.substeps):
             now = moved(limits, robot, now, speed, turning, limits.pushes[(k / 3) % 2])
             least = wp.min(least, distance_inside(half[0], half[1], now.pose[0], now.pose[1]))
-        most = float(-1.0e30)
+        most = float(-wp.inf)
         for way in range(3):
             if most < least and least >= lowest:
                 most = wp.max(most, room_to_stop(limits, robot, half, now, float(way - 1) * limits.turn_action))
@@ -222,10 +222,10 @@ def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) ->
             if is_safe_after(limits, robot, half, drive, action):
                 return action
     best = wp.vec2(0.0, turning)
-    most = room_after(limits, robot, limits.half, drive, best, -1.0e30, 1.0e30)
+    most = room_after(limits, robot, limits.half, drive, best, -wp.inf, wp.inf)
     for k in range(wp.where(limits.is_exact == 1, 0, 9)):
         action = wp.vec2(float(k / 3 - 1) * 2.0 * limits.action_error, float(k % 3 - 1) * limits.turn_action)
-        room = room_after(limits, robot, limits.half, drive, action, most, 1.0e30)
+        room = room_after(limits, robot, limits.half, drive, action, most, wp.inf)
         if room > most:
             most = room
             best = action

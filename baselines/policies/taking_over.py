@@ -28,10 +28,10 @@ wp.set_module_options(OPTIONS)
 
 WORKING, STANDING, SILENT = (wp.constant(k) for k in range(3))
 """Estimated states of a ring neighbour."""
-# Entries of the memory of a ring neighbour.
 STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_STEPS = (wp.constant(k) for k in range(5))
 WATCH_SIZE = 5
-"""Number of these entries."""
+"""Memory of a ring neighbour: its estimated state, the place that it sent last [m], the age that this message has in
+the next step [s] (without one, less the time since the reset), and the number of steps without motion."""
 PLACES = wp.constant(4)
 """Number of stored places of stopped robots: of the two ring neighbours, then of two that were in sight."""
 SHIFTS = wp.constant(12)
@@ -52,22 +52,22 @@ class Takeover:
     """Unit of an observed age [s]."""
     speed_unit: float
     """Unit of an observed speed [m/s]."""
-    radius: float
+    sight: float
     """Distance within which robots are seen [m]."""
     robots_seen: int
     """Number of robots in an observation."""
     shapes: int
     """Loops of a case."""
-    first: int
+    loop_start: int
     """First sample of the loops in the tables of paths."""
-    every: int
-    """Samples from one that is compared to the next."""
+    stride: int
+    """Number of samples from one that is compared to the next."""
     spacing: float
     """Distance of two shifts that are compared [m]."""
     required: float
     """Least distance of a loop from a stopped robot [m]."""
-    sensing: float
-    """Distance within which a loop passes by corners [m]."""
+    corner_reach: float
+    """Distance from a corner within which a loop covers it [m]."""
     drift: float
     """Most by which the middle of a loop moves in a control step [m]."""
     neighbours: wp.array(dtype=wp.vec2i)
@@ -89,9 +89,10 @@ def watch_neighbours(
     standing: wp.array3d(dtype=wp.vec3),
     case_out: wp.array2d(dtype=int),
 ):
-    """Update robot i's estimates of its ring neighbours, and of stopped robots: x, y and 1 if the place is in use.
+    """Update robot i's memory of its ring neighbours (W, N, 2, WATCH_SIZE), and the places of stopped robots.
 
-    Its case is the sum of 1 if the previous robot on the ring has failed, and 2 if the next one has.
+    `standing` (W, N, PLACES) is x, y [m], and 1 where a place is in use. The case is the sum of 1 if the previous robot
+    on the ring has failed, and 2 if the next one has.
     """
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
@@ -105,7 +106,6 @@ def watch_neighbours(
                 known[STATE] = float(SILENT)
         else:
             place = position + offset_heard(w, i, side, curve, observation)
-            # Both have one step more: the age, and with a negative sign the time since the reset without a message.
             age = message_age(w, i, side, takeover.time_unit, observation) + takeover.step
             is_first = known[MESSAGE_AGE] <= 0.0
             # A message that was heard before is older by a step and does not count.
@@ -139,19 +139,19 @@ def watch_disc(
     # If a stopped robot should be in sight but is not observed, it is not there any more.
     for k in range(2, PLACES):
         known = standing[w, i, k]
-        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * takeover.radius:
+        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * takeover.sight:
             standing[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
     own = own_speed(w, i, takeover.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
     for seen in range(takeover.robots_seen):
         if sees(w, i, seen, observation):
             velocity = own + velocity_seen(w, i, seen, takeover.speed_unit, observation)
-            place = position + offset_seen(w, i, seen, takeover.radius, observation)
+            place = position + offset_seen(w, i, seen, takeover.sight, observation)
             is_known = bool(False)
             free = int(0)
             for k in range(PLACES):
                 known = standing[w, i, k]
                 if known[2] > 0.0:
-                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * takeover.still + 0.1 * takeover.radius:
+                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * takeover.still + 0.1 * takeover.sight:
                         is_known = True
                 elif k >= 2:
                     free = k
@@ -163,7 +163,7 @@ def watch_disc(
 def distance_of(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
     """Return the smallest distance of a loop from a place [m]."""
     least = float(wp.inf)
-    for sample in range(takeover.first, path.shape[0], takeover.every):
+    for sample in range(takeover.loop_start, path.shape[0], takeover.stride):
         least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
     return least
 
@@ -184,7 +184,7 @@ def clearance_of(
 def uncovered_corners(
     takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, corners: int, curve: CurveStruct
 ) -> float:
-    """Return the sum of the distances of a shifted loop from the corners that it never covers [sensing radii]."""
+    """Return the sum of the distances of a shifted loop from the corners that it never covers [corner_reach]."""
     uncovered = float(0.0)
     for k in range(4):
         if ((corners >> k) & 1) == 1:
@@ -193,8 +193,8 @@ def uncovered_corners(
                 wp.where(k / 2 == 1, curve.half_height, -curve.half_height),
             )
             least = distance_of(takeover, path, corner - shift)
-            if least > takeover.sensing:
-                uncovered += least / takeover.sensing
+            if least > takeover.corner_reach:
+                uncovered += least / takeover.corner_reach
     return uncovered
 
 
@@ -207,7 +207,7 @@ def clear_loop(
     i: int,
     standing: wp.array(dtype=wp.vec3),
 ) -> wp.vec3:
-    """Return the shift [m] and the shape of the loop of robot i's case that have the least cost (`take_over`)."""
+    """Return the shift [m] and the shape of the loop of robot i's case with the least cost (`take_over`)."""
     best = wp.vec3(0.0, 0.0, 0.0)
     best_cost = float(wp.inf)
     for shape in range(takeover.shapes):
@@ -247,9 +247,9 @@ def take_over(
 
     The choice is the first loop with the smallest shift that is clear of stopped robots, and from which the robot
     covers the corners of the rectangle that it alone watches; a collision costs more than a corner, that more than
-    another loop, and that more than a shift. `target` is the chosen shift. The loop of a robot that has failed does not
-    change, so that the others leave room for it when it resumes; a robot returns to its own loop at once, in phase with
-    the others.
+    another loop, and that more than a shift. `target` is the chosen shift, and `avoided` are the stopped robots for
+    which it was chosen. The loop of a robot that has failed does not change, so that the others leave room for it when
+    it resumes; a robot returns to its own loop at once, in phase with the others.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
