@@ -123,7 +123,7 @@ def _watching_alone(
 ) -> tuple[list[np.ndarray], bool]:
     """Return loops (K, 2) of K control steps by which one robot watches a rectangle, at most SHAPES, the best first.
 
-    The second value is True if the first one bounds the undetected time, also if it is `moved` to the right, up or both.
+    The second value is True if the first one bounds the undetected time, also if `moved` to the right, up or both.
     """
     rated = []
     largest = np.maximum(np.minimum(half, problem.driven), problem.turning)
