@@ -25,7 +25,7 @@ from baselines.similarity import EXPERIMENT, motion_scale
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.structs import RobotStruct, SensingStruct, struct_of
+from lissajous_env.device.structs import RobotStruct, struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
@@ -101,7 +101,10 @@ class Constants:
 
     safety: SafetyStruct
     robot: RobotStruct
-    sensing: SensingStruct
+    robots_seen: wp.int32
+    """Number of robots in sight in an observation."""
+    sight: wp.float32
+    """Distance within which they are observed [m]."""
     speed_unit: wp.float32
     """Top speed of a car, the unit of its observed speed [m/s]."""
     step: wp.float32
@@ -266,9 +269,9 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
 def list_seen(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
     """Write relative x, y [m] and velocity [m/s] of the robots in sight; `own` is its velocity. Return their number."""
     n = int(0)
-    for k in range(wp.min(c.sensing.robots_seen, NEAREST)):
+    for k in range(wp.min(c.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
-            away = offset_seen(w, i, k, c.sensing.sight, observation)
+            away = offset_seen(w, i, k, c.sight, observation)
             velocity = velocity_seen(w, i, k, c.speed_unit, observation) + own
             others_out[n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
             n += 1
@@ -300,7 +303,7 @@ def list_heard(
             away = offset_heard(w, i, side, curve, observation)
             place = own + away
             memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
-            if before[2] > 0.0 and wp.length(away) >= c.sensing.sight and count < NEAREST:
+            if before[2] > 0.0 and wp.length(away) >= c.sight and count < NEAREST:
                 velocity = (place - wp.vec2(before[0], before[1])) / c.step
                 others_out[count] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
                 count += 1
