@@ -9,7 +9,8 @@ action u by the manoeuvres that remain after it. The car applies u for one step 
 right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes straight on. It is a car
 in sight, whose position and velocity are observed, or, where the radius of sight is too short for the speed
 of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and, by their
-difference, its velocity. Without robots in observations (`sensing.robots_seen` = 0) this radius is 0. With d_k(t) their distance and D = 2 r + clearance,
+difference, its velocity. Without robots in observations (`sensing.robots_seen` = 0) this radius is 0. With d_k(t) their
+distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
