@@ -182,7 +182,7 @@ class RepairParameters(PartitionParameters):
     """Parameters of a partition with repair, besides those of the partition."""
 
     patience: int = whole(2, 1, 100)
-    """Control steps without motion after which a ring neighbour counts as failed."""
+    """Control steps without motion after which a ring neighbour counts as failed; more if positions are noisy."""
     reserve: float = number(1.35, 1, 10)
     """Factor by which the period is longer than the shortest, so that cars can drive longer loops in the same time."""
 
@@ -266,8 +266,9 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, 
     low, high = loops.loop.min(axis=2), loops.loop.max(axis=2)
     margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
     constants = Takeover()
-    # With noisy measurements, a stopped robot seems to move.
+    # With noisy measurements a stopped robot seems to move, so places are compared between which one moves farther.
     constants.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
+    constants.compared = math.ceil(2 * constants.still / drift)
     constants.step, constants.time_unit = scenario.task.step, scenario.time_unit
     constants.speed_unit = scenario.robot.top_speed
     constants.sight, constants.robots_seen = scenario.sight, scenario.sensing.robots_seen

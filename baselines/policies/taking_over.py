@@ -28,10 +28,11 @@ wp.set_module_options(OPTIONS)
 
 WORKING, STANDING, SILENT = (wp.constant(k) for k in range(3))
 """Estimated states of a ring neighbour."""
-STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_STEPS = (wp.constant(k) for k in range(5))
-WATCH_SIZE = 5
-"""Memory of a ring neighbour: its estimated state, the place that it sent last [m], the age that this message has in
-the next step [s] (without one, less the time since the reset), and the number of steps without motion."""
+STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_COUNT, NEW_MESSAGES = (wp.constant(k) for k in range(6))
+WATCH_SIZE = 6
+"""Memory of a ring neighbour: its estimated state, a place that it sent [m], the age that its last message has in the
+next step [s] (without one, less the time since the reset), the number of comparisons in a row in which it had not
+moved, and the number of messages since that place."""
 PLACES = wp.constant(4)
 """Number of stored places of stopped robots: of the two ring neighbours, then of two that were in sight."""
 SHIFTS = wp.constant(12)
@@ -43,9 +44,11 @@ class Takeover:
     """Constants of a robot's estimates of others, and the loops P of its cases C (`takeover_loops.TakeoverLoops`)."""
 
     still: float
-    """Displacement in a step below which a robot counts as stopped [m]."""
+    """Distance of two places that are compared below which a robot has not moved [m]."""
+    compared: int
+    """Number of messages from one place to the next that is compared with it."""
     patience: int
-    """Number of such steps after which a ring neighbour counts as failed."""
+    """Number of comparisons without motion after which a ring neighbour counts as failed."""
     step: float
     """Control step [s]."""
     time_unit: float
@@ -110,14 +113,18 @@ def watch_neighbours(
             is_first = known[MESSAGE_AGE] <= 0.0
             # A message that was heard before is older by a step and does not count.
             if is_first or age < known[MESSAGE_AGE] + 0.5 * takeover.step:
-                moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
-                known[STILL_STEPS] = wp.where(moved < takeover.still and not is_first, known[STILL_STEPS] + 1.0, 0.0)
-                known[HEARD_X] = place[0]
-                known[HEARD_Y] = place[1]
+                known[NEW_MESSAGES] += 1.0
+                if is_first or known[NEW_MESSAGES] >= float(takeover.compared):
+                    moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
+                    is_still = moved < takeover.still and not is_first
+                    known[STILL_COUNT] = wp.where(is_still, known[STILL_COUNT] + 1.0, 0.0)
+                    known[HEARD_X] = place[0]
+                    known[HEARD_Y] = place[1]
+                    known[NEW_MESSAGES] = 0.0
             known[MESSAGE_AGE] = age
-            if known[STILL_STEPS] == 0.0:
+            if known[STILL_COUNT] == 0.0:
                 known[STATE] = float(WORKING)
-            if known[STILL_STEPS] >= float(takeover.patience):
+            if known[STILL_COUNT] >= float(takeover.patience):
                 known[STATE] = float(STANDING)
         if known[STATE] != float(WORKING):
             case_out[w, i] += 1 + side
@@ -155,7 +162,8 @@ def watch_disc(
                         is_known = True
                 elif k >= 2:
                     free = k
-            if wp.length(velocity) * takeover.step < takeover.still and not is_known and free > 0:
+            slow = wp.length(velocity) * takeover.step < wp.min(takeover.still, 0.5 * takeover.drift)
+            if slow and not is_known and free > 0:
                 standing[w, i, free] = wp.vec3(place[0], place[1], 1.0)
 
 
