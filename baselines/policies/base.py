@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.inside import Inside
+from baselines.policies.inside import Inside, WallRule
 from baselines.policies.stopping import Stopping
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
@@ -144,7 +144,7 @@ class Policy(Copyable, Remembering):
         self.observation_shape = (*self.shape, layout(self.scenario).size)
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
-        self._stay_inside: Inside | Stopping | None = None
+        self._stay_inside: WallRule | None = None
         for rule in (Inside, Stopping) if self.wall_rule else ():
             if rule.suits(self.scenario):
                 self._stay_inside = rule(self.scenario, self.num_worlds, self.device)

@@ -24,19 +24,17 @@ from typing import Any
 
 import warp as wp
 
+from baselines.policies.inside import WallRule
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.copies import Copyable
-from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
+from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.devices import as_device
-from lissajous_env.device.program import launcher
-from lissajous_env.device.structs import RobotStruct, to_struct
+from lissajous_env.device.structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.contacts import distance_inside
 from lissajous_env.world.robots.differential import commanded_speed, drive_step, ramp, yaw_limit
 from lissajous_env.world.robots.inside import DEVIATIONS, ROUNDING, margin_of
-from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)
 
@@ -269,27 +267,18 @@ def leave_a_way_to_stop(
     heading[w, i] = drive.pose[2]
 
 
-class Stopping(Copyable, Remembering):
-    """The rule for the differential drives of a scenario with walls, for W worlds on one device.
+class Stopping(WallRule):
+    """The rule for the differential drives of a scenario with walls; arguments as for `Inside`."""
 
-    Args:
-        scenario: The scenario, resolved.
-        num_worlds: W.
-        device: Warp device.
-    """
-
+    kernel = leave_a_way_to_stop
     remembers = "yaw_rate", "heading"
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        self.num_worlds, shape = num_worlds, (num_worlds, scenario.num_robots)
-        self._limits = limits_of(scenario)
-        self._robot = to_struct(RobotStruct, scenario.robot)
-        self._curve = curve_struct(scenario.curve, as_device(device))
-        self.yaw_rate = wp.zeros(shape, dtype=wp.float32, device=as_device(device))
+        super().__init__(scenario, num_worlds, device, limits_of(scenario))
+        self.yaw_rate = wp.zeros(self.shape, dtype=wp.float32, device=as_device(device))
         """(W, N) yaw rates before the next action [rad/s]; 0 when an episode begins."""
-        self.heading = wp.zeros(shape, dtype=wp.float32, device=as_device(device))
+        self.heading = wp.zeros(self.shape, dtype=wp.float32, device=as_device(device))
         """(W, N) headings that are expected after the latest action [rad]; 0 when an episode begins."""
-        self._launch = launcher(device)
 
     @staticmethod
     def suits(scenario: Scenario) -> bool:
@@ -297,11 +286,6 @@ class Stopping(Copyable, Remembering):
         if scenario.actuation != "differential" or scenario.task.boundary != "wall":
             return False
         return margin_of(scenario) < min(scenario.curve.half_width, scenario.curve.half_height)
-
-    def __call__(self, observation: wp.array, action: wp.array) -> None:
-        """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""
-        given = [self._limits, self._robot, self._curve, observation]
-        self._launch(leave_a_way_to_stop, self.yaw_rate.shape, given, [self.yaw_rate, self.heading, action])
 
 
 def limits_of(scenario: Scenario) -> Any:

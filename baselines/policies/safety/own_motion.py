@@ -10,6 +10,7 @@ import warp as wp
 from baselines.policies.safety.tails import Tail, arc_end
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import wrap
 from lissajous_env.device.structs import NoiseStruct, RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.robots.inside import Walls
@@ -183,8 +184,7 @@ def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, head
     # A car that has stopped within the step has driven less than this; one that turns by more than pi hides a turn.
     shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading_error
     if shows and wp.abs(unit) * factors[1] < 3.0:
-        turned = heading - last[0]
-        turned -= 6.2831853 * wp.rint(turned / 6.2831853)
+        turned = wrap(heading - last[0])
         value = turned / unit
         error = (2.0 * bounds.heading_error / wp.abs(unit) + wp.abs(value) * way_error / way) * way / (way - way_error)
         span = narrowed(factors[0], factors[1], value, error, wp.vec2(widest[0], widest[1]))
@@ -243,8 +243,7 @@ def add_step(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed
         and turn[1] > 0.0
         and grips < 0.9 * robot.lateral_acceleration_max
     ):
-        turned = heading - last[0]
-        turned -= 6.2831853 * wp.rint(turned / 6.2831853)
+        turned = wrap(heading - last[0])
         turn_deviation = bounds.noise.heading / unit
         steering_deviation = turn[1] * robot.steering_max * (1.0 + slope * slope) / slope
         variance = (
