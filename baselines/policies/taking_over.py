@@ -226,6 +226,7 @@ def clear_loop(
             for column in range(-SHIFTS, SHIFTS + 1):
                 x = wp.clamp(float(column) * takeover.spacing, margin[0], margin[2])
                 tried = wp.vec2(x, wp.clamp(float(row) * takeover.spacing, margin[1], margin[3]))
+                # Terms that take long to compute are added only while this may be the best loop.
                 cost = 0.01 * wp.length(tried) / takeover.required + 0.5 * float(shape)
                 if cost < best_cost:
                     lacking = takeover.required - clearance_of(takeover, path, tried, standing)

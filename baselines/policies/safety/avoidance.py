@@ -196,6 +196,32 @@ def barrier(c: Constants, car: wp.vec4, n: int, others: Others, action: wp.vec2,
 
 
 @wp.func
+def lay_out_manoeuvres(c: Constants, car: wp.vec4, first: int, count: int, moves: bool, path_out: Paths):
+    """Write the places [m] of a car on its first `count` manoeuvres, from row `first` on; it may stand instead."""
+    for b in range(count):
+        now = car
+        action = manoeuvre(c.robot, b, car[3])
+        for t in range(c.safety.horizon + 1):
+            path_out[first + b, t] = wp.vec2(now[0], now[1])
+            if moves:
+                now = drive_on(c, now, action)
+
+
+@wp.func
+def margin_of_paths(c: Constants, one: int, other: int, path: Paths) -> float:
+    """Return the margin of two cars on rows `one` and `other` of the paths, as `margin` does [m]."""
+    required = 2.0 * c.robot.radius + c.safety.clearance
+    least = float(wp.inf)
+    before = path[one, 0] - path[other, 0]
+    for t in range(c.safety.horizon):
+        after = path[one, t + 1] - path[other, t + 1]
+        apart = wp.sqrt(closest_approach(before, after)) - required - c.safety.growth * float(t) * c.step
+        least = wp.min(least, apart)
+        before = after
+    return least
+
+
+@wp.func
 def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Paths) -> int:
     """Return the manoeuvre b that two cars agree on if both compute the best pair of manoeuvres.
 
@@ -203,38 +229,22 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
     follows b and the other b' from now on. Both cars of a pair observe the same two states, so they compute the same
     pair. `path` is working memory: places on the manoeuvres of this car, then on those of another.
     """
-    required = 2.0 * c.robot.radius + c.safety.clearance
+    lay_out_manoeuvres(c, car, 0, MANOEUVRES, True, path)
     score = scores()
     for b in range(MANOEUVRES):
         score[b] = wp.inf
-        now = car
-        action = manoeuvre(c.robot, b, car[3])
-        for t in range(c.safety.horizon + 1):
-            path[b, t] = wp.vec2(now[0], now[1])
-            now = drive_on(c, now, action)
     for k in range(n):
         other = others[k]
         speed = wp.sqrt(other[2] * other[2] + other[3] * other[3])
-        answers = wp.where(speed < c.safety.resting, 1, MANOEUVRES)
-        for b in range(answers):
-            now = wp.vec4(other[0], other[1], wp.atan2(other[3], other[2]), speed)
-            action = manoeuvre(c.robot, b, speed)
-            for t in range(c.safety.horizon + 1):
-                path[MANOEUVRES + b, t] = wp.vec2(now[0], now[1])
-                if speed >= c.safety.resting:
-                    now = drive_on(c, now, action)
+        moves = speed >= c.safety.resting
+        answers = wp.where(moves, MANOEUVRES, 1)
+        heading = wp.atan2(other[3], other[2])
+        lay_out_manoeuvres(c, wp.vec4(other[0], other[1], heading, speed), MANOEUVRES, answers, moves, path)
         for b in range(MANOEUVRES):
             best = float(-wp.inf)
             for answer in range(answers):
-                least = float(wp.inf)
-                before = path[b, 0] - path[MANOEUVRES + answer, 0]
-                for t in range(c.safety.horizon):
-                    after = path[b, t + 1] - path[MANOEUVRES + answer, t + 1]
-                    apart = wp.sqrt(closest_approach(before, after)) - required - c.safety.growth * float(t) * c.step
-                    least = wp.min(least, apart)
-                    before = after
-                worth = wp.min(least, c.safety.ample)
-                if answers > 1:
+                worth = wp.min(margin_of_paths(c, b, MANOEUVRES + answer, path), c.safety.ample)
+                if moves:
                     worth -= price(c.safety, answer)
                 best = wp.max(best, worth)
             score[b] = wp.min(score[b], best)
