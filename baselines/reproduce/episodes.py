@@ -76,21 +76,18 @@ class PlayedEpisodes:
         """Return whether the formation is in its equilibrium at the end (W,)."""
         return self.deviation[-1] < RECOVERED
 
-    def distance(self, one: int, other: int) -> np.ndarray:
-        """Return the distance of two robots (F, W) [m]."""
+    def distance(self, one: Any, other: Any) -> np.ndarray:
+        """Return the distance of two robots (F, W) [m], or of the pairs (P,) of robots (F, W, P)."""
         return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1)
 
     def tracking_error(self, robot: int) -> np.ndarray:
         """Return the distance of a robot from the point of the curve at its own phase (F, W) [m]."""
-        gamma = self.scenario.alpha * self.phase[:, :, robot]
-        return np.linalg.norm(
-            self.position[:, :, robot, :2] - closed_forms.curve_point(self.scenario.driven, gamma), axis=-1
-        )
+        point = closed_forms.curve_point(self.scenario.driven, self.scenario.alpha * self.phase[:, :, robot])
+        return np.linalg.norm(self.position[:, :, robot, :2] - point, axis=-1)
 
     def smallest_distance(self) -> np.ndarray:
         """Return the smallest distance of any two robots (F, W) [m]."""
-        one, other = np.triu_indices(self.scenario.num_robots, 1)
-        return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1).min(axis=-1)
+        return self.distance(*np.triu_indices(self.scenario.num_robots, 1)).min(axis=-1)
 
     def score(self, column: Column) -> np.ndarray:
         """Return a column of the score (W,)."""
