@@ -166,7 +166,7 @@ class ReferenceParameters(Checked):
     """Parameters of the coordinator, besides the scenario."""
 
     runs_on: bool = flag(False)
-    """True for a reference that keeps moving while its robot has failed."""
+    """True for a reference that moves on while its robot has failed."""
     tracking: float | None = number(None, 0, 1e6, "1/s")
     """k, the gain of the phase error from the reference [1/s]; None is omega / (0.3 rad)."""
     catch_up: float = number(1.0, 0, 1e6)

@@ -56,7 +56,7 @@ class Takeover:
     speed_unit: float
     """Unit of an observed speed [m/s]."""
     sight: float
-    """Distance within which robots are seen [m]."""
+    """Distance within which robots are observed [m]."""
     robots_seen: int
     """Number of robots in an observation."""
     shapes: int

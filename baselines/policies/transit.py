@@ -1,8 +1,8 @@
 """Transits: the ways of a team of cars from their starts into synchronised loops, without collisions.
 
-Each car has a shortest path of bounded curvature, which enters a loop at the place of this loop's reference at that
-time, and a speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of the fourth
-powers of the arrival times. The paths are then selected one car after the other, those that arrive last first: each
+A way is a shortest path of bounded curvature, which enters a loop at the place of this loop's reference at that time,
+with a speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of the fourth
+powers of the arrival times. The ways are then selected one car after the other, those that arrive last first: each
 enters its loop as early as it can without coming near the cars before it.
 
 Shortest paths of bounded curvature are made of arcs of the smallest radius and straight lines: L. E. Dubins, "On curves
@@ -98,7 +98,7 @@ class Car:
 
 
 def start_is_known(scenario: Scenario) -> bool:
-    """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
+    """Return whether the scenario determines all starts, within a body's diameter at two deviations."""
     formation, farthest = scenario.formation, scenario.alpha * largest_speed(scenario.driven)
     return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
 

@@ -129,9 +129,9 @@ def is_compatible(w: int, bounds: Bounds, memory: Memory) -> int:
 
 @wp.func
 def is_off_the_wall(bounds: Bounds, car: wp.vec4, speed: float) -> bool:
-    """Return whether a car that had a speed [m/s] a step before cannot have touched the wall since."""
-    way = (speed + car[3]) * bounds.step + bounds.position_error
-    return distance_inside(bounds.half_width, bounds.half_height, car[0], car[1]) > way
+    """Return whether a car that had a speed [m/s] a step before cannot have met the wall since."""
+    distance = (speed + car[3]) * bounds.step + bounds.position_error
+    return distance_inside(bounds.half_width, bounds.half_height, car[0], car[1]) > distance
 
 
 @wp.func

@@ -2,7 +2,8 @@
 
 Every number is an interval: the errors of measured positions, headings and speeds are within `Bounds`. A robot stores
 bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and narrow with
-each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`add_step`).
+each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`add_step`). A way
+is the distance that the car drives in a step.
 """
 
 import warp as wp
@@ -125,22 +126,22 @@ def drive(bounds: Bounds, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tu
         slack = 0.5 * (factors[3] - factors[2]) * robot.drive * tau
         slack += factors[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.noise.actuator
     speed = car[3]
-    gone = 1.0 - bounds.decay
-    late = (bounds.step - gone / robot.drag) / robot.drag  # distance for a push of 1 m/s^2 [s^2]
-    after = wp.max(speed * bounds.decay + push * gone / robot.drag, 0.0)
-    way = wp.max(speed * gone / robot.drag + push * late, 0.0)
-    way_error = bounds.speed_error * gone / robot.drag + slack * late
+    lost = 1.0 - bounds.decay
+    late = (bounds.step - lost / robot.drag) / robot.drag  # way per push [s^2]
+    after = wp.max(speed * bounds.decay + push * lost / robot.drag, 0.0)
+    way = wp.max(speed * lost / robot.drag + push * late, 0.0)
+    way_error = bounds.speed_error * lost / robot.drag + slack * late
     way_error += 0.5 * bounds.step * bounds.step * wp.max(slack - push, 0.0)  # a car that stops within the step
     turn_error = bounds.heading_error + (wp.abs(curvature) + bend) * way_error
     errors = wp.vec3(
         bounds.position_error + bounds.coarseness * way + way_error + turn_error * way + 0.5 * bend * way * way,
         turn_error + bend * way,
-        bounds.speed_error * bounds.decay + slack * gone / robot.drag,
+        bounds.speed_error * bounds.decay + slack * lost / robot.drag,
     )
     end = arc_end(car[0], car[1], car[2], way, curvature)
-    half_gone = 1.0 - wp.sqrt(bounds.decay)
-    half_late = (0.5 * bounds.step - half_gone / robot.drag) / robot.drag
-    half_way = wp.clamp(speed * half_gone / robot.drag + push * half_late, 0.0, way)
+    half_lost = 1.0 - wp.sqrt(bounds.decay)
+    half_late = (0.5 * bounds.step - half_lost / robot.drag) / robot.drag
+    half_way = wp.clamp(speed * half_lost / robot.drag + push * half_late, 0.0, way)
     middle = arc_end(car[0], car[1], car[2], half_way, curvature)
     fastest = wp.max(speed, after)
     rate = wp.abs(push - robot.drag * speed) + fastest * fastest * wp.abs(curvature)
@@ -167,9 +168,9 @@ def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, head
     push = c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), way = (v_0 - v_1 + push h) / c, kappa = turn / way.
     """
     robot = bounds.robot
-    gone = 1.0 - bounds.decay
-    push = robot.drag * (speed - last[1] * bounds.decay) / gone
-    push_error = robot.drag * bounds.speed_error * (1.0 + bounds.decay) / gone
+    lost = 1.0 - bounds.decay
+    push = robot.drag * (speed - last[1] * bounds.decay) / lost
+    push_error = robot.drag * bounds.speed_error * (1.0 + bounds.decay) / lost
     tau = throttle(robot, last[3])
     narrow = factors
     if tau > robot.dead_zone and speed > 0.0:
@@ -217,9 +218,9 @@ def add_step(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed
     Steps in which noise may turn off the motor, or grip may limit the turn, do not count.
     """
     robot = bounds.robot
-    gone = 1.0 - bounds.decay
-    push = robot.drag * (speed - last[1] * bounds.decay) / gone
-    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.decay) / gone
+    lost = 1.0 - bounds.decay
+    push = robot.drag * (speed - last[1] * bounds.decay) / lost
+    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.decay) / lost
     summed = sums
     pull = mean_and_deviation(last[3], bounds.noise.actuator)
     tau = throttle(robot, pull[0])

@@ -95,11 +95,11 @@ def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: fl
     half = 0.5 * length * tail.curvature
     end = arc_end(0.0, 0.0, tail.heading, length, tail.curvature)
     turn = cos_sin(2.0 * half)
-    way = wp.vec2(end[0], end[1])
+    onward = wp.vec2(end[0], end[1])
     place = wp.vec2(tail.x, tail.y)
     for k in range(PIECES):
-        place += way
-        way = wp.vec2(turn[0] * way[0] - turn[1] * way[1], turn[1] * way[0] + turn[0] * way[1])
+        place += onward
+        onward = wp.vec2(turn[0] * onward[0] - turn[1] * onward[1], turn[1] * onward[0] + turn[0] * onward[1])
         q = float(k + 1) * part
         plan_out[k + 3] = wp.vec3(place[0], place[1], sagitta + tail.w0 + q * (tail.w1 + q * tail.w2))
     widest = wp.max(middle[2], sagitta) + tail.w0 + tail.w1 + tail.w2
