@@ -210,7 +210,7 @@ class PartitionRepair(TimedPaths):
     """
 
     communicates = "positions of ring neighbours"
-    remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target")
+    remembers = (*TimedPaths.remembers, "_watched", "_stopped", "_avoided", "_target")
     waits = True
     Parameters = RepairParameters
 
@@ -218,7 +218,7 @@ class PartitionRepair(TimedPaths):
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
         self._watched = wp.zeros((*self.shape, 2, WATCH_SIZE), dtype=wp.float32, device=self.device)
-        self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
+        self._stopped = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
@@ -236,9 +236,9 @@ class PartitionRepair(TimedPaths):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._takeover, observation, self._watched, self._standing]
+        inputs = [self._curve, self._takeover, observation, self._watched, self._stopped]
         self.launch(watch_neighbours, self.shape, inputs, [self._case])
-        inputs = [self._takeover, self._curve, self._pose, self._case, observation, self._standing]
+        inputs = [self._takeover, self._curve, self._pose, self._case, observation, self._stopped]
         inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)

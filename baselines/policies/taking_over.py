@@ -26,7 +26,7 @@ from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
 
-WORKING, STANDING, SILENT = (wp.constant(k) for k in range(3))
+WORKING, STOPPED, SILENT = (wp.constant(k) for k in range(3))
 """Estimated states of a ring neighbour."""
 STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_COUNT, NEW_MESSAGES = (wp.constant(k) for k in range(6))
 WATCH_SIZE = 6
@@ -89,12 +89,12 @@ def watch_neighbours(
     takeover: Takeover,
     observation: Observation,
     memory: wp.array4d(dtype=float),
-    standing: wp.array3d(dtype=wp.vec3),
+    stopped: wp.array3d(dtype=wp.vec3),
     case_out: wp.array2d(dtype=int),
 ):
     """Update robot i's memory of its ring neighbours (W, N, 2, WATCH_SIZE), and the places of stopped robots.
 
-    `standing` (W, N, PLACES) is x, y [m], and 1 where a place is in use. The case is the sum of 1 if the previous robot
+    `stopped` (W, N, PLACES) is x, y [m], and 1 where a place is in use. The case is the sum of 1 if the previous robot
     on the ring has failed, and 2 if the next one has.
     """
     w, i = wp.tid()
@@ -125,12 +125,12 @@ def watch_neighbours(
             if known[STILL_COUNT] == 0.0:
                 known[STATE] = float(WORKING)
             if known[STILL_COUNT] >= float(takeover.patience):
-                known[STATE] = float(STANDING)
+                known[STATE] = float(STOPPED)
         if known[STATE] != float(WORKING):
             case_out[w, i] += 1 + side
-        stands = wp.where(known[STATE] == float(STANDING), 1.0, 0.0)
-        standing[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], stands)
-    watch_disc(w, i, position, takeover, observation, standing)
+        is_stopped = wp.where(known[STATE] == float(STOPPED), 1.0, 0.0)
+        stopped[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], is_stopped)
+    watch_disc(w, i, position, takeover, observation, stopped)
 
 
 @wp.func
@@ -140,14 +140,14 @@ def watch_disc(
     position: wp.vec2,
     takeover: Takeover,
     observation: Observation,
-    standing: wp.array3d(dtype=wp.vec3),
+    stopped: wp.array3d(dtype=wp.vec3),
 ):
     """Update the places of stopped robots that are, or were, in sight."""
     # If a stopped robot should be in sight but is not observed, it is not there any more.
     for k in range(2, PLACES):
-        known = standing[w, i, k]
+        known = stopped[w, i, k]
         if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * takeover.sight:
-            standing[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
+            stopped[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
     own = own_speed(w, i, takeover.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
     for seen in range(takeover.robots_seen):
         if sees(w, i, seen, observation):
@@ -156,7 +156,7 @@ def watch_disc(
             is_known = bool(False)
             free = int(0)
             for k in range(PLACES):
-                known = standing[w, i, k]
+                known = stopped[w, i, k]
                 if known[2] > 0.0:
                     if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * takeover.still + 0.1 * takeover.sight:
                         is_known = True
@@ -164,7 +164,7 @@ def watch_disc(
                     free = k
             slow = wp.length(velocity) * takeover.step < wp.min(takeover.still, 0.5 * takeover.drift)
             if slow and not is_known and free > 0:
-                standing[w, i, free] = wp.vec3(place[0], place[1], 1.0)
+                stopped[w, i, free] = wp.vec3(place[0], place[1], 1.0)
 
 
 @wp.func
@@ -178,13 +178,13 @@ def distance_of(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec
 
 @wp.func
 def clearance_of(
-    takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, standing: wp.array(dtype=wp.vec3)
+    takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, stopped: wp.array(dtype=wp.vec3)
 ) -> float:
     """Return the smallest distance of a shifted loop from the stopped robots [m]."""
     least = float(wp.inf)
-    for k in range(standing.shape[0]):
-        if standing[k][2] > 0.0:
-            least = wp.min(least, distance_of(takeover, path, wp.vec2(standing[k][0], standing[k][1]) - shift))
+    for k in range(stopped.shape[0]):
+        if stopped[k][2] > 0.0:
+            least = wp.min(least, distance_of(takeover, path, wp.vec2(stopped[k][0], stopped[k][1]) - shift))
     return least
 
 
@@ -213,7 +213,7 @@ def clear_loop(
     pose: wp.array3d(dtype=wp.vec4),
     case: int,
     i: int,
-    standing: wp.array(dtype=wp.vec3),
+    stopped: wp.array(dtype=wp.vec3),
 ) -> wp.vec3:
     """Return the shift [m] and the shape of the loop of robot i's case with the least cost (`take_over`)."""
     best = wp.vec3(0.0, 0.0, 0.0)
@@ -229,7 +229,7 @@ def clear_loop(
                 # Terms that take long to compute are added only while this may be the best loop.
                 cost = 0.01 * wp.length(tried) / takeover.required + 0.5 * float(shape)
                 if cost < best_cost:
-                    lacking = takeover.required - clearance_of(takeover, path, tried, standing)
+                    lacking = takeover.required - clearance_of(takeover, path, tried, stopped)
                     cost += 1000.0 * wp.max(lacking, 0.0) / takeover.required
                 if cost < best_cost:
                     cost += 20.0 * uncovered_corners(takeover, path, tried, takeover.corners[case, i], curve)
@@ -246,7 +246,7 @@ def take_over(
     pose: wp.array3d(dtype=wp.vec4),
     cases: wp.array2d(dtype=int),
     observation: Observation,
-    standing: wp.array3d(dtype=wp.vec3),
+    stopped: wp.array3d(dtype=wp.vec3),
     avoided: wp.array3d(dtype=wp.vec3),
     target: wp.array2d(dtype=wp.vec2),
     variant: wp.array2d(dtype=int),
@@ -266,18 +266,18 @@ def take_over(
     case = cases[w, i]
     near = 0.25 * takeover.spacing
     changed = case != variant[w, i] / takeover.shapes
-    stands = bool(False)
+    any_stopped = bool(False)
     for k in range(PLACES):
-        if standing[w, i, k][2] > 0.0:
-            stands = True
-        if wp.length(standing[w, i, k] - avoided[w, i, k]) > near:
+        if stopped[w, i, k][2] > 0.0:
+            any_stopped = True
+        if wp.length(stopped[w, i, k] - avoided[w, i, k]) > near:
             changed = True
     if changed:
         for k in range(PLACES):
-            avoided[w, i, k] = standing[w, i, k]
+            avoided[w, i, k] = stopped[w, i, k]
         best = wp.vec3(0.0, 0.0, 0.0)
-        if stands:
-            best = clear_loop(takeover, curve, pose, case, i, standing[w, i])
+        if any_stopped:
+            best = clear_loop(takeover, curve, pose, case, i, stopped[w, i])
         chosen = case * takeover.shapes + int(best[2])
         shift[w, i] += takeover.middles[variant[w, i], i] - takeover.middles[chosen, i]
         variant[w, i] = chosen
