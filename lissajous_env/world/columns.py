@@ -98,16 +98,19 @@ def _within_bound(episode: Episode) -> Any:
 
 
 def _rate(episode: Episode) -> float:
+    """Return the column `detection_rate`."""
     elapsed = episode.steps * episode.step
     return 60 * episode.num_detected / elapsed if episode.scenario.targets.respawn and elapsed else math.nan
 
 
 def _observed(episode: Episode) -> float:
+    """Return the column `observed_fraction`."""
     stays = not episode.scenario.targets.leave and episode.steps_present
     return int(episode.totals["observed"]) / episode.steps_present if stays else math.nan
 
 
 def _idleness(episode: Episode) -> float:
+    """Return the column `idleness_mean`."""
     squares = episode.state["cells.idle_squares"].sum(dtype=float) + np.sum(episode.gaps.astype(float) ** 2)
     return squares * episode.step / (2 * max(episode.steps, 1) * episode.gaps.size) if episode.has_grid else math.nan
 

@@ -1,4 +1,4 @@
-"""Information of each robot from its sensor and from messages: tracks of targets, teammates and covered cells.
+"""Information that each robot has from its sensor and messages: tracks of targets, teammates and covered cells.
 
 A robot has a track of a target from the moment in which it learns that the target was in sight until `sensing.memory`
 has passed since, or until the step after the one in which it learns that the target was detected and leaves. It learns

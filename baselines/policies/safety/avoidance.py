@@ -48,7 +48,8 @@ Others = wp.array(dtype=wp.vec4)
 Paths = wp.array2d(dtype=wp.vec2)
 """Places [m] on the manoeuvres of this car, then on those of another, at each step of the horizon."""
 
-scores = wp.types.vector(length=9, dtype=wp.float32)
+Scores = wp.types.vector(length=int(MANOEUVRES), dtype=wp.float32)
+"""A number for each way out."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,7 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
     pair. `path` is working memory: places on the manoeuvres of this car, then on those of another.
     """
     lay_out_manoeuvres(c, car, 0, MANOEUVRES, True, path)
-    score = scores()
+    score = Scores()
     for b in range(MANOEUVRES):
         score[b] = wp.inf
     for k in range(n):

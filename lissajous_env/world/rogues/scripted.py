@@ -135,7 +135,7 @@ def follow_gap(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> w
     return best
 
 
-def _deciding(rule: Any) -> Any:
+def _stage_of(rule: Any) -> Any:
     """Make the stage in which a rule decides; all rules have the same parameters."""
 
     @stage(TARGET, writes="rogues: action")
@@ -150,9 +150,7 @@ def _deciding(rule: Any) -> Any:
     return decide
 
 
-WANDER, FLEE, SHADOW, FOLLOW_GAP = map(_deciding, (wander, flee, shadow, follow_gap))
-
-rogue("wander", "goes straight, turning at random")(WANDER)
-rogue("flee", "goes away from the nearest working robot")(FLEE)
-rogue("shadow", "stays just outside the nearest disc")(SHADOW)
-rogue("follow-gap", "stays in the largest gap between discs")(FOLLOW_GAP)
+rogue("wander", "goes straight, turning at random")(_stage_of(wander))
+rogue("flee", "goes away from the nearest working robot")(_stage_of(flee))
+rogue("shadow", "stays just outside the nearest disc")(_stage_of(shadow))
+rogue("follow-gap", "stays in the largest gap between discs")(_stage_of(follow_gap))
