@@ -196,11 +196,9 @@ def uncovered_corners(
     uncovered = float(0.0)
     for k in range(4):
         if ((corners >> k) & 1) == 1:
-            corner = wp.vec2(
-                wp.where(k % 2 == 1, curve.half_width, -curve.half_width),
-                wp.where(k / 2 == 1, curve.half_height, -curve.half_height),
-            )
-            least = distance_of(takeover, path, corner - shift)
+            x = wp.where(k % 2 == 1, curve.half_width, -curve.half_width)
+            y = wp.where(k / 2 == 1, curve.half_height, -curve.half_height)
+            least = distance_of(takeover, path, wp.vec2(x, y) - shift)
             if least > takeover.corner_reach:
                 uncovered += least / takeover.corner_reach
     return uncovered

@@ -32,10 +32,8 @@ _CHOSEN = "The paper states N = 15 and omega = 0.05 rad/s; A = B = 5 m, a = 7, b
 def fig2(player: Player) -> Part:
     """Reproduce Fig. 2: the formation on the curve over time."""
     whole = scenario("ideal").detection_time_bound
-    ideal = scenario(
-        "ideal", **BARE | {"formation.start": "equilibrium", "task.step": whole / 64, "task.duration": whole}
-    )
-    played = player.play("kuramoto", ideal)
+    frames = {"formation.start": "equilibrium", "task.step": whole / 64, "task.duration": whole}
+    played = player.play("kuramoto", scenario("ideal", **BARE | frames))
     ideal, curve = played.scenario, played.scenario.curve
     gamma = ideal.alpha * played.phase[:, 0, 0]
     residual = closed_forms.ellipse_residual(curve, played.position[:, 0, :, :2], gamma[:, None])
@@ -91,16 +89,9 @@ def fig3(player: Player) -> Part:
         left.stairs(counts, (np.arange(len(counts) + 1) - 0.5) * step, fill=True, color=BLUE, lw=0)
         left.set_yscale("log")
         left.set_ylabel(f"new detections in {step} s")
-        left.annotate(
-            f"{counts[0]:,} in sight\nat the start",
-            (0.03, counts[0]),
-            xytext=(16, -3),
-            textcoords="offset points",
-            va="top",
-            fontsize=8,
-            color=DARK,
-            arrowprops={"arrowstyle": "-", "color": GREY, "lw": 0.7},
-        )
+        words: dict[str, Any] = {"textcoords": "offset points", "va": "top", "fontsize": 8, "color": DARK}
+        words |= {"xytext": (16, -3), "arrowprops": {"arrowstyle": "-", "color": GREY, "lw": 0.7}}
+        left.annotate(f"{counts[0]:,} in sight\nat the start", (0.03, counts[0]), **words)
         for times, which in zip(turned.detection_times, turned.detected, strict=True):
             _draw_share(right, times, which, color=GREY, lw=0.4, alpha=0.7)
         _draw_share(right, waited, detected, color=BLUE, lw=1.8)

@@ -71,13 +71,10 @@ def fig5(player: Player) -> Part:
         right.legend(loc="upper left")
         left.set_ylabel("$r_{max}$ [m]")
         left.add_artist(left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6))
-        in_plane = [
-            left.plot(
-                [0], [flat], "o", color=DARK, ms=4.5, zorder=5, clip_on=False, label=f"plane, measured: {flat:.3f} m"
-            )[0],
-            left.axhline(bound, color=DARK, lw=0.9, ls="-.", label=f"plane, (6): {bound:.3f} m"),
-        ]
-        left.legend(handles=in_plane, ncols=2, loc="lower left", fontsize=7.5,
+        (measured,) = left.plot([0], [flat], "o", color=DARK, ms=4.5, zorder=5, clip_on=False)
+        measured.set_label(f"plane, measured: {flat:.3f} m")
+        by_bound = left.axhline(bound, color=DARK, lw=0.9, ls="-.", label=f"plane, (6): {bound:.3f} m")
+        left.legend(handles=[measured, by_bound], ncols=2, loc="lower left", fontsize=7.5,
                     handlelength=1.6, columnspacing=1, borderaxespad=0.1)  # fmt: skip
         picture.caption = (
             f"A = {plane.half_width:g} m, B = {plane.half_height:g} m, a = {plane.a}, b = {plane.b}, N = {n} (curve "

@@ -265,14 +265,13 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
 
     The margins are divided by `safety.unit`.
     """
-    towards = wp.vec2(
-        wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE), wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
-    )
+    turn = wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE)
+    push = wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
     for k in range(n):
         here = margin(c, car, others[k], at, way_out) / c.safety.unit
-        steered = margin(c, car, others[k], at + wp.vec2(towards[0], 0.0), way_out) / c.safety.unit
-        driven = margin(c, car, others[k], at + wp.vec2(0.0, towards[1]), way_out) / c.safety.unit
-        g = wp.vec2((steered - here) / towards[0], (driven - here) / towards[1])
+        steered = margin(c, car, others[k], at + wp.vec2(turn, 0.0), way_out) / c.safety.unit
+        driven = margin(c, car, others[k], at + wp.vec2(0.0, push), way_out) / c.safety.unit
+        g = wp.vec2((steered - here) / turn, (driven - here) / push)
         rows_out[k] = wp.vec3(g[0], g[1], wp.dot(g, at) - here)
 
 

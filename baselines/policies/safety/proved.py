@@ -235,8 +235,8 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
     off = f"must be at most dead_zone, {robot.dead_zone:g}, for the motor to be off"
     short = f"must be short enough for a relative error of {_COARSEST:g} at top speed [s]"
     long = f"must be long enough for a rounding error of {most:.2g} m with {task.substeps} sub-steps [s]"
-    normal = "must be 0, since normal noise has no bound"
-    seen = f"must be at least 1 / {_IN_RANGE:g} of the speed of the strongest car, {scenario.top_speed_bound:.3g} m/s"
+    normal, fastest = "must be 0, since normal noise has no bound", scenario.top_speed_bound
+    seen = f"must be at least 1 / {_IN_RANGE:g} of the speed of the strongest car, {fastest:.3g} m/s"
     shows = "must be count or remove, since the row of a robot that a collision stops still shows its speed"
     prompt = f"must be below half a step of {task.step:g} s"
     rules = (
@@ -247,12 +247,7 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
         (noise.position == 0, "2: noise.position", normal, f"{noise.position:g}"),
         (noise.heading == 0, "2: noise.heading", normal, f"{noise.heading:g}"),
         (noise.speed == 0, "2: noise.speed", normal, f"{noise.speed:g}"),
-        (
-            scenario.top_speed_bound <= _IN_RANGE * robot.top_speed,
-            "2: robot.speed_max",
-            seen,
-            f"{robot.top_speed:.3g}",
-        ),
+        (fastest <= _IN_RANGE * robot.top_speed, "2: robot.speed_max", seen, f"{robot.top_speed:.3g}"),
         (round(noise.message_delay / task.step) == 0, "3: noise.message_delay", prompt, f"{noise.message_delay:g}"),
         (task.on_collision != "stop", "5: task.on_collision", shows, task.on_collision),
     )

@@ -85,12 +85,9 @@ def nearest_action(n: int, rows: HalfPlanes, allowed: float, weight: float, top:
                 second = half_plane(b, n, rows, top, relaxed)
                 determinant = first[0] * second[1] - first[1] * second[0]
                 if wp.abs(determinant) > 1.0e-8:
-                    u = (
-                        wp.vec2(
-                            first[2] * second[1] - first[1] * second[2], first[0] * second[2] - first[2] * second[0]
-                        )
-                        / determinant
-                    )
+                    x = first[2] * second[1] - first[1] * second[2]
+                    y = first[0] * second[2] - first[2] * second[0]
+                    u = wp.vec2(x, y) / determinant
             inside = into_box(u, top)
             away = inside - wanted
             cost = away[0] * away[0] + weight * away[1] * away[1]

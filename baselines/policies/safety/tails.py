@@ -169,13 +169,11 @@ def chord_bound(plan: Plan, block: int) -> float:
     begin = block_start(block)
     end = block_start(block + 1)
     along = plan[end] - plan[begin]
+    square = wp.max(along[0] * along[0] + along[1] * along[1], 1.0e-30)
     away = float(0.0)
     for k in range(begin + 1, end):
         offset = plan[k] - plan[begin]
-        share = (offset[0] * along[0] + offset[1] * along[1]) / wp.max(
-            along[0] * along[0] + along[1] * along[1], 1.0e-30
-        )
-        share = wp.clamp(share, 0.0, 1.0)
+        share = wp.clamp((offset[0] * along[0] + offset[1] * along[1]) / square, 0.0, 1.0)
         away = wp.max(away, wp.length(wp.vec2(offset[0] - share * along[0], offset[1] - share * along[1])))
     return away + wp.max(plan[begin + 1][2], plan[end][2])
 
