@@ -17,13 +17,7 @@ from baselines.policies.loops import (
     patrol_loop,
     slots_by_phase,
 )
-from baselines.policies.own_row import (
-    Actions,
-    Observation,
-    own_key,
-    own_phase,
-    own_position,
-)
+from baselines.policies.own_row import Actions, Observation, own_key, own_phase, own_position
 from baselines.similarity import motion_scale
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
@@ -39,7 +33,7 @@ wp.set_module_options(OPTIONS)
 def nearest_among(loop: wp.array(dtype=wp.vec2), first: int, count: int, place: wp.vec2) -> int:
     """Return the index of the nearest point to a position, of `count` points of the loop from the first."""
     nearest = int(0)
-    least = float(1.0e30)
+    least = float(wp.inf)
     for k in range(first, first + count):
         at = wp.where(k < 0, k + loop.shape[0], wp.where(k < loop.shape[0], k, k - loop.shape[0]))
         square = wp.length_sq(loop[at] - place)
@@ -216,11 +210,8 @@ class _Patrol(Policy):
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._inputs = [
-            curve_struct(self.scenario.curve, self.device),
-            self._robot,
-            scaled_gain(self.scenario, SPEED_GAIN),
-        ]
+        curve = curve_struct(self.scenario.curve, self.device)
+        self._inputs = [curve, self._robot, scaled_gain(self.scenario, SPEED_GAIN)]
 
 
 class Sweep(_Patrol):

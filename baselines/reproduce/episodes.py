@@ -130,10 +130,8 @@ class Player:
 
         EpisodeRunner(acting, simulation).play(on_moment=record)
         phase, position, heading, status, deviation = (np.stack(each) for each in zip(*frames, strict=True))
-        scores = simulation.score()
         times, detected = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
-        played = PlayedEpisodes(
-            task, scores, phase, position, heading, status == int(FAILED), deviation, times, detected
-        )
-        self._played[key] = played
-        return played
+        failed = status == int(FAILED)
+        arrays = phase, position, heading, failed, deviation, times, detected
+        self._played[key] = PlayedEpisodes(task, simulation.score(), *arrays)
+        return self._played[key]

@@ -33,9 +33,8 @@ def fig7(player: Player) -> Part:
     """Reproduce Fig. 7: stills of the experiment."""
     played = player.play("kuramoto-mpcc", "experiment", worlds=SEEDS)
     scenario, step = played.scenario, played.scenario.task.step
-    with sheet(
-        "fig7", "Fig. 7   The experiment: five cars on curve (16), robots 1 and 5 fail at (d)", 9.0, 4.0
-    ) as picture:
+    title = "Fig. 7   The experiment: five cars on curve (16), robots 1 and 5 fail at (d)"
+    with sheet("fig7", title, 9.0, 4.0) as picture:
         for k, time in enumerate(_STILLS):
             axes = picture.figure.add_subplot(2, 4, k + 1)
             moment = round(time / step)

@@ -54,9 +54,8 @@ def fig5(player: Player) -> Part:
         branches[c] = np.array([branch_radius(curve) for curve in curves])
     flat, bound = geometry.smallest_distance(plane, n) / 2, closed_forms.robot_radius_bound(plane, n)
 
-    with sheet(
-        "fig5", "Fig. 5   Largest body that never collides, against c and C of the curve in space", 7.2, 3.6
-    ) as picture:
+    title = "Fig. 5   Largest body that never collides, against c and C of the curve in space"
+    with sheet("fig5", title, 7.2, 3.6) as picture:
         left, right = picture.figure.subplots(1, 2, sharex=True, sharey=True)
         for c, colour in zip(_SHOWN, SERIES, strict=False):
             line = {"color": colour, "lw": 1.6, "ls": "--" if c == 3 else "-"}

@@ -172,13 +172,8 @@ def printed(player: Player) -> Part:
     baseline = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
     beta = player.play("kuramoto-mpcc", scenario("experiment-printed", **{"faults.schedule": ()}), worlds=4)
     weights = MpccParameters()
-    order = player.play(
-        "kuramoto-mpcc",
-        undisturbed(),
-        worlds=SEEDS,
-        weight_lateral=weights.weight_lag,
-        weight_lag=weights.weight_lateral,
-    )
+    exchanged = {"weight_lateral": weights.weight_lag, "weight_lag": weights.weight_lateral}
+    order = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS, **exchanged)
     outside, allowed = _outside(beta), 0.2
     task, model = beta.scenario, beta.scenario.robot
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag

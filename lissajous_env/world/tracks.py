@@ -95,10 +95,8 @@ def arrives(w, i, j, key, sent_at: int, sensing, noise, neighbours, links) -> bo
 
 @stage(
     ROBOT,
-    writes=(
-        "tracks: leaves, left_at, mate_position, mate_sent_at, other_sighted_at, own_sighted_at, position, sighted_at, "
-        "velocity"
-    ),
+    writes="tracks: leaves, left_at, mate_position, mate_sent_at, other_sighted_at, own_sighted_at, position, "
+    "sighted_at, velocity",
 )
 def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
     """Update the tracks of each robot by the messages that arrive, then by its own sightings, which are not older."""
