@@ -2,7 +2,7 @@
 
 Draws scenarios over wide ranges: speeds, drags, motors, steps, losses, failures, removals and walls. In each, an
 adversary that knows the true state drives all cars, and the smallest distance of two cars is compared with the promised
-one in every step in which `Proved.holds`. `--store` puts the table into docs/figures.json.
+one in every step in which `Proved.tails_compatible` is True. `--store` puts the table into docs/figures.json.
 """
 
 import warnings
@@ -130,10 +130,10 @@ def attack(scenario, seed, worlds=40, steps=60):
     for _ in range(steps):
         wanted = wp.array(attacks(simulation, rng, kind), dtype=wp.float32, device="cpu")
         action = filter(simulation.observation, wanted)
-        holds, there = filter.holds, simulation.robots.status.numpy() != REMOVED
+        compatible, there = filter.tails_compatible, simulation.robots.status.numpy() != REMOVED
         simulation.step(action)
         there &= simulation.robots.status.numpy() != REMOVED
-        pairs = there[:, one] & there[:, other] & (holds & ~simulation.over)[:, None]
+        pairs = there[:, one] & there[:, other] & (compatible & ~simulation.over)[:, None]
         ratio = nearest_approach(simulation.robots.path.numpy()[..., :2])[pairs] / promised
         count, least = count + len(ratio), min(least, ratio.min(initial=np.inf))
         broken += int((ratio < 1).sum())

@@ -54,9 +54,9 @@ class Alone:
         self.filters = [Proved(scenario, worlds) for _ in range(self.chasing.num_robots)]
 
     @property
-    def holds(self):
+    def tails_compatible(self):
         """Return the worlds (W,) in which all assumed tails are compatible."""
-        return np.all([filter.holds for filter in self.filters], axis=0)
+        return np.all([filter.tails_compatible for filter in self.filters], axis=0)
 
     def act(self, observation):
         """Let robot i decide in the i-th filter, in which the others continue their tails."""
@@ -122,8 +122,8 @@ def violated(scenario, make, worlds):
     proved, revoked, collisions = np.zeros(worlds, bool), np.zeros(worlds, bool), np.zeros(worlds)
     for _ in range(simulation.scenario.task.steps):
         action = policy.act(simulation.observation)
-        revoked |= proved & ~judge.holds
-        proved |= judge.holds
+        revoked |= proved & ~judge.tails_compatible
+        proved |= judge.tails_compatible
         simulation.step(action)
         collisions += proved * simulation.latest.collisions.numpy().sum(axis=1) / 2
     return [proved.mean(), collisions.sum() / max(proved.sum(), 1), revoked.sum() / max(proved.sum(), 1)]

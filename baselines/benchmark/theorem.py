@@ -72,4 +72,4 @@ def compatible_starts(
     simulation.reset(seeds=seeds)
     with compile_quietly():
         proved(simulation.observation, wp.zeros_like(proved.action))
-    return proved.holds
+    return proved.tails_compatible

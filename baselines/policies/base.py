@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.inside import Inside
+from baselines.policies.inside import Inside, WallRule
 from baselines.policies.stopping import Stopping
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
@@ -22,7 +22,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, whole_number
 from lissajous_env.wording import few_of, require, shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import clear_worlds, world_mask
+from lissajous_env.world.selection import Remembering
 
 _ARRAYS = ("numpy", "torch", "warp")
 
@@ -36,37 +36,6 @@ def parameters_for(cls: Any, scenario: Scenario, **changed: Any) -> Any:
 
 class UnsuitableScenarioError(ValueError):
     """Error for a scenario that a policy cannot play, such as a rectangle that is too small for its motion."""
-
-
-class Remembering:
-    """Base class of policies, filters and coordinators, which may have a memory for each of W worlds."""
-
-    remembers: tuple[str, ...] = ()
-    """Names of attributes with Warp arrays (W, ...) that are zero when an episode begins."""
-    num_worlds: int
-    """Number of worlds W."""
-
-    def reset(self, worlds: Any = None) -> None:
-        """Reset the memory of some worlds, or of all.
-
-        Args:
-            worlds: (W,) mask or indices of the worlds; all by default.
-
-        Raises:
-            ValueError: `worlds` is neither a mask of this shape nor indices from 0 to W - 1.
-        """
-        self.forget(world_mask(worlds, self.num_worlds))
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew.
-
-        By default the arrays that `remembers` names become zero, and attributes that are `Remembering` are reset.
-        """
-        for name in self.remembers:
-            clear_worlds(getattr(self, name), mask)
-        for part in vars(self).values():
-            if isinstance(part, Remembering):
-                part.reset(mask)
 
 
 class Filter(Copyable, Remembering):
@@ -175,18 +144,13 @@ class Policy(Copyable, Remembering):
         self.observation_shape = (*self.shape, layout(self.scenario).size)
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
-        self._stay_inside: Inside | Stopping | None = None
+        self._stay_inside: WallRule | None = None
         for rule in (Inside, Stopping) if self.wall_rule else ():
             if rule.suits(self.scenario):
                 self._stay_inside = rule(self.scenario, self.num_worlds, self.device)
         self._compiled = False
         self.launch = launcher(self.device)
         """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
-
-    def reset(self, worlds: Any = None) -> None:  # noqa: D102 -- see the base class
-        super().reset(worlds)
-        if isinstance(self._stay_inside, Stopping):
-            self._stay_inside.forget(world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
         """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D); a subclass implements this.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Remembering, parameters_for
+from baselines.policies.base import parameters_for
 from baselines.policies.loops import cruising_speed
 from baselines.policies.own_row import Observation, Rows, hears, lead, message_age, own_phase, own_works, sine_ahead
 from baselines.similarity import motion_scale
@@ -24,22 +24,21 @@ from lissajous_env.settings.checks import Checked, flag, number
 from lissajous_env.theory.closed_forms import curve_speed
 from lissajous_env.theory.geometry import curve_length, lap_phases
 from lissajous_env.world.extension_stages import read_only
+from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)
 
-PREVIEW = 0.6
-"""Time over which the phase rate is averaged [s]: with less, the ground speed is unsteady before tight turns."""
 PhaseRates = wp.array2d(dtype=float)
 """(W, N) phase rates of the robots [rad/s]."""
 PHASES = "phases of ring neighbours"
-"""Content of the messages of a coordinator that defines none."""
+"""Content of the messages of a coordinator without an attribute `communicates`."""
 
 
 class Coordinator(Remembering):
     """Base class of coordinators, which decide phase rates from observations.
 
     A subclass sets `kernel`, whose arguments are `inputs`, the observation and the rates. A coordinator without this
-    base class has `phase_rate` and `coordinate`.
+    base class must have `phase_rate` and `coordinate`.
 
     Attributes:
         scenario: The scenario, with every field filled in.
@@ -167,7 +166,7 @@ class ReferenceParameters(Checked):
     """Parameters of the coordinator, besides the scenario."""
 
     runs_on: bool = flag(False)
-    """True for a reference that keeps moving while its robot has failed."""
+    """True for a reference that moves on while its robot has failed."""
     tracking: float | None = number(None, 0, 1e6, "1/s")
     """k, the gain of the phase error from the reference [1/s]; None is omega / (0.3 rad)."""
     catch_up: float = number(1.0, 0, 1e6)
@@ -240,6 +239,11 @@ class TrackedReference(Coordinator):
         self.inputs = [rate, scenario.task.step, self.parameters.runs_on, tracking, most, self._memory]
 
 
+PREVIEW = 0.6
+"""Time over which the phase rate of `KuramotoByArc` is averaged [s], in the time scale of the paper's experiment: with
+less, the ground speed is unsteady before tight turns."""
+
+
 @dataclass(frozen=True)
 class ArcParameters(Checked):
     """Parameters of the coordinator, besides the scenario."""
@@ -285,7 +289,7 @@ class KuramotoByArc(NumpyCoordinator):
         ends, middles = curve_speed(curve, gamma), curve_speed(curve, gamma[:-1] + 0.5 * gamma[1])
         cells = (ends[:-1] + 4 * middles + ends[1:]) / 6  # Simpson's rule
         arc = np.concatenate([[0.0], np.cumsum(cells)]) * 2 * math.pi / cells.sum()
-        self._gain, self._loss = (gamma, arc - gamma), (arc, gamma - arc)
+        self._to_arc, self._from_arc = (gamma, arc - gamma), (arc, gamma - arc)
 
     def rates(self, rows: Rows) -> np.ndarray:
         """Return the mean theta_i' over the preview for psi_i' = rate - K sum_j sin(psi_j - psi_i)."""
@@ -293,13 +297,13 @@ class KuramotoByArc(NumpyCoordinator):
         arc = self._arc_of(alpha * theta)
         ahead = (self._arc_of(alpha * (theta[..., None] + rows.lead)) - arc[..., None]) / alpha
         pull = (rows.heard * np.sin(ahead + self._rate * rows.age)).sum(axis=-1)
-        soon = arc + self._preview * alpha * (self._rate - self.scenario.coupling * pull)
-        gamma = soon + np.interp(soon % (2 * math.pi), *self._loss)
+        arc_then = arc + self._preview * alpha * (self._rate - self.scenario.coupling * pull)
+        gamma = arc_then + np.interp(arc_then % (2 * math.pi), *self._from_arc)
         return (gamma - alpha * theta) / (self._preview * alpha)
 
     def _arc_of(self, gamma: np.ndarray) -> np.ndarray:
         """Return 2 pi s(gamma) / L [rad] for gamma [rad], which may be beyond a lap."""
-        return gamma + np.interp(gamma % (2 * math.pi), *self._gain)
+        return gamma + np.interp(gamma % (2 * math.pi), *self._to_arc)
 
 
 def ground_speed(scenario: Scenario) -> float:

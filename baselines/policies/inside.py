@@ -20,6 +20,7 @@ from lissajous_env.device.program import launcher
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.inside import Walls, has_room, inside, walls_of
+from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)
 
@@ -49,8 +50,28 @@ def stay_inside(
         action[w, i, 1] = chosen[1]
 
 
-class Inside(Copyable):
-    """The rule for the cars of a scenario with walls, for W worlds on one device.
+class WallRule(Copyable, Remembering):
+    """Base class of the rules that change actions after which robots could not stay inside walls, for W worlds.
+
+    A subclass has the `kernel` of its rule, and may have a memory.
+    """
+
+    kernel: Any
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any, constants: Any):
+        self.num_worlds, self.shape = num_worlds, (num_worlds, scenario.num_robots)
+        curve = curve_struct(scenario.curve, as_device(device))
+        self._inputs = [constants, to_struct(RobotStruct, scenario.robot), curve]
+        self._launch = launcher(device)
+
+    def __call__(self, observation: wp.array, action: wp.array) -> None:
+        """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""
+        memory = [getattr(self, name) for name in self.remembers]
+        self._launch(self.kernel, self.shape, [*self._inputs, observation], [*memory, action])
+
+
+class Inside(WallRule):
+    """The rule for the cars of a scenario with walls.
 
     Args:
         scenario: The scenario, resolved.
@@ -59,18 +80,12 @@ class Inside(Copyable):
         turns_early: True if the policy accounts for the time in which a differential drive gains its yaw rate.
     """
 
+    kernel = stay_inside
+
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", turns_early: bool = False):
-        self._shape = (num_worlds, scenario.num_robots)
-        self._walls = walls_of(scenario, turns_early)
-        self._robot = to_struct(RobotStruct, scenario.robot)
-        self._curve = curve_struct(scenario.curve, as_device(device))
-        self._launch = launcher(device)
+        super().__init__(scenario, num_worlds, device, walls_of(scenario, turns_early))
 
     @staticmethod
     def suits(scenario: Scenario) -> bool:
         """Return whether policies steer cars between walls that are at least a circle at `CREEP` apart."""
         return scenario.actuation == "car" and has_room(scenario)
-
-    def __call__(self, observation: wp.array, action: wp.array) -> None:
-        """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""
-        self._launch(stay_inside, self._shape, [self._walls, self._robot, self._curve, observation], [action])

@@ -1,4 +1,4 @@
-"""Closed loops that cars can drive: in the cells of a rectangle, one for each robot, around it, and along lanes."""
+"""Cells of a rectangle, one for each robot, and closed loops that cars can drive: in cells, around it, along lanes."""
 
 import math
 from dataclasses import dataclass
@@ -57,6 +57,38 @@ def _in_rows(count: int, rows: int, half: tuple[float, float]) -> np.ndarray:
             cells.append((x, bottom + half_height, width / cells_in_row, half_height, k, row))
         bottom += 2 * half_height
     return np.array(cells)
+
+
+def are_adjacent(cells: np.ndarray) -> np.ndarray:
+    """Return whether two cells share a piece of an edge (N, N)."""
+    away = np.abs(cells[:, None, :2] - cells[None, :, :2])
+    reach = cells[:, None, 2:4] + cells[None, :, 2:4]
+    slack = 1e-6 * reach
+    return (away <= reach + slack).all(axis=-1) & (away < reach - slack).any(axis=-1) & ~np.eye(len(cells), dtype=bool)
+
+
+def tour(cells: np.ndarray) -> np.ndarray:
+    """Return an order (N,) of the cells, a closed tour in which as many neighbours as possible share an edge.
+
+    It starts to and fro along the rows, and is improved by reversals of a part (2-opt).
+    """
+    forth = np.where(cells[:, 5] % 2 == 0, cells[:, 4], -cells[:, 4])
+    order = np.lexsort((forth, cells[:, 5]))
+    away = np.linalg.norm(cells[:, None, :2] - cells[None, :, :2], axis=-1)
+    cost = np.where(are_adjacent(cells), 0.0, 1.0) + 1e-3 * away / max(away.max(), 1e-300)
+    improved = len(cells) > 3
+    while improved:
+        improved = False
+        for i in range(len(order) - 1):
+            onward = np.roll(order, -1)
+            later = np.arange(i + 1, len(order))
+            gain = cost[order[i], onward[i]] + cost[order[later], onward[later]]
+            gain = gain - cost[order[i], order[later]] - cost[onward[i], onward[later]]
+            if gain.max() > 1e-9:
+                k = later[int(np.argmax(gain))]
+                order[i + 1 : k + 1] = order[i + 1 : k + 1][::-1]
+                improved = True
+    return order
 
 
 def closed_loop(half_width: float, half_height: float, corner: float, lanes: int = 2) -> np.ndarray | None:
@@ -130,38 +162,6 @@ def resampled(loop: np.ndarray, count: int) -> np.ndarray:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     at = along[-1] * np.arange(count) / count
     return np.column_stack([np.interp(at, along, closed[:, k]) for k in range(2)])
-
-
-def are_adjacent(cells: np.ndarray) -> np.ndarray:
-    """Return whether two cells share a piece of an edge (N, N)."""
-    away = np.abs(cells[:, None, :2] - cells[None, :, :2])
-    reach = cells[:, None, 2:4] + cells[None, :, 2:4]
-    slack = 1e-6 * reach
-    return (away <= reach + slack).all(axis=-1) & (away < reach - slack).any(axis=-1) & ~np.eye(len(cells), dtype=bool)
-
-
-def tour(cells: np.ndarray) -> np.ndarray:
-    """Return an order (N,) of the cells, a closed tour in which as many neighbours as possible share an edge.
-
-    It starts to and fro along the rows, and is improved by reversals of a part (2-opt).
-    """
-    forth = np.where(cells[:, 5] % 2 == 0, cells[:, 4], -cells[:, 4])
-    order = np.lexsort((forth, cells[:, 5]))
-    away = np.linalg.norm(cells[:, None, :2] - cells[None, :, :2], axis=-1)
-    cost = np.where(are_adjacent(cells), 0.0, 1.0) + 1e-3 * away / max(away.max(), 1e-300)
-    improved = len(cells) > 3
-    while improved:
-        improved = False
-        for i in range(len(order) - 1):
-            onward = np.roll(order, -1)
-            later = np.arange(i + 1, len(order))
-            gain = cost[order[i], onward[i]] + cost[order[later], onward[later]]
-            gain = gain - cost[order[i], order[later]] - cost[onward[i], onward[later]]
-            if gain.max() > 1e-9:
-                k = later[int(np.argmax(gain))]
-                order[i + 1 : k + 1] = order[i + 1 : k + 1][::-1]
-                improved = True
-    return order
 
 
 @dataclass(frozen=True)
@@ -256,19 +256,19 @@ def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -
     """
     parameters = parameters or SweepParameters()
     curve, radius = scenario.driven, scenario.sensing_radius
-    B, A = sorted((curve.half_width, curve.half_height))
+    short, long = sorted((curve.half_width, curve.half_height))
     corner = parameters.corner or corner_radius(scenario, parameters.cruise)
     at_boundary = scenario.targets.entry == "boundary"
     wanted = (0.1 if at_boundary else 0.7) * radius if parameters.inset is None else parameters.inset
-    inset = max(min(wanted, B - corner), 0.0)
-    around = at_boundary or B - inset <= radius
-    lanes = parameters.lanes or (2 if around else 2 * math.ceil((B - inset) / (2 * radius) + 0.5))
-    if A - inset < 2 * corner:
+    inset = max(min(wanted, short - corner), 0.0)
+    around = at_boundary or short - inset <= radius
+    lanes = parameters.lanes or (2 if around else 2 * math.ceil((short - inset) / (2 * radius) + 0.5))
+    if long - inset < 2 * corner:
         lanes = 2
-    corners = lane_corners(A - inset, B - inset, corner, lanes)
+    corners = lane_corners(long - inset, short - inset, corner, lanes)
     path = resampled(rounded(corners, corner, 16), _POINTS)
     if lanes == 2 and parameters.bow > 0:
-        path = resampled(_bowed(path, np.array([A - inset, B - inset]), corner, parameters.bow), _POINTS)
+        path = resampled(_bowed(path, np.array([long - inset, short - inset]), corner, parameters.bow), _POINTS)
     return path[::-1, ::-1] if curve.half_height > curve.half_width else path
 
 

@@ -182,7 +182,7 @@ class RepairParameters(PartitionParameters):
     """Parameters of a partition with repair, besides those of the partition."""
 
     patience: int = whole(2, 1, 100)
-    """Control steps without motion after which a ring neighbour counts as failed."""
+    """Control steps without motion after which a ring neighbour counts as failed; more if positions are noisy."""
     reserve: float = number(1.35, 1, 10)
     """Factor by which the period is longer than the shortest, so that cars can drive longer loops in the same time."""
 
@@ -210,7 +210,7 @@ class PartitionRepair(TimedPaths):
     """
 
     communicates = "positions of ring neighbours"
-    remembers = (*TimedPaths.remembers, "_watched", "_standing", "_avoided", "_target")
+    remembers = (*TimedPaths.remembers, "_watched", "_stopped", "_avoided", "_target")
     waits = True
     Parameters = RepairParameters
 
@@ -218,7 +218,7 @@ class PartitionRepair(TimedPaths):
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
         self._watched = wp.zeros((*self.shape, 2, WATCH_SIZE), dtype=wp.float32, device=self.device)
-        self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
+        self._stopped = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
@@ -236,9 +236,9 @@ class PartitionRepair(TimedPaths):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._takeover, observation, self._watched, self._standing]
+        inputs = [self._curve, self._takeover, observation, self._watched, self._stopped]
         self.launch(watch_neighbours, self.shape, inputs, [self._case])
-        inputs = [self._takeover, self._curve, self._pose, self._case, observation, self._standing]
+        inputs = [self._takeover, self._curve, self._pose, self._case, observation, self._stopped]
         inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)
@@ -266,18 +266,16 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, 
     low, high = loops.loop.min(axis=2), loops.loop.max(axis=2)
     margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
     constants = Takeover()
-    # With noisy measurements, a stopped robot seems to move.
+    # With noisy measurements a stopped robot seems to move, so places are compared between which one moves farther.
     constants.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
-    constants.step, constants.time_unit, constants.speed_unit = (
-        scenario.task.step,
-        scenario.time_unit,
-        scenario.robot.top_speed,
-    )
-    constants.radius, constants.robots_seen = scenario.sight, scenario.sensing.robots_seen
-    constants.shapes, constants.first, constants.required = SHAPES, FINE * tables.lead_in, _avoided_distance(scenario)
-    constants.every = max(int(_SPARSE * _avoided_distance(scenario) / (drift / FINE)), 1)
-    constants.spacing = _avoided_distance(scenario) / _FINER
-    constants.sensing, constants.drift = _COVERED * scenario.sensing_radius, drift
+    constants.compared = math.ceil(2 * constants.still / drift)
+    constants.step, constants.time_unit = scenario.task.step, scenario.time_unit
+    constants.speed_unit = scenario.robot.top_speed
+    constants.sight, constants.robots_seen = scenario.sight, scenario.sensing.robots_seen
+    constants.shapes, constants.loop_start = SHAPES, FINE * tables.lead_in
+    constants.required = required = _avoided_distance(scenario)
+    constants.stride, constants.spacing = max(int(_SPARSE * required / (drift / FINE)), 1), required / _FINER
+    constants.corner_reach, constants.drift = _COVERED * scenario.sensing_radius, drift
     constants.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
     constants.margins = wp.array(margins, dtype=wp.vec4, device=device)
     constants.middles = wp.array(middle_of(loops.loop), dtype=wp.vec2, device=device)

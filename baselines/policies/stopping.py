@@ -22,22 +22,19 @@ from the deviation of the measured heading from the expected one; at the start i
 import math
 from typing import Any
 
-import numpy as np
 import warp as wp
 
+from baselines.policies.inside import WallRule
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.copies import Copyable
-from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
+from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.devices import as_device
-from lissajous_env.device.program import launcher
-from lissajous_env.device.structs import RobotStruct, to_struct
+from lissajous_env.device.structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.contacts import distance_inside
 from lissajous_env.world.robots.differential import commanded_speed, drive_step, ramp, yaw_limit
 from lissajous_env.world.robots.inside import DEVIATIONS, ROUNDING, margin_of
-from lissajous_env.world.selection import clear_worlds
 
 wp.set_module_options(OPTIONS)
 
@@ -114,7 +111,7 @@ def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
     deviations of the steps are independent, so the variances of their displacements add up.
     """
     now = drive
-    least = float(1.0e30)
+    least = float(wp.inf)
     variance = limits.heading_noise * limits.heading_noise
     count = float(0.0)
     sum_of = wp.vec2()
@@ -158,7 +155,7 @@ def room_after(
     `enough` is not computed exactly.
     """
     least = enough
-    for k in range(wp.where(limits.is_exact == 1, 1, 12)):
+    for k in range(wp.where(limits.is_exact == 1, 1, 12)):  # side: k % 3, motor: k / 3 % 2, faster or slower: k / 6
         side = 1.0 - float(k % 3)
         faster = wp.where((action[0] < 0.0) == (k < 6), -1.0, 1.0)
         if k >= 6 and wp.abs(action[0]) > limits.action_error:
@@ -173,7 +170,7 @@ def room_after(
         for _ in range(limits.substeps):
             now = moved(limits, robot, now, speed, turning, limits.pushes[(k / 3) % 2])
             least = wp.min(least, distance_inside(half[0], half[1], now.pose[0], now.pose[1]))
-        most = float(-1.0e30)
+        most = float(-wp.inf)
         for way in range(3):
             if most < least and least >= lowest:
                 most = wp.max(most, room_to_stop(limits, robot, half, now, float(way - 1) * limits.turn_action))
@@ -223,10 +220,10 @@ def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) ->
             if is_safe_after(limits, robot, half, drive, action):
                 return action
     best = wp.vec2(0.0, turning)
-    most = room_after(limits, robot, limits.half, drive, best, -1.0e30, 1.0e30)
+    most = room_after(limits, robot, limits.half, drive, best, -wp.inf, wp.inf)
     for k in range(wp.where(limits.is_exact == 1, 0, 9)):
         action = wp.vec2(float(k / 3 - 1) * 2.0 * limits.action_error, float(k % 3 - 1) * limits.turn_action)
-        room = room_after(limits, robot, limits.half, drive, action, most, 1.0e30)
+        room = room_after(limits, robot, limits.half, drive, action, most, wp.inf)
         if room > most:
             most = room
             best = action
@@ -270,25 +267,18 @@ def leave_a_way_to_stop(
     heading[w, i] = drive.pose[2]
 
 
-class Stopping(Copyable):
-    """The rule for the differential drives of a scenario with walls, for W worlds on one device.
+class Stopping(WallRule):
+    """The rule for the differential drives of a scenario with walls; arguments as for `Inside`."""
 
-    Args:
-        scenario: The scenario, resolved.
-        num_worlds: W.
-        device: Warp device.
-    """
+    kernel = leave_a_way_to_stop
+    remembers = "yaw_rate", "heading"
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
-        shape = (num_worlds, scenario.num_robots)
-        self._limits = limits_of(scenario)
-        self._robot = to_struct(RobotStruct, scenario.robot)
-        self._curve = curve_struct(scenario.curve, as_device(device))
-        self.yaw_rate = wp.zeros(shape, dtype=wp.float32, device=as_device(device))
+        super().__init__(scenario, num_worlds, device, limits_of(scenario))
+        self.yaw_rate = wp.zeros(self.shape, dtype=wp.float32, device=as_device(device))
         """(W, N) yaw rates before the next action [rad/s]; 0 when an episode begins."""
-        self.heading = wp.zeros(shape, dtype=wp.float32, device=as_device(device))
+        self.heading = wp.zeros(self.shape, dtype=wp.float32, device=as_device(device))
         """(W, N) headings that are expected after the latest action [rad]; 0 when an episode begins."""
-        self._launch = launcher(device)
 
     @staticmethod
     def suits(scenario: Scenario) -> bool:
@@ -296,16 +286,6 @@ class Stopping(Copyable):
         if scenario.actuation != "differential" or scenario.task.boundary != "wall":
             return False
         return margin_of(scenario) < min(scenario.curve.half_width, scenario.curve.half_height)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew."""
-        for memory in (self.yaw_rate, self.heading):
-            clear_worlds(memory, mask)
-
-    def __call__(self, observation: wp.array, action: wp.array) -> None:
-        """Change the actions (W, N, A) in place, from the observation (W, N, D); messages pass."""
-        given = [self._limits, self._robot, self._curve, observation]
-        self._launch(leave_a_way_to_stop, self.yaw_rate.shape, given, [self.yaw_rate, self.heading, action])
 
 
 def limits_of(scenario: Scenario) -> Any:

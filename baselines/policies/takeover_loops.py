@@ -42,9 +42,9 @@ class TakeoverLoops:
 
 
 def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
-    """Return a plan whose loops last longer by a factor, so that the cars can drive longer loops in the same time.
+    """Return a plan whose loops last longer by a factor `reserve`, in which the cars could drive longer loops.
 
-    The places on them are those of the Fourier series of the loops.
+    Places between the given ones are those of the Fourier series of the loops.
     """
     period = plan.loop.shape[1]
     count = math.ceil(period * reserve - 1e-9)
@@ -67,7 +67,8 @@ def takeover_loops(
         neighbours: (N, 2) previous and next robot on the ring, -1 for none.
         problem: Constants of the plan.
         unit: Half height of the rectangle [m].
-        moved: Distance by which a loop must be movable to the right and up without losing its bound [m].
+        moved: Distance [m]; a loop for failed neighbours must bound the undetected time also if it is moved by this
+            distance to the right, up or both.
     """
     cells, own = plan.cells[cell][:, :4] / unit, plan.loop[cell] / unit
     loop, adjacent = np.repeat(own[None], CASES * SHAPES, axis=0), are_adjacent(cells)
@@ -122,7 +123,7 @@ def _watching_alone(
 ) -> tuple[list[np.ndarray], bool]:
     """Return loops (K, 2) of K control steps by which one robot watches a rectangle, at most SHAPES, the best first.
 
-    The second value is True if the first one bounds the undetected time, also after it has moved by some distance.
+    The second value is True if the first one bounds the undetected time, also if `moved` to the right, up or both.
     """
     rated = []
     largest = np.maximum(np.minimum(half, problem.driven), problem.turning)

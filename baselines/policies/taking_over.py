@@ -26,12 +26,13 @@ from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
 
-WORKING, STANDING, SILENT = (wp.constant(k) for k in range(3))
+WORKING, STOPPED, SILENT = (wp.constant(k) for k in range(3))
 """Estimated states of a ring neighbour."""
-# Entries of the memory of a ring neighbour.
-STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_STEPS = (wp.constant(k) for k in range(5))
-WATCH_SIZE = 5
-"""Number of these entries."""
+STATE, HEARD_X, HEARD_Y, MESSAGE_AGE, STILL_COUNT, NEW_MESSAGES = (wp.constant(k) for k in range(6))
+WATCH_SIZE = 6
+"""Memory of a ring neighbour: its estimated state, a place that it sent [m], the age that its last message has in the
+next step [s] (without one, less the time since the reset), the number of comparisons in a row in which it had not
+moved, and the number of messages since that place."""
 PLACES = wp.constant(4)
 """Number of stored places of stopped robots: of the two ring neighbours, then of two that were in sight."""
 SHIFTS = wp.constant(12)
@@ -43,31 +44,33 @@ class Takeover:
     """Constants of a robot's estimates of others, and the loops P of its cases C (`takeover_loops.TakeoverLoops`)."""
 
     still: float
-    """Displacement in a step below which a robot counts as stopped [m]."""
+    """Distance of two places that are compared below which a robot has not moved [m]."""
+    compared: int
+    """Number of messages from one place to the next that is compared with it."""
     patience: int
-    """Number of such steps after which a ring neighbour counts as failed."""
+    """Number of comparisons without motion after which a ring neighbour counts as failed."""
     step: float
     """Control step [s]."""
     time_unit: float
     """Unit of an observed age [s]."""
     speed_unit: float
     """Unit of an observed speed [m/s]."""
-    radius: float
-    """Distance within which robots are seen [m]."""
+    sight: float
+    """Distance within which robots are observed [m]."""
     robots_seen: int
     """Number of robots in an observation."""
     shapes: int
     """Loops of a case."""
-    first: int
+    loop_start: int
     """First sample of the loops in the tables of paths."""
-    every: int
-    """Samples from one that is compared to the next."""
+    stride: int
+    """Number of samples from one that is compared to the next."""
     spacing: float
     """Distance of two shifts that are compared [m]."""
     required: float
     """Least distance of a loop from a stopped robot [m]."""
-    sensing: float
-    """Distance within which a loop passes by corners [m]."""
+    corner_reach: float
+    """Distance from a corner within which a loop covers it [m]."""
     drift: float
     """Most by which the middle of a loop moves in a control step [m]."""
     neighbours: wp.array(dtype=wp.vec2i)
@@ -86,12 +89,13 @@ def watch_neighbours(
     takeover: Takeover,
     observation: Observation,
     memory: wp.array4d(dtype=float),
-    standing: wp.array3d(dtype=wp.vec3),
+    stopped: wp.array3d(dtype=wp.vec3),
     case_out: wp.array2d(dtype=int),
 ):
-    """Update robot i's estimates of its ring neighbours, and of stopped robots: x, y and 1 if the place is in use.
+    """Update robot i's memory of its ring neighbours (W, N, 2, WATCH_SIZE), and the places of stopped robots.
 
-    Its case is the sum of 1 if the previous robot on the ring has failed, and 2 if the next one has.
+    `stopped` (W, N, PLACES) is x, y [m], and 1 where a place is in use. The case is the sum of 1 if the previous robot
+    on the ring has failed, and 2 if the next one has.
     """
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
@@ -105,25 +109,28 @@ def watch_neighbours(
                 known[STATE] = float(SILENT)
         else:
             place = position + offset_heard(w, i, side, curve, observation)
-            # Both have one step more: the age, and with a negative sign the time since the reset without a message.
             age = message_age(w, i, side, takeover.time_unit, observation) + takeover.step
             is_first = known[MESSAGE_AGE] <= 0.0
             # A message that was heard before is older by a step and does not count.
             if is_first or age < known[MESSAGE_AGE] + 0.5 * takeover.step:
-                moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
-                known[STILL_STEPS] = wp.where(moved < takeover.still and not is_first, known[STILL_STEPS] + 1.0, 0.0)
-                known[HEARD_X] = place[0]
-                known[HEARD_Y] = place[1]
+                known[NEW_MESSAGES] += 1.0
+                if is_first or known[NEW_MESSAGES] >= float(takeover.compared):
+                    moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
+                    is_still = moved < takeover.still and not is_first
+                    known[STILL_COUNT] = wp.where(is_still, known[STILL_COUNT] + 1.0, 0.0)
+                    known[HEARD_X] = place[0]
+                    known[HEARD_Y] = place[1]
+                    known[NEW_MESSAGES] = 0.0
             known[MESSAGE_AGE] = age
-            if known[STILL_STEPS] == 0.0:
+            if known[STILL_COUNT] == 0.0:
                 known[STATE] = float(WORKING)
-            if known[STILL_STEPS] >= float(takeover.patience):
-                known[STATE] = float(STANDING)
+            if known[STILL_COUNT] >= float(takeover.patience):
+                known[STATE] = float(STOPPED)
         if known[STATE] != float(WORKING):
             case_out[w, i] += 1 + side
-        stands = wp.where(known[STATE] == float(STANDING), 1.0, 0.0)
-        standing[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], stands)
-    watch_disc(w, i, position, takeover, observation, standing)
+        is_stopped = wp.where(known[STATE] == float(STOPPED), 1.0, 0.0)
+        stopped[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], is_stopped)
+    watch_disc(w, i, position, takeover, observation, stopped)
 
 
 @wp.func
@@ -133,50 +140,51 @@ def watch_disc(
     position: wp.vec2,
     takeover: Takeover,
     observation: Observation,
-    standing: wp.array3d(dtype=wp.vec3),
+    stopped: wp.array3d(dtype=wp.vec3),
 ):
     """Update the places of stopped robots that are, or were, in sight."""
     # If a stopped robot should be in sight but is not observed, it is not there any more.
     for k in range(2, PLACES):
-        known = standing[w, i, k]
-        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * takeover.radius:
-            standing[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
+        known = stopped[w, i, k]
+        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * takeover.sight:
+            stopped[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
     own = own_speed(w, i, takeover.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
     for seen in range(takeover.robots_seen):
         if sees(w, i, seen, observation):
             velocity = own + velocity_seen(w, i, seen, takeover.speed_unit, observation)
-            place = position + offset_seen(w, i, seen, takeover.radius, observation)
+            place = position + offset_seen(w, i, seen, takeover.sight, observation)
             is_known = bool(False)
             free = int(0)
             for k in range(PLACES):
-                known = standing[w, i, k]
+                known = stopped[w, i, k]
                 if known[2] > 0.0:
-                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * takeover.still + 0.1 * takeover.radius:
+                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * takeover.still + 0.1 * takeover.sight:
                         is_known = True
                 elif k >= 2:
                     free = k
-            if wp.length(velocity) * takeover.step < takeover.still and not is_known and free > 0:
-                standing[w, i, free] = wp.vec3(place[0], place[1], 1.0)
+            slow = wp.length(velocity) * takeover.step < wp.min(takeover.still, 0.5 * takeover.drift)
+            if slow and not is_known and free > 0:
+                stopped[w, i, free] = wp.vec3(place[0], place[1], 1.0)
 
 
 @wp.func
 def distance_of(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
     """Return the smallest distance of a loop from a place [m]."""
     least = float(wp.inf)
-    for sample in range(takeover.first, path.shape[0], takeover.every):
+    for sample in range(takeover.loop_start, path.shape[0], takeover.stride):
         least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
     return least
 
 
 @wp.func
 def clearance_of(
-    takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, standing: wp.array(dtype=wp.vec3)
+    takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, stopped: wp.array(dtype=wp.vec3)
 ) -> float:
     """Return the smallest distance of a shifted loop from the stopped robots [m]."""
     least = float(wp.inf)
-    for k in range(standing.shape[0]):
-        if standing[k][2] > 0.0:
-            least = wp.min(least, distance_of(takeover, path, wp.vec2(standing[k][0], standing[k][1]) - shift))
+    for k in range(stopped.shape[0]):
+        if stopped[k][2] > 0.0:
+            least = wp.min(least, distance_of(takeover, path, wp.vec2(stopped[k][0], stopped[k][1]) - shift))
     return least
 
 
@@ -184,7 +192,7 @@ def clearance_of(
 def uncovered_corners(
     takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, corners: int, curve: CurveStruct
 ) -> float:
-    """Return the sum of the distances of a shifted loop from the corners that it never covers [sensing radii]."""
+    """Return the sum of the distances of a shifted loop from the corners that it never covers [corner_reach]."""
     uncovered = float(0.0)
     for k in range(4):
         if ((corners >> k) & 1) == 1:
@@ -193,8 +201,8 @@ def uncovered_corners(
                 wp.where(k / 2 == 1, curve.half_height, -curve.half_height),
             )
             least = distance_of(takeover, path, corner - shift)
-            if least > takeover.sensing:
-                uncovered += least / takeover.sensing
+            if least > takeover.corner_reach:
+                uncovered += least / takeover.corner_reach
     return uncovered
 
 
@@ -205,9 +213,9 @@ def clear_loop(
     pose: wp.array3d(dtype=wp.vec4),
     case: int,
     i: int,
-    standing: wp.array(dtype=wp.vec3),
+    stopped: wp.array(dtype=wp.vec3),
 ) -> wp.vec3:
-    """Return the shift [m] and the shape of the loop of robot i's case that have the least cost (`take_over`)."""
+    """Return the shift [m] and the shape of the loop of robot i's case with the least cost (`take_over`)."""
     best = wp.vec3(0.0, 0.0, 0.0)
     best_cost = float(wp.inf)
     for shape in range(takeover.shapes):
@@ -218,9 +226,10 @@ def clear_loop(
             for column in range(-SHIFTS, SHIFTS + 1):
                 x = wp.clamp(float(column) * takeover.spacing, margin[0], margin[2])
                 tried = wp.vec2(x, wp.clamp(float(row) * takeover.spacing, margin[1], margin[3]))
+                # Terms that take long to compute are added only while this may be the best loop.
                 cost = 0.01 * wp.length(tried) / takeover.required + 0.5 * float(shape)
                 if cost < best_cost:
-                    lacking = takeover.required - clearance_of(takeover, path, tried, standing)
+                    lacking = takeover.required - clearance_of(takeover, path, tried, stopped)
                     cost += 1000.0 * wp.max(lacking, 0.0) / takeover.required
                 if cost < best_cost:
                     cost += 20.0 * uncovered_corners(takeover, path, tried, takeover.corners[case, i], curve)
@@ -237,7 +246,7 @@ def take_over(
     pose: wp.array3d(dtype=wp.vec4),
     cases: wp.array2d(dtype=int),
     observation: Observation,
-    standing: wp.array3d(dtype=wp.vec3),
+    stopped: wp.array3d(dtype=wp.vec3),
     avoided: wp.array3d(dtype=wp.vec3),
     target: wp.array2d(dtype=wp.vec2),
     variant: wp.array2d(dtype=int),
@@ -247,9 +256,9 @@ def take_over(
 
     The choice is the first loop with the smallest shift that is clear of stopped robots, and from which the robot
     covers the corners of the rectangle that it alone watches; a collision costs more than a corner, that more than
-    another loop, and that more than a shift. `target` is the chosen shift. The loop of a robot that has failed does not
-    change, so that the others leave room for it when it resumes; a robot returns to its own loop at once, in phase with
-    the others.
+    another loop, and that more than a shift. `target` is the chosen shift, and `avoided` are the stopped robots for
+    which it was chosen. The loop of a robot that has failed does not change, so that the others leave room for it when
+    it resumes; a robot returns to its own loop at once, in phase with the others.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
@@ -257,18 +266,18 @@ def take_over(
     case = cases[w, i]
     near = 0.25 * takeover.spacing
     changed = case != variant[w, i] / takeover.shapes
-    stands = bool(False)
+    any_stopped = bool(False)
     for k in range(PLACES):
-        if standing[w, i, k][2] > 0.0:
-            stands = True
-        if wp.length(standing[w, i, k] - avoided[w, i, k]) > near:
+        if stopped[w, i, k][2] > 0.0:
+            any_stopped = True
+        if wp.length(stopped[w, i, k] - avoided[w, i, k]) > near:
             changed = True
     if changed:
         for k in range(PLACES):
-            avoided[w, i, k] = standing[w, i, k]
+            avoided[w, i, k] = stopped[w, i, k]
         best = wp.vec3(0.0, 0.0, 0.0)
-        if stands:
-            best = clear_loop(takeover, curve, pose, case, i, standing[w, i])
+        if any_stopped:
+            best = clear_loop(takeover, curve, pose, case, i, stopped[w, i])
         chosen = case * takeover.shapes + int(best[2])
         shift[w, i] += takeover.middles[variant[w, i], i] - takeover.middles[chosen, i]
         variant[w, i] = chosen

@@ -48,10 +48,12 @@ from lissajous_env.settings.parts import Faults
 wp.set_module_options(OPTIONS)
 
 _FINE = wp.constant(FINE)
-# Entries of a robot's memory.
 STEPS, PROGRESS, VARIANT, PUSH_BIAS, TURN_RATIO = (wp.constant(k) for k in range(5))
 NEXT_SPEED, NEXT_HEADING, NEXT_TURN = (wp.constant(k) for k in range(5, 8))
 MEMORY = 8
+"""Memory of a robot: the steps since the reset, the sample of its progress, one more than its variant, the bias of its
+motor [m/s^2], the relative error of its curvature, and speed [m/s], heading and turn [rad] predicted for the next step;
+speed 0 without a prediction."""
 
 _SETTLING, _SETTLING_STEPS = 0.12, 0.8
 """Time constant of an error [s] in the time scale of the paper's experiment, and the least one [control step]; that of
@@ -274,9 +276,9 @@ def take_filtered(
     filtered: Actions,
     action_out: Actions,
 ):
-    """Take the actions of the collision filter up to control step `until`.
+    """Use the actions of the collision filter up to control step `until`.
 
-    Later on, take them for a robot that is farther from its reference than `tolerance` [m], where others do not expect
+    Later on, use them for a robot that is farther from its reference than `tolerance` [m], where others do not expect
     it.
     """
     w, i = wp.tid()

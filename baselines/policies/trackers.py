@@ -155,8 +155,7 @@ class WithMpcc(Coordinated):
         self.mpcc.restrict(robot)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of these worlds."""
-        super().forget(mask)
+        """Delete the warm starts of these worlds."""
         self.mpcc.reset(np.repeat(mask, self.num_robots))
 
     def decide(self, observation: wp.array) -> None:

@@ -1,8 +1,8 @@
 """Transits: the ways of a team of cars from their starts into synchronised loops, without collisions.
 
-Each car has a shortest path of bounded curvature, which enters a loop at the place of this loop's reference at that
-time, and a speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of the fourth
-powers of the arrival times. The paths are then selected one car after the other, those that arrive last first: each
+A way is a shortest path of bounded curvature, which enters a loop at the place of this loop's reference at that time,
+with a speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of the fourth
+powers of the arrival times. The ways are then selected one car after the other, those that arrive last first: each
 enters its loop as early as it can without coming near the cars before it.
 
 Shortest paths of bounded curvature are made of arcs of the smallest radius and straight lines: L. E. Dubins, "On curves
@@ -35,14 +35,15 @@ STEP_TURN = 0.4
 _RADIUS_FACTOR = 1.02
 """Radius of planned turns, over that of the tightest turn of the car with the longest wheelbase."""
 _PROFILE = np.linspace(0, 1, 21)
+"""Shares of the duration of a way at which its speed is tested."""
 _TRIES = 24
 """Orders of the cars that are tried."""
 _PER_ROBOT = 60
 """Paths of a car that are tried in an order, the earliest first."""
 _FARTHEST = 3.0
-"""Largest coordinate on a way, as a multiple of half of the rectangle's side; a car observes its own up to 4."""
+"""Largest coordinate on a way, in half sides of the rectangle; a car observes its own up to 4."""
 _LONGEST = 6.0
-"""Longest planned transit, in the time in which a car drives a quarter of the rectangle's perimeter."""
+"""Longest planned transit, in times in which a car drives a quarter of the rectangle's perimeter."""
 
 
 def radius_for_all_cars(scenario: Scenario) -> float:
@@ -97,7 +98,7 @@ class Car:
 
 
 def start_is_known(scenario: Scenario) -> bool:
-    """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
+    """Return whether the scenario determines all starts, within a body's diameter at two deviations."""
     formation, farthest = scenario.formation, scenario.alpha * largest_speed(scenario.driven)
     return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
 
@@ -264,8 +265,8 @@ class _Search:
             places, arrives = {}, 0
             for robot in order:
                 for k, (arrival_step, *_) in enumerate(ways[robot]):
-                    is_near = (np.abs(places_of(robot, k)) <= self.farthest).all()
-                    if is_near and _is_clear(places_of(robot, k), places.values(), apart):
+                    is_observed = (np.abs(places_of(robot, k)) <= self.farthest).all()
+                    if is_observed and _is_clear(places_of(robot, k), places.values(), apart):
                         places[robot], arrives = places_of(robot, k), max(arrives, arrival_step)
                         break
                 else:  # the robot without a way goes first in the next order

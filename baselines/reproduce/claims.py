@@ -1,4 +1,4 @@
-"""The table of the claims: the number in the paper, ours, and whether the two agree."""
+"""The table of claims: the paper's number, ours, and whether the two agree."""
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,9 +29,10 @@ SILENT = "not stated"
 
 @dataclass(frozen=True)
 class Claim:
-    """One row of the table."""
+    """One row of the table: a statement of the paper, and its test."""
 
     claim: str
+    """The statement."""
     paper: str
     """Value of the paper, with its unit."""
     ours: str
@@ -50,27 +51,23 @@ Part = Iterator[Claim | Picture]
 """Claims and pictures of one part of the paper."""
 
 
-def near(
-    claim: str, paper: float, result: float, tolerance: float, unit: str = "", why: str = "", digits: str = ".4g"
-) -> Claim:
-    """Claim a number: `result` may be off `paper` by the tolerance, in the same unit."""
+def near(claim: str, paper: float, result: float, tolerance: float, unit: str = "", why: str = "") -> Claim:
+    """Claim that a number, `result`, differs from `paper` by at most the tolerance, all in the same unit."""
     rule, agrees = f"\N{PLUS-MINUS SIGN} {tolerance:g}{_of(unit)}", bool(abs(result - paper) <= tolerance)
-    return Claim(claim, f"{paper:g}{_of(unit)}", f"{result:{digits}}{_of(unit)}", rule, agrees, why)
+    return Claim(claim, f"{paper:g}{_of(unit)}", f"{result:.4g}{_of(unit)}", rule, agrees, why)
 
 
-def within_range(
-    claim: str, paper: float, result: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
-) -> Claim:
-    """Claim that the paper's number is between our lowest and our highest."""
+def within_range(claim: str, paper: float, result: np.ndarray, unit: str = "", why: str = "") -> Claim:
+    """Claim that the paper's number is between the smallest and the largest of our seeds (K,)."""
     low, high = float(result.min()), float(result.max())
-    words, rule = f"{low:{digits}} to {high:{digits}}{_of(unit)}", f"inside the range of {len(result)} seeds"
+    words, rule = f"{low:.3f} to {high:.3f}{_of(unit)}", f"inside the range of {len(result)} seeds"
     return Claim(claim, f"{paper:g}{_of(unit)}", words, rule, low <= paper <= high, why)
 
 
-def all_of(claim: str, paper: str, holds: Iterable[Any], what: str, why: str = "") -> Claim:
-    """Claim that something is true every time."""
-    values = [bool(value) for value in holds]
-    return Claim(claim, paper, f"{sum(values)} of {len(values)} {what}", "all", all(values), why)
+def all_of(claim: str, paper: str, results: Iterable[Any], things: str, why: str = "") -> Claim:
+    """Claim that all results, of which the `things` have one each, are true."""
+    values = [bool(value) for value in results]
+    return Claim(claim, paper, f"{sum(values)} of {len(values)} {things}", "all", all(values), why)
 
 
 def at_most(
@@ -87,7 +84,7 @@ def reported(claim: str, paper: str, result: str, why: str = "") -> Claim:
 
 
 def _of(unit: str) -> str:
-    """Return a unit behind a number."""
+    """Return a unit as it follows a number, with a space before it."""
     return f" {unit}" if unit else ""
 
 

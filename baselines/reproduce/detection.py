@@ -81,15 +81,13 @@ def fig3(player: Player) -> Part:
     fine = {"task.step": step, "task.grid": None}
     played = player.play("kuramoto", scenario("ideal", **fine | {"formation.start": "equilibrium"}))
     turned = player.play("kuramoto", scenario("ideal", **fine | {"formation.start": "rotated"}), worlds=_STARTS)
-    ideal, waited = played.scenario, played.waited[0]
-    last, last_turned = float(waited.max()), np.array([times.max() for times in turned.waited])
+    ideal, waited, detected = played.scenario, played.detection_times[0], played.detected[0]
+    last, last_turned = float(waited.max()), np.array([times.max() for times in turned.detection_times])
     bound = ideal.detection_time_bound
 
     with sheet("fig3", "Fig. 3   Detection of 10,000 moving targets", 7.2, 3.1) as picture:
         left, right = picture.figure.subplots(1, 2, sharex=True)
-        counts = np.bincount(
-            np.ceil(waited[played.found[0]] / step - 1e-6).astype(int), minlength=round(bound / step) + 1
-        )
+        counts = np.bincount(np.ceil(waited[detected] / step - 1e-6).astype(int), minlength=round(bound / step) + 1)
         left.stairs(counts, (np.arange(len(counts) + 1) - 0.5) * step, fill=True, color=BLUE, lw=0)
         left.set_yscale("log")
         left.set_ylabel(f"new detections in {step} s")
@@ -103,9 +101,9 @@ def fig3(player: Player) -> Part:
             color=DARK,
             arrowprops={"arrowstyle": "-", "color": GREY, "lw": 0.7},
         )
-        for times, detections in zip(turned.waited, turned.found, strict=True):
-            _draw_share(right, times, detections, color=GREY, lw=0.4, alpha=0.7)
-        _draw_share(right, waited, played.found[0], color=BLUE, lw=1.8)
+        for times, which in zip(turned.detection_times, turned.detected, strict=True):
+            _draw_share(right, times, which, color=GREY, lw=0.4, alpha=0.7)
+        _draw_share(right, waited, detected, color=BLUE, lw=1.8)
         right.plot([], [], color=BLUE, lw=1.8, label="start at $\\theta_0 = 0$, as on the left")
         right.plot([], [], color=GREY, lw=0.8, label=f"{_STARTS} starts at a random $\\theta_0$")
         shown = right.legend(loc="center right", bbox_to_anchor=(0.93, 0.5), frameon=True, edgecolor="none")
@@ -122,8 +120,8 @@ def fig3(player: Player) -> Part:
             "theta_0 = 0 is a slow start: two corners are covered only after T_max / 2, when the ellipse is a circle "
             "again and stretches towards them."
         )
-    runs = zip([waited, *turned.waited], [played.found[0], *turned.found], strict=True)
-    in_time = np.array([detections.all() and times.max() <= bound for times, detections in runs])
+    runs = zip([waited, *turned.detection_times], [detected, *turned.detected], strict=True)
+    in_time = np.array([which.all() and times.max() <= bound for times, which in runs])
     in_sight = 100 * float(np.mean(waited == 0))
     by = " and ".join(f"{x:.2f} s" for x in (last_turned.min(), last_turned.max()))
     yield near("T_max for N = 15, omega = 0.05 rad/s", 8.38, bound, 0.005, "s")
@@ -137,19 +135,14 @@ def fig3(player: Player) -> Part:
         f"theta_0 = 0; between {by} for {_STARTS} random theta_0. Motion of the targets chosen: "
         f"{ideal.targets.speed} m/s, wandering",
     )
-    yield reported(
-        "share in sight at the start",
-        SILENT,
-        f"{in_sight:.1f} %",
-        "56 % in an independent simulation",
-    )
+    yield reported("share in sight at the start", SILENT, f"{in_sight:.1f} %", "56 % in an independent simulation")
     yield picture
 
 
-def _draw_share(axes: Axes, times: np.ndarray, detections: np.ndarray, **line: Any) -> None:
-    """Draw the share of the targets detected over time, by Kaplan and Meier."""
+def _draw_share(axes: Axes, times: np.ndarray, detected: np.ndarray, **line: Any) -> None:
+    """Draw the share of the targets (K,) detected over time [s], the Kaplan-Meier estimate."""
     from scipy import stats  # its import takes longer than that of this project
 
-    curve = stats.ecdf(stats.CensoredData.right_censored(times, ~detections)).cdf
+    curve = stats.ecdf(stats.CensoredData.right_censored(times, ~detected)).cdf
     at, share = curve.quantiles, curve.probabilities
     axes.step([0, *at[::20], at[-1], 9], [0, *share[::20], share[-1], share[-1]], where="post", **line)

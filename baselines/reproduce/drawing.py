@@ -34,7 +34,7 @@ _STYLES = ["default", STYLE | _SMALLER]
 
 @dataclass
 class Picture:
-    """A picture of the paper, made again."""
+    """A picture of the paper, drawn from our simulations."""
 
     name: str
     """Name of its file, without the suffix."""
@@ -50,8 +50,8 @@ class Picture:
 
 
 @contextmanager
-def sheet(name: str, title: str, width: float = 7.2, height: float = 3.2) -> Iterator[Picture]:
-    """Yield a picture to draw on and to caption, in the style; title and caption are put around it at the end."""
+def sheet(name: str, title: str, width: float, height: float) -> Iterator[Picture]:
+    """Yield a picture of a size [inch] to draw on and to caption; title and caption are drawn at the end."""
     with style.context(_STYLES):
         picture = Picture(name, title, Figure(figsize=(width, height), layout="constrained"))
         yield picture
@@ -90,9 +90,9 @@ def draw_ring(axes: Axes, position: np.ndarray, neighbours: np.ndarray, **line: 
 
 
 def mark_time(
-    axes: Axes, time: float, word: str, high: float = 1.0, colour: str = DARK, side: Literal["left", "right"] = "left"
+    axes: Axes, time: float, word: str, high: float, colour: str = DARK, side: Literal["left", "right"] = "left"
 ) -> None:
-    """Draw a dashed upright line at a time, with a word whose `side` is at the line."""
+    """Draw a dashed upright line at a time, and a word with its `side` at the line, at a share `high` of the axes."""
     axes.axvline(time, color=colour, lw=0.9, ls="--", zorder=1)
     place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
     place["xytext"] = (3 if side == "left" else -3, -2)

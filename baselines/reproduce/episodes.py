@@ -1,4 +1,4 @@
-"""PlayedEpisodes of a batch of worlds, stored as arrays over time; the same one is played once, for all callers."""
+"""Episodes of a batch of worlds as arrays over time; a batch that several parts of the paper need is played once."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +30,7 @@ BARE: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class PlayedEpisodes:
-    """W episodes of F moments, the reset first."""
+    """W episodes of F frames: the reset, and the end of each control step."""
 
     scenario: Scenario
     scores: list[dict[str, Any]]
@@ -41,14 +41,14 @@ class PlayedEpisodes:
     """(F, W, N, 3) [m]."""
     heading: np.ndarray
     """(F, W, N) [rad]."""
-    stuck: np.ndarray
-    """(F, W, N) whether a robot has stopped."""
+    failed: np.ndarray
+    """(F, W, N) True where a robot has failed."""
     deviation: np.ndarray
     """(F, W) largest deviation from the equilibrium of the scenario [rad], the common rotation removed."""
-    waited: list[np.ndarray]
-    """Time from each target's appearance until it was detected, or until the end (K,) [s], for each world."""
-    found: list[np.ndarray]
-    """True for each of these targets (K,) that was detected, for each world."""
+    detection_times: list[np.ndarray]
+    """For each world, the time from each target's appearance until it was detected, or until the end (K,) [s]."""
+    detected: list[np.ndarray]
+    """For each world, True for each of these targets (K,) that was detected."""
 
     @property
     def time(self) -> np.ndarray:
@@ -56,41 +56,38 @@ class PlayedEpisodes:
         return np.arange(len(self.phase)) * self.scenario.task.step
 
     @property
-    def steps_ahead(self) -> np.ndarray:
-        """Return the relative phase of the next robot on the ring (F, W, N) in [0, 2 pi) [rad], in the ring's order."""
+    def ring_phases(self) -> np.ndarray:
+        """Return the relative phase of the next robot (F, W, N) in [0, 2 pi) [rad], in the order of the ring."""
         ordered = self.phase[..., list(self.scenario.ring)]
         return (np.roll(ordered, -1, axis=-1) - ordered) % (2 * np.pi)
 
     @property
     def winding(self) -> np.ndarray:
         """Return the winding number of the phases along the ring (F, W): p in an equilibrium (2)."""
-        return np.rint(self.steps_ahead.sum(axis=-1) / (2 * np.pi)).astype(int)
+        return np.rint(self.ring_phases.sum(axis=-1) / (2 * np.pi)).astype(int)
 
     @property
     def largest_cosine(self) -> np.ndarray:
         """Return the largest cos(theta_j - theta_i) of ring neighbours (W,); Theorem 4 requires it to be below 0."""
-        return np.cos(self.steps_ahead).max(axis=(0, 2))
+        return np.cos(self.ring_phases).max(axis=(0, 2))
 
     @property
     def returned(self) -> np.ndarray:
         """Return whether the formation is in its equilibrium at the end (W,)."""
         return self.deviation[-1] < RECOVERED
 
-    def distance(self, one: int, other: int) -> np.ndarray:
-        """Return the distance of two robots (F, W) [m]."""
+    def distance(self, one: Any, other: Any) -> np.ndarray:
+        """Return the distance of two robots (F, W) [m], or of the pairs (P,) of robots (F, W, P)."""
         return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1)
 
     def tracking_error(self, robot: int) -> np.ndarray:
         """Return the distance of a robot from the point of the curve at its own phase (F, W) [m]."""
-        gamma = self.scenario.alpha * self.phase[:, :, robot]
-        return np.linalg.norm(
-            self.position[:, :, robot, :2] - closed_forms.curve_point(self.scenario.driven, gamma), axis=-1
-        )
+        point = closed_forms.curve_point(self.scenario.driven, self.scenario.alpha * self.phase[:, :, robot])
+        return np.linalg.norm(self.position[:, :, robot, :2] - point, axis=-1)
 
     def smallest_distance(self) -> np.ndarray:
         """Return the smallest distance of any two robots (F, W) [m]."""
-        one, other = np.triu_indices(self.scenario.num_robots, 1)
-        return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1).min(axis=-1)
+        return self.distance(*np.triu_indices(self.scenario.num_robots, 1)).min(axis=-1)
 
     def score(self, column: Column) -> np.ndarray:
         """Return a column of the score (W,)."""
@@ -110,14 +107,8 @@ class Player:
         self.seed, self.device = seed, device
         self._played: dict[tuple, PlayedEpisodes] = {}
 
-    def play(
-        self,
-        policy: str,
-        scenario: str | Scenario,
-        worlds: int = 1,
-        **parameters: float,
-    ) -> PlayedEpisodes:
-        """Play one episode in each world, from `seed` on.
+    def play(self, policy: str, scenario: str | Scenario, worlds: int = 1, **parameters: float) -> PlayedEpisodes:
+        """Play one episode in each world, from `seed` on, or return those that were played before.
 
         Args:
             policy: Name of the policy.
@@ -138,11 +129,11 @@ class Player:
             frames.append([np.array(array.numpy()) for array in arrays])
 
         EpisodeRunner(acting, simulation).play(on_moment=record)
-        phase, position, heading, status, deviation = (np.stack(moments) for moments in zip(*frames, strict=True))
+        phase, position, heading, status, deviation = (np.stack(each) for each in zip(*frames, strict=True))
         scores = simulation.score()
-        waited, detections = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
+        times, detected = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
         played = PlayedEpisodes(
-            task, scores, phase, position, heading, status == int(FAILED), deviation, waited, detections
+            task, scores, phase, position, heading, status == int(FAILED), deviation, times, detected
         )
         self._played[key] = played
         return played

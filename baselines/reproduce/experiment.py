@@ -50,11 +50,10 @@ def fig7(player: Player) -> Part:
             "Simulated agents pink, physical ones blue, as in the paper, with the way of the last 1.5 s; a thick "
             f"orange rim marks a robot that has failed; edges of the ring orange. {_chosen(played)}."
         )
-    before, during, _ = _spans(played)
+    before, during, _ = _periods(played)
     deviation = played.deviation[before].max(axis=0)
-    # Standing still: all phase rates of the last second before the resume.
-    end = np.flatnonzero(during)[-1]
-    drift = np.abs(np.angle(np.exp(1j * (played.phase[end] - played.phase[end - 10])))).max(axis=-1)
+    end = np.flatnonzero(during)[-1]  # the resume; in the second before it, stationary robots keep their phases
+    drift = np.abs(np.angle(np.exp(1j * (played.phase[end] - played.phase[end - round(1 / step)])))).max(axis=-1)
     yield at_most(
         f"(a)-(d) the formation is preserved: largest deviation of {SEEDS} seeds",
         "preserved",
@@ -71,7 +70,7 @@ def fig7(player: Player) -> Part:
         bool(drift.max() < 0.01),
         f"the worst car of {SEEDS} seeds; (1) requires no motion, and the cars coast to rest",
     )
-    yield _back(played, "(f)-(h) after the resume the previous equilibrium returns")
+    yield _returns(played, "(f)-(h) after the resume the previous equilibrium returns")
     yield picture
 
 
@@ -106,7 +105,7 @@ def fig8(player: Player) -> Part:
             f"that of {SEEDS - 1} further seeds (grey). {_chosen(played)}."
         )
     collisions = played.score(COLLISIONS)
-    yield _back(played, "states return to the previous equilibrium, as in Fig. 6(a)")
+    yield _returns(played, "states return to the previous equilibrium, as in Fig. 6(a)")
     yield reported(
         "collisions in the transient",
         "not excluded (IV-A)",
@@ -117,7 +116,7 @@ def fig8(player: Player) -> Part:
 
 
 def _chosen(played: PlayedEpisodes) -> str:
-    """Return the choices where the paper states no value."""
+    """Return the choices where the paper states no value, as sentences of a caption."""
     scenario = played.scenario
     first, last = scenario.faults.schedule[0][1:]
     return (
@@ -127,27 +126,29 @@ def _chosen(played: PlayedEpisodes) -> str:
     )
 
 
-def _spans(played: PlayedEpisodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _periods(played: PlayedEpisodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return masks (F,) of the time before the failure, in it, and 8 s or more after it."""
     first, last = played.scenario.faults.schedule[0][1:]
     time = played.time
     return time < first, (time >= first) & (time < last), time >= last + 8
 
 
-def _back(played: PlayedEpisodes, claim: str) -> Claim:
-    before, _, after = _spans(played)
-    swing = 1.25 * played.deviation[before].max()
-    why = f"from 8 s after the resume on within {swing:.2f} rad, 1.25 times the swing before the failure"
-    return all_of(claim, "yes", (played.deviation[after] < swing).all(axis=0), "seeds", why)
+def _returns(played: PlayedEpisodes, claim: str) -> Claim:
+    """Claim that the formation deviates from 8 s after the resume on as little as before the failure."""
+    before, _, after = _periods(played)
+    most = 1.25 * played.deviation[before].max()
+    why = f"from 8 s after the resume on within {most:.2f} rad, 1.25 times the swing before the failure"
+    return all_of(claim, "yes", (played.deviation[after] < most).all(axis=0), "seeds", why)
 
 
 def _draw_car(axes: Axes, played: PlayedEpisodes, robot: int, moment: int) -> None:
-    """Draw a car's disc, its heading, its number and its way of the last 1.5 s."""
+    """Draw a car's disc, its heading, its number and its way of the last 1.5 s, in frame `moment` of world 0."""
     colour = PINK if robot in _SIMULATED else BLUE
     place, heading = played.position[moment, 0, robot, :2], played.heading[moment, 0, robot]
-    way = played.position[max(moment - 15, 0) : moment + 1, 0, robot, :2]
+    steps = round(1.5 / played.scenario.task.step)
+    way = played.position[max(moment - steps, 0) : moment + 1, 0, robot, :2]
     axes.plot(*way.T, color=colour, lw=1.6, alpha=0.55, zorder=3, solid_capstyle="round")
-    rim: dict[str, Any] = {"ec": ORANGE, "lw": 2.2} if played.stuck[moment, 0, robot] else {"ec": "white", "lw": 0.6}
+    rim: dict[str, Any] = {"ec": ORANGE, "lw": 2.2} if played.failed[moment, 0, robot] else {"ec": "white", "lw": 0.6}
     axes.add_patch(Circle((place[0], place[1]), played.scenario.robot.radius, fc=colour, zorder=4, **rim))
     nose = place + 0.24 * np.array([np.cos(heading), np.sin(heading)])
     axes.plot(*np.stack([place, nose]).T, color=DARK, lw=1.2, zorder=3.5, solid_capstyle="round")

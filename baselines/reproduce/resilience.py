@@ -35,10 +35,11 @@ _PAIRS = ((0, 1), (0, 2), (0, 3))
 _LASTING = (1.0, 2.0, 5.0, 9.9, 20.0)
 """Time for which two robots have failed [s]; 9.9 s as in Fig. 6."""
 _FINE = 0.01
-"""Step of the episode that shows what the steps do [s]."""
+"""Control step of the episode that shows the effect of the control step [s]."""
 
 
 def _displaced(player: Player, name: str, angle: float, duration: float, **overrides: object) -> PlayedEpisodes:
+    """Play an episode of points [s] in which robot 0 starts displaced by an angle [rad]."""
     bare = {**BARE, "task.duration": duration, "task.step": 0.25, "formation.displaced": ((0, float(angle)),)}
     return player.play("kuramoto", scenario(name, **bare | overrides))
 
@@ -139,13 +140,13 @@ def fig6(player: Player) -> Part:
         grid = picture.figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=(1.5, 1))
         for column, (name, played) in zip(grid.T, runs.items(), strict=True):
             panel_name(column[0], name)
-            # As a start at theta_0 = 0: which world is shown makes no difference but for a common rotation.
+            # The phases of world 0 are shown as if robot 0 had started at phase 0.
             phase: np.ndarray = np.unwrap(played.phase[:, 0], axis=0)
             phase -= phase[0, 0]
             phase -= 2 * np.pi * np.floor(phase[0] / (2 * np.pi) + 1e-9)
-            stuck = np.atleast_1d(played.stuck[:, 0].any(axis=0))
+            failed = played.failed[:, 0].any(axis=0)
             for robot in range(played.scenario.num_robots):
-                line = {"ls": (0, (4, 1.2)), "lw": 1.9} if stuck[robot] else {"lw": 1.2}
+                line = {"ls": (0, (4, 1.2)), "lw": 1.9} if failed[robot] else {"lw": 1.2}
                 column[0].plot(played.time, phase[:, robot], color=SERIES[robot], **line)
                 name_line(column[0], played.time[-1], phase[-1, robot], f"{robot + 1}", SERIES[robot])
             column[1].plot(played.time, played.deviation[:, 0], color=BLUE, lw=1.5)
@@ -202,15 +203,16 @@ def fig6(player: Player) -> Part:
 
 
 def theorem4(player: Player) -> Part:
-    """Test Theorem 4: failures during which the condition is met, and failures during which it is not."""
+    """Test Theorem 4: two robots fail, and its condition is met during the failure or not."""
     met: list[bool] = []
     broken: list[bool] = []
     for n, p in _FAILING:
         for pair in _PAIRS:
             for lasts in _LASTING:
-                played = player.play("kuramoto", _stuck(n, p, pair, lasts))
-                (met if played.largest_cosine[0] < 0 else broken).append(bool(played.returned[0]))
-    stuck_pair = player.play("kuramoto", _stuck(10, 3, (0, 1), 9.9))
+                played = player.play("kuramoto", _two_failures(n, p, pair, lasts))
+                outcomes = met if played.largest_cosine[0] < 0 else broken
+                outcomes.append(bool(played.returned[0]))
+    leaving = player.play("kuramoto", _two_failures(10, 3, (0, 1), 9.9))
     why = f"of {len(broken)} failures that violated the condition {sum(broken)} returned nevertheless"
     yield all_of(
         "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why
@@ -218,14 +220,15 @@ def theorem4(player: Player) -> Part:
     yield Claim(
         "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
         "no guarantee",
-        f"p = 3 to p = {stuck_pair.winding[-1, 0]}, cos reaches {stuck_pair.largest_cosine[0]:.2f}",
+        f"p = 3 to p = {leaving.winding[-1, 0]}, cos reaches {leaving.largest_cosine[0]:.2f}",
         "it leaves",
-        not stuck_pair.returned[0],
+        not leaving.returned[0],
         "the paper fails two robots of another formation only (Fig. 6)",
     )
 
 
-def _stuck(n: int, p: int, pair: tuple[int, int], lasts: float) -> Any:
+def _two_failures(n: int, p: int, pair: tuple[int, int], lasts: float) -> Any:
+    """Make a scenario of N points in equilibrium p, of which a pair fails for a time [s]."""
     begin = 0.5
     faults = tuple((robot, begin, begin + lasts) for robot in pair)
     bare = BARE | {"robot.count": n, "formation.p": p, "formation.alpha": 1, "formation.start": "equilibrium"}

@@ -41,7 +41,7 @@ def theorem1(player: Player) -> Part:
 
 def theorem2(player: Player) -> Part:
     """Test Theorem 2: stable equilibria with one robot at each place."""
-    # Not by the rule of Theorem 1 but by the eigenvalues of the Jacobian, as numbers.
+    # Computed from the eigenvalues of the Jacobian, and not by the rule of Theorem 1.
     exists = {n: any(_is_stable(n, p) and math.gcd(n, p) == 1 for p in range(n)) for n in range(3, 41)}
     exceptions = [exists.pop(n) for n in (4, 6)]
     yield all_of(
@@ -67,19 +67,19 @@ def lemmas(player: Player) -> Part:
         played = _random_starts(player, n)
         for reached, phases in zip(played.winding[-1], played.phase[-1], strict=True):
             apart = np.abs(np.angle(np.exp(1j * (phases[:, None] - phases))))
-            # Of kappa robots in one place every one has kappa robots, itself included, within a hair.
+            # Where kappa robots share a place, each has kappa robots within 0.02 rad, itself included.
             shared.append(bool(np.all((apart < 0.02).sum(axis=1) == math.gcd(n, reached))))
     odd = range(3, 102, 2)
-    manipulated = []
+    reached_by_alpha = []
     for n in odd:
         base = closed_forms.equilibrium_phases(n, (n - 1) // 2, range(n))
         for wanted in range(n):
             alpha = closed_forms.alpha_for(n, (n - 1) // 2, wanted)
             if alpha is None:
-                manipulated.append(False)
+                reached_by_alpha.append(False)
                 continue
             off = alpha * base - closed_forms.equilibrium_phases(n, wanted, range(n))
-            manipulated.append(bool(np.abs(np.angle(np.exp(1j * off))).max() < 1e-6))
+            reached_by_alpha.append(bool(np.abs(np.angle(np.exp(1j * off))).max() < 1e-6))
     yield all_of(
         "Lemma 1: gcd(N, p) robots share a place in the equilibrium reached",
         "always",
@@ -90,14 +90,14 @@ def lemmas(player: Player) -> Part:
     yield all_of(
         "Lemma 2: alpha times equilibrium (N - 1) / 2 is any equilibrium, N odd up to 101",
         "always",
-        manipulated,
+        reached_by_alpha,
         "equilibria",
         "alpha = p / ((N - 1) / 2) modulo N; the paper does not state which",
     )
 
 
 def _random_starts(player: Player, n: int) -> PlayedEpisodes:
-    """Return the phases of N points, simulated from uniform random ones until they rest."""
+    """Return episodes of N points that start at uniform random phases, long enough to settle."""
     bare = BARE | {"formation.start": "random", "formation.alpha": 1, "formation.p": None, "robot.count": n}
     bare |= {"task.step": 0.25, "task.duration": 150.0}
     # Theorem 1 is of (1) as it is, without a bound on the speed: omega + 2 K is the highest rate that (1) requires.
@@ -107,10 +107,10 @@ def _random_starts(player: Player, n: int) -> PlayedEpisodes:
 
 
 def _settled(played: PlayedEpisodes) -> np.ndarray:
-    """Return whether all steps along the ring are equal (W,), so that the state is some equilibrium (2)."""
-    ahead = played.steps_ahead[-1]
-    target = 2 * np.pi * played.winding[-1][:, None] / ahead.shape[-1]
-    return np.abs(np.angle(np.exp(1j * (ahead - target)))).max(axis=-1) < RECOVERED
+    """Return whether ring neighbours are equally far apart in phase (W,), so that the state is some equilibrium (2)."""
+    phases = played.ring_phases[-1]
+    equal = 2 * np.pi * played.winding[-1][:, None] / phases.shape[-1]
+    return np.abs(np.angle(np.exp(1j * (phases - equal)))).max(axis=-1) < RECOVERED
 
 
 def _is_stable(n: int, p: int) -> bool:
@@ -172,7 +172,7 @@ def bounds(player: Player) -> Part:
 
 
 def rogues(player: Player) -> Part:
-    """Compute the worst-case undetected time of the formation with the sensing radius of (8)."""
+    """Compute the worst-case undetected time of the formation with the sensing radius of bound (8)."""
     for name in ("experiment", "ideal"):
         formation = scenario(name)
         words = f"N = {formation.num_robots}, a = {formation.curve.a}, b = {formation.curve.b}"

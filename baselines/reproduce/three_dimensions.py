@@ -1,4 +1,4 @@
-"""Fig. 5 and Section IV-A: the third dimension, and what it is good for in a transient."""
+"""Fig. 5 and Section IV-A: a curve in space, on which robots of a larger radius avoid collisions in a transient."""
 
 import dataclasses
 
@@ -47,7 +47,7 @@ def fig5(player: Player) -> Part:
     plane, body = scenario("failure").curve, scenario("experiment").robot.radius
     n = plane.a + plane.b
     depths = np.linspace(0, 1.6, 33)
-    formation, branches = {}, {}
+    formation, branches = {}, {}  # largest body [m] by c, at each depth
     for c in _SHOWN:
         curves = [dataclasses.replace(plane, half_depth=float(C), c=c) for C in depths]
         formation[c] = np.array([geometry.smallest_distance(curve, n) / 2 for curve in curves])
@@ -131,13 +131,13 @@ def knot(player: Player) -> Part:
     flat = player.play("kuramoto", scenario("failure", **turned), worlds=SEEDS)
     deep = player.play("kuramoto", scenario("knot", **turned), worlds=SEEDS)
     curve, limit = deep.scenario.curve, 2 * deep.scenario.robot.radius
-    hit = int((flat.score(COLLISIONS) > 0).sum())
+    colliding = int((flat.score(COLLISIONS) > 0).sum())
     yield Claim(
         "in the plane a transient can collide, although the condition of Theorem 4 is met",
         "cannot be ensured",
-        f"{hit} of {SEEDS} starts collide, down to {flat.score(SEPARATION).min():.3f} m",
+        f"{colliding} of {SEEDS} starts collide, down to {flat.score(SEPARATION).min():.3f} m",
         "at least one",
-        hit > 0,
+        colliding > 0,
         f"bodies of {limit / 2} m, the {SEEDS} starts of Fig. 6",
     )
     yield all_of(

@@ -15,7 +15,7 @@ from lissajous_env.theory import geometry
 from lissajous_env.world.columns import COLLISIONS, PHASE_ERROR, SEPARATION, SPACING
 
 _LONG = 90.0
-"""Duration over which drift is watched [s]."""
+"""Duration of the episodes in which cars drift [s]."""
 _SETTLED = 5.0
 """Time over which a deviation is averaged, in which the cars swing through several turns [s]."""
 ETA, CLOSEST = 1.2429, 0.192
@@ -38,7 +38,7 @@ def fig9(player: Player) -> Part:
     played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
     task = played.scenario
     factor, closest = played.score(SPACING), played.score(SEPARATION)
-    collisions, touching = played.score(COLLISIONS), int((closest < 2 * task.robot.radius).sum())
+    collisions, colliding = played.score(COLLISIONS), int((closest < 2 * task.robot.radius).sum())
     why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(task)}"
     yield within_range("eta_1: largest distance of ring neighbours over 2 r_s of (8)", ETA, factor, "", why)
     yield within_range("smallest distance of two robots", CLOSEST, closest, "m", why)
@@ -47,8 +47,7 @@ def fig9(player: Player) -> Part:
         "1",
         collisions.mean(),
         2,
-        "",
-        f"{touching} of {SEEDS} seeds collide",
+        why=f"{colliding} of {SEEDS} seeds collide",
     )
     yield _picture_of_distances(played, player.seed)
 
@@ -105,18 +104,18 @@ def experiment1(player: Player) -> Part:
     """Simulate the first experiment: without feedback the formation is lost."""
     lost = player.play("open-loop-mpcc", undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
     feedback = player.play("kuramoto-mpcc", undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
-    identical = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0, "task.duration": _LONG}
-    alike = player.play("open-loop-mpcc", undisturbed(**identical), worlds=SEEDS)
+    without_spread = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0, "task.duration": _LONG}
+    alike = player.play("open-loop-mpcc", undisturbed(**without_spread), worlds=SEEDS)
     body = 2 * lost.scenario.robot.radius
-    touched = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
-    leaves = _time_above(lost, 2 * _moving_mean(feedback, feedback.deviation).max())
-    free, closed, same = (_at_the_end(played) for played in (lost, feedback, alike))
+    first = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
+    leaves = _time_above(lost, 2 * _moving_mean(feedback).max())
+    drift, closed, same = (_at_the_end(played) for played in (lost, feedback, alike))
     yield Claim(
         "without feedback the system leaves the equilibrium",
         "diverges",
-        f"{free.min():.2f} to {free.max():.2f} rad off after {_LONG:g} s, with feedback at most {closed.max():.2f}",
+        f"{drift.min():.2f} to {drift.max():.2f} rad off after {_LONG:g} s, with feedback at most {closed.max():.2f}",
         "mean above 3 times that with feedback",
-        bool(free.mean() > 3 * closed.mean()),
+        bool(drift.mean() > 3 * closed.mean()),
         f"it drifts at the rate at which cars differ, {spread_of_cars(lost.scenario)} here; the paper's differ by "
         "an unknown amount",
     )
@@ -133,7 +132,7 @@ def experiment1(player: Player) -> Part:
     yield Claim(
         "until a collision occurs",
         "after few seconds",
-        f"first after {touched.min():.1f} to {touched.max():.1f} s",
+        f"first after {first.min():.1f} to {first.max():.1f} s",
         "in every seed",
         bool((lost.score(SEPARATION) < body).all()),
         f"bodies of {body / 2} m collide {_each_minute(lost).mean():.0f} times a minute, with feedback "
@@ -148,18 +147,18 @@ def experiment1(player: Player) -> Part:
 
 
 def _at_the_end(played: PlayedEpisodes) -> np.ndarray:
-    """Return the deviation from the equilibrium at the end of each episode, (W,) [rad]."""
+    """Return the deviation from the equilibrium in the last 5 s, averaged, (W,) [rad]."""
     return played.deviation[-round(_SETTLED / played.scenario.task.step) :].mean(axis=0)
 
 
-def _moving_mean(played: PlayedEpisodes, values: np.ndarray) -> np.ndarray:
-    """Return the mean of (F, W) values over the 5 s around each moment, (F, W)."""
-    return uniform_filter1d(values, round(_SETTLED / played.scenario.task.step), axis=0, mode="nearest")
+def _moving_mean(played: PlayedEpisodes) -> np.ndarray:
+    """Return the deviation from the equilibrium, averaged over the 5 s around each frame, (F, W) [rad]."""
+    return uniform_filter1d(played.deviation, round(_SETTLED / played.scenario.task.step), axis=0, mode="nearest")
 
 
 def _time_above(played: PlayedEpisodes, limit: float) -> np.ndarray:
-    """Return the first time at which the mean deviation over 5 s is above a limit, (W,) [s]; NaN if it never is."""
-    above = _moving_mean(played, played.deviation) > limit
+    """Return the first time at which `_moving_mean` is above a limit [rad], (W,) [s]; NaN if it never is."""
+    above = _moving_mean(played) > limit
     return np.where(above.any(axis=0), played.time[np.argmax(above, axis=0)], np.nan)
 
 
@@ -254,11 +253,12 @@ def _around_one(good: list[bool]) -> tuple[float, float]:
 
 
 def _outside(played: PlayedEpisodes) -> float:
-    """Return how far a robot gets out of the rectangle [m]."""
+    """Return the largest distance of a robot outside the rectangle, along x or y [m]."""
     curve = played.scenario.curve
     beyond = np.abs(played.position[..., :2]) - np.array([curve.half_width, curve.half_height])
     return float(beyond.max())
 
 
 def _range(values: np.ndarray) -> str:
+    """Return the smallest and the largest value in words."""
     return f"{values.min():.3f} to {values.max():.3f}"

@@ -28,6 +28,7 @@ FLAG = Rule("0 or 1", lambda value: type(value) in (int, float) and value in (0,
 
 
 INTERQUARTILE_MEAN, MEAN, LARGEST = "interquartile mean", "mean", "largest"
+"""Estimates of a column over several episodes."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,7 @@ def _some(reduce: Callable[..., Any], values: np.ndarray, *more: Any) -> Any:
 
 
 def _within_bound(episode: Episode) -> Any:
+    """Return the column `detected_within_bound`."""
     if episode.scenario.targets.respawn:
         return math.nan
     times, detected = episode.detections
@@ -96,16 +98,19 @@ def _within_bound(episode: Episode) -> Any:
 
 
 def _rate(episode: Episode) -> float:
+    """Return the column `detection_rate`."""
     elapsed = episode.steps * episode.step
     return 60 * episode.num_detected / elapsed if episode.scenario.targets.respawn and elapsed else math.nan
 
 
 def _observed(episode: Episode) -> float:
+    """Return the column `observed_fraction`."""
     stays = not episode.scenario.targets.leave and episode.steps_present
     return int(episode.totals["observed"]) / episode.steps_present if stays else math.nan
 
 
 def _idleness(episode: Episode) -> float:
+    """Return the column `idleness_mean`."""
     squares = episode.state["cells.idle_squares"].sum(dtype=float) + np.sum(episode.gaps.astype(float) ** 2)
     return squares * episode.step / (2 * max(episode.steps, 1) * episode.gaps.size) if episode.has_grid else math.nan
 
@@ -139,7 +144,7 @@ DETECTION_TIME = Column(
     lambda e: (e.times.sum() + e.earlier_time) / e.num_targets if e.earlier else _some(np.mean, e.times), "s",
     empty=_NO_TARGET, title="detection", better=-1, order=1, main=True,
 )
-_P95 = Column(
+DETECTION_TIME_P95 = Column(
     "detection_time_p95", "95th percentile of the same time over targets",
     lambda e: math.nan if e.scenario.targets.respawn else _some(np.percentile, e.times, 95), "s",
     empty=f"{_NO_TARGET}, or targets appear anew", title="detection p95", better=-1, order=12, page=False,
@@ -175,7 +180,7 @@ COLLISIONS = Column(
     "and are not counted",
     lambda e: int(e.totals["collisions"]), rule=WHOLE, better=-1, summary=MEAN, order=4, main=True,
 )
-_CONTACT = Column(
+CONTACT_TIME = Column(
     "contact_time", "time in contact, summed over the same pairs", lambda e: e.totals["contact_steps"] * e.step, "s"
 )
 SEPARATION = Column(
@@ -234,21 +239,21 @@ RECOVERY = Column(
     _in_formation(lambda e: e.recovery(e.totals["off_at"])), "s",
     empty=f"never, never disturbed, or {_NO_FORMATION}", title="recovery", better=-1, order=10,
 )
-_OUTSIDE = Column(
+OUTSIDE = Column(
     "outside_time", "time that bodies were wholly outside the rectangle, summed over robots",
     lambda e: e.totals["outside_steps"] * e.step, "s",
 )
-_PARTLY_OUTSIDE = Column(
+PARTLY_OUTSIDE = Column(
     "partly_outside_time", "time that some part of a body was outside the rectangle, summed over robots",
     lambda e: e.totals["partly_outside_steps"] * e.step, "s", title="partly outside", better=-1,
 )
-_WALL_CONTACTS = Column(
+WALL_CONTACTS = Column(
     "wall_contacts",
     "number of times that a body came into contact with a wall; a contact lasts until the body is 5 % of its radius "
     "away; 0 without walls",
     lambda e: int(e.totals["wall_contacts"].sum()), rule=WHOLE, better=-1, summary=MEAN,
 )
-_BLOCKED = Column(
+BLOCKED = Column(
     "blocked_time",
     "time that working robots were blocked, summed over robots: their policy drove them for task.blocked_after, at a "
     "speed that goes two radii in that time, and they did not move by their radius; 0 without walls",
@@ -259,7 +264,7 @@ DISTANCE = Column(
     lambda e: e.totals["distance_sum"] / e.scenario.num_robots, "m", title="distance", order=6, main=True, page=False,
 )
 TOP_SPEED = Column("speed_max", "largest speed of any robot", lambda e: e.totals["speed_max"], "m/s")
-_SMOOTHNESS = Column(
+SMOOTHNESS = Column(
     "smoothness", "mean square of the change of the action from step to step; 0 is steady",
     lambda e: e.totals["change_sum"] / (e.steps - 1) if e.steps > 1 else math.nan, empty="only one step",
 )
@@ -287,13 +292,13 @@ OPEN = Column(
     "least half of the episode, or no robot was left; otherwise 0",
     _contaminated(lambda e: float(e.is_open)), rule=FLAG, empty=_NO_CONTAMINATION, summary=MEAN,
 )
-_AGE = Column(
+AGE = Column(
     "contaminated_age_mean",
     "longest time for which a target that may be in a cell can have been undetected, 0 for a cleared cell, mean over "
     "cells and time",
     _contaminated(lambda e: e.per_step(e.contamination["mean_age_sum"]) * e.step), "s", empty=_NO_CONTAMINATION,
 )
-_GUARANTEE_RECOVERY = Column(
+GUARANTEE_RECOVERY = Column(
     "guarantee_recovery_time",
     "time from the end of the last fault until the time for which a target can have been undetected stays below 1.1 "
     "times its largest value before the first fault",

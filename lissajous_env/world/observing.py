@@ -14,7 +14,8 @@ from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
 
-_FAR = wp.constant(4.0)
+FARTHEST = wp.constant(4.0)
+"""Largest scaled coordinate of an observation."""
 
 
 @part
@@ -26,7 +27,7 @@ def clear_entries(w, i, start: int, stop: int, observation_out):
 
 @part
 def clear_slots(w, i, start: int, width: int, count: int, observation_out):
-    """Zero the last `count` slots of a list, up to the first empty one; all after it are empty already."""
+    """Zero `count` slots of `width` entries from `start` on, up to the first empty one; those after it are empty."""
     for entry in range(start, start + count * width, width):
         if observation_out[w, i, entry] == 0.0:
             break
@@ -35,14 +36,14 @@ def clear_slots(w, i, start: int, width: int, count: int, observation_out):
 
 @part
 def velocity_of(w, i, robots) -> wp.vec2:
-    """Return the velocity of a robot [m/s]."""
+    """Return the velocity of a robot along its heading [m/s]."""
     return robots.speed[w, i] * cos_sin(robots.heading[w, i])
 
 
 @wp.func
 def clip_coordinate(value: float) -> float:
     """Clip a scaled coordinate to the range of the observation."""
-    return wp.clamp(value, -_FAR, _FAR)
+    return wp.clamp(value, -FARTHEST, FARTHEST)
 
 
 @part
@@ -105,10 +106,10 @@ def insert_nearest(w, i, filled: int, room: int, offset: wp.vec2, index: int, ne
         if not comes_before(new, nearest[w, i, rank - 1]):
             break
         rank -= 1
-    is_known = bool(False)  # a robot may be in a list twice
+    is_listed = bool(False)  # a robot may be in several bins
     if rank > 0:
-        is_known = nearest[w, i, rank - 1] == new
-    if rank == room or is_known:
+        is_listed = nearest[w, i, rank - 1] == new
+    if rank == room or is_listed:
         return filled
     for k in range(wp.min(filled, room - 1), rank, -1):
         nearest[w, i, k] = nearest[w, i, k - 1]

@@ -21,13 +21,17 @@ FORMULAS = {
     "contamination": "reward_contamination * age_reduction * step",
     "observation": "reward_observation * in_sight * step",
 }
-"""Formula of each term; weights and `step` are fields of `Task`, and the rest of `lissajous_env.world.state`."""
+"""Formula of each term; weights and `step` are fields of `Task`, the others of `lissajous_env.world.state`."""
 
 TERMS = tuple(FORMULAS)
 _TERMS = wp.constant(len(TERMS))
 _DETECTION, _WAITING, _COLLISION, _IDLENESS, _EFFORT = (wp.constant(k) for k in range(5))
 _FORMATION, _OUTSIDE, _CONTAMINATION, _OBSERVATION = (wp.constant(k) for k in range(5, 9))
 """Index of each term, in the order of `FORMULAS`."""
+RECOVERED = wp.constant(0.05)
+"""Deviation from the equilibrium up to which a formation always counts as recovered [rad]."""
+FAULT_MARGIN = wp.constant(1.1)
+"""Factor by which a quantity must exceed its largest value before the first fault to count as disturbed by it."""
 
 
 @stage(ROBOT, writes="latest: collisions, detections, idle_ended, in_sight, waiting")
@@ -44,7 +48,7 @@ def clear_events(w, i, clock, latest):
 @stage(ROBOT, writes="latest: reward, terms; tally: returns", idle=True)
 def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, latest, tally):
     """Compute the terms of each robot's reward and their sum, which includes the terms of extensions."""
-    count = latest.terms.shape[2]
+    num_terms = latest.terms.shape[2]
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step
     idleness = task.reward_idleness * float(latest.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
     formation = task.reward_formation * tally.phase_error[w] * task.step
@@ -52,7 +56,7 @@ def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, late
     age_reduction = task.reward_contamination * contamination.age_reduction[w] * task.step
     for i in range(lane, latest.reward.shape[1], lanes):
         if clock.active[w] == 0:  # the episode has ended
-            for term in range(count):
+            for term in range(num_terms):
                 latest.terms[w, i, term] = 0.0
             latest.reward[w, i] = 0.0
         else:
@@ -74,18 +78,11 @@ def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, late
             latest.terms[w, i, _OBSERVATION] = share * observation
             reward = detection + share * (waiting + idleness + formation + age_reduction) + collision + effort + outside
             reward += share * observation
-            for term in range(_TERMS, count):
+            for term in range(_TERMS, num_terms):
                 latest.terms[w, i, term] = wp.where(share > 0.0, latest.terms[w, i, term], 0.0)
                 reward += latest.terms[w, i, term]
             latest.reward[w, i] = reward
             tally.returns[w, i] += wp.float64(reward)
-
-
-RECOVERED = wp.constant(0.05)
-"""Deviation from the equilibrium up to which a formation always counts as recovered [rad]."""
-
-FAULT_MARGIN = wp.constant(1.1)
-"""Factor by which a quantity must exceed its largest value before the first fault to count as disturbed by it."""
 
 
 @part
@@ -94,7 +91,7 @@ def tally_motion(w, now, robots, latest, tally):
 
     Record the largest distances from the curve and from these points, and the largest speed.
     """
-    there = int(0)
+    present = int(0)
     lateral = wp.float64(0.0)
     tracking = wp.float64(0.0)
     distance = float(0.0)
@@ -103,7 +100,7 @@ def tally_motion(w, now, robots, latest, tally):
         for s in range(1, robots.path.shape[2]):
             distance += wp.length(robots.path[w, i, s] - robots.path[w, i, s - 1])
         if robots.status[w, i] != REMOVED:
-            there += 1
+            present += 1
             lateral += wp.float64(latest.lateral[w, i])
             tracking += wp.float64(latest.tracking[w, i])
             change += latest.change[w, i]
@@ -111,10 +108,10 @@ def tally_motion(w, now, robots, latest, tally):
             tally.tracking_max[w] = wp.max(tally.tracking_max[w], latest.tracking[w, i])
             tally.speed_max[w] = wp.max(tally.speed_max[w], wp.abs(robots.speed[w, i]))
     if now > 0:
-        tally.lateral_sum[w] += lateral / wp.float64(wp.max(there, 1))
-        tally.tracking_sum[w] += tracking / wp.float64(wp.max(there, 1))
+        tally.lateral_sum[w] += lateral / wp.float64(wp.max(present, 1))
+        tally.tracking_sum[w] += tracking / wp.float64(wp.max(present, 1))
         tally.distance_sum[w] += wp.float64(distance)
-        tally.change_sum[w] += wp.float64(change / float(wp.max(there, 1)))
+        tally.change_sum[w] += wp.float64(change / float(wp.max(present, 1)))
 
 
 @part
@@ -187,11 +184,11 @@ def tally_formation(w, now, robots, latest, tally):
 
 
 @part
-def tally_coverage(w, now, count: int, cells_total, tally):
-    """Record the steps in which every cell has been covered by some robot, and by each of the `count` robots."""
+def tally_coverage(w, now, num_robots: int, cells_total, tally):
+    """Record the steps in which every cell has been covered, by some robot and by each robot."""
     if tally.covered_at[w] == NEVER and tally.covered[w] == wp.int64(cells_total):
         tally.covered_at[w] = now
-    if tally.covered_each_at[w] == NEVER and tally.covered_each[w] == wp.int64(count) * wp.int64(cells_total):
+    if tally.covered_each_at[w] == NEVER and tally.covered_each[w] == wp.int64(num_robots) * wp.int64(cells_total):
         tally.covered_each_at[w] = now
 
 

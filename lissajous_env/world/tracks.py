@@ -1,4 +1,4 @@
-"""Knowledge of each robot from its sensor and from messages: tracks of targets, teammates and covered cells.
+"""Information that each robot has from its sensor and messages: tracks of targets, teammates and covered cells.
 
 A robot has a track of a target from the moment in which it learns that the target was in sight until `sensing.memory`
 has passed since, or until the step after the one in which it learns that the target was detected and leaves. It learns
@@ -59,19 +59,19 @@ def update_track(w, i, t, sighted: int, slot, sighted_at: int, step: float, trac
 
     `sighted` is _IN_SIGHT or _LEAVES in the step `sighted_at`, whose slot is `slot`; `step` is the control step [s].
     """
-    known = tracks.sighted_at[w, i, t]
+    latest = tracks.sighted_at[w, i, t]
     left_at = tracks.left_at[w, i, t]
     if sighted_at <= left_at:
         return
-    if sighted == _LEAVES and sighted_at >= known:
+    if sighted == _LEAVES and sighted_at >= latest:
         tracks.leaves[w, i, t] = 1
         tracks.left_at[w, i, t] = sighted_at
-    if sighted_at > known:
+    if sighted_at > latest:
         position = tracks.target_position[w, slot, t]
         velocity = wp.vec2(0.0, 0.0)
         if sighted == _IN_SIGHT:  # a target that has appeared anew has no part in the track of the one that left
             tracks.leaves[w, i, t] = 0
-        if known > left_at and known == sighted_at - 1:
+        if latest > left_at and latest == sighted_at - 1:
             velocity = (position - tracks.position[w, i, t]) / step
         tracks.position[w, i, t] = position
         tracks.velocity[w, i, t] = velocity
@@ -101,7 +101,7 @@ def arrives(w, i, j, key, sent_at: int, sensing, noise, neighbours, links) -> bo
     ),
 )
 def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
-    """Update the tracks of each robot by the messages that arrive, then by its own sightings, which are newer."""
+    """Update the tracks of each robot by the messages that arrive, then by its own sightings, which are not older."""
     now = clock.step[w]
     slots = tracks.sighted.shape[2]
     sent_at = now - (slots - 1)
@@ -131,7 +131,7 @@ def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
 
 @part
 def write_position(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_out):
-    """Fill the first four entries of a track or teammate, at an offset from the robot [m] and of an age [memory]."""
+    """Fill the first four entries of a track or teammate: present, relative x, y at an offset [m], and age [memory]."""
     observation_out[w, i, entry] = 1.0
     observation_out[w, i, entry + 1] = clip_coordinate(0.5 * offset[0] / curve.half_width)
     observation_out[w, i, entry + 2] = clip_coordinate(0.5 * offset[1] / curve.half_height)

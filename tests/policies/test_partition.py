@@ -233,9 +233,10 @@ def test_a_robot_knows_of_failures_by_messages_or_silence_alone(kind, fault, ste
     assert [robot for robot in noticed[step + 15] if robot != 1] == [0, 4]
 
 
-def test_messages_that_are_lost_or_late_show_no_failure():
+@pytest.mark.parametrize("noise", [{"noise.message_loss": 0.3}, {"noise.position": 0.05}], ids=str)
+def test_messages_that_are_lost_late_or_noisy_show_no_failure(noise):
     """Oracle: no robot fails; a message that stays the last one for some steps has the same place in all of them."""
-    scenario = lissajous_env.scenario("evaders", **{"noise.message_loss": 0.3})
+    scenario = lissajous_env.scenario("evaders", **noise)
     policy, simulation = PartitionRepair(scenario, 4), lissajous_env.Simulation(scenario, 4)
     for _ in range(60):
         simulation.step(policy.act(simulation.observation))

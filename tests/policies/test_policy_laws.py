@@ -13,7 +13,7 @@ import lissajous_env
 from baselines import names
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.policies.coordinators import Kuramoto
+from baselines.policies.coordinators import TrackedReference
 from lissajous_env import Simulation
 
 STEPS = 6
@@ -48,11 +48,8 @@ def test_a_row_is_the_same_in_any_batch_at_any_place(name, scenario):
         policy, worlds = baselines.make(name, scenario, size), draw.permutation(6)[:size]
         for rows, action in zip(seen[:, worlds], taken[:, worlds], strict=True):
             given = np.ascontiguousarray(rows)
-            if size == 1:
-                np.testing.assert_array_equal(policy.act(given), action)
-            else:
-                given = wp.array(given, dtype=wp.float32, device="cpu")
-                np.testing.assert_array_equal(policy.act(given).numpy(), action)
+            given = given if size == 1 else wp.array(given, dtype=wp.float32, device="cpu")
+            np.testing.assert_array_equal(policy.act(given), action)
 
 
 @pytest.mark.parametrize(("name", "scenario"), [case for case in CASES if not case[0].endswith("-proved")])
@@ -104,8 +101,11 @@ class Remembering(Policy):
         self.gain, self.steps, self.seen = gain, 0, []
         self.sums = np.zeros(self.action.shape, np.float32)
         self.draw = np.random.default_rng(3)
-        self.part = Kuramoto(self.scenario, num_worlds, self.device)
+        self.part = TrackedReference(self.scenario, num_worlds, self.device)
         self.squash = lambda x: np.clip(x, -1, 1)
+
+    def forget(self, mask):
+        self.sums[mask] = 0
 
     def decide(self, observation):
         self.part.coordinate(observation)
@@ -128,6 +128,8 @@ def test_a_users_policy_is_copied_with_all_that_it_keeps():
             rows = simulation.observation.numpy().copy()
             np.testing.assert_array_equal(each.act(rows), expected.act(rows))
     assert policy.steps == 7, "the original is left as it was"
+    policy.reset([1])
+    assert [memory.any() for memory in (*policy.sums, *policy.part._memory.numpy())] == [True, False, True, False]
 
 
 def test_a_device_array_that_its_making_does_not_make_is_named():
@@ -153,12 +155,21 @@ def test_a_state_of_something_else_is_refused_by_name(change, words):
     assert all((array == before[name]).all() for name, array in policy.save_state().items()), "nothing has changed"
 
 
+def act(rows):
+    policy = baselines.make("kuramoto", "failure")
+    policy.act(rows(policy.observation_shape))
+
+
 @pytest.mark.parametrize(("wrong", "words"), [
+    (lambda: act(lambda shape: np.full(shape, "a")), "observation must contain real numbers, got <U1"),
+    (lambda: act(lambda _: [[1, 2], [3]]), "observation must contain real numbers, got rows of different lengths"),
+    (lambda: act(lambda shape: wp.zeros(shape, int, "cpu")), "observation must be float32 of shape .*, got int32"),
+    (lambda: act(lambda shape: np.zeros(shape[1:])), "observation must have shape"),
     (lambda: baselines.make("sweep", "rough", 2).reset([2]), "worlds must be"),
     (lambda: baselines.make("sweep", "rough", num_worlds=0), "num_worlds must be a whole number of at least 1, got"),
     (lambda: baselines.make("sweep", "rough", device="gpu"), "device must be one of those present"),
 ])  # fmt: skip
-def test_worlds_and_devices_that_are_not_there_are_refused(wrong, words):
+def test_observations_of_another_type_and_worlds_and_devices_that_are_not_there_are_refused(wrong, words):
     with pytest.raises(ValueError, match=words):
         wrong()
 
@@ -224,15 +235,3 @@ def test_absurd_observations_give_finite_actions(name, scenario):
         action = policy.act(rows)
         assert np.isfinite(action).all()
         assert np.abs(action).max() <= 1
-
-
-@pytest.mark.parametrize(("rows", "words"), [
-    (lambda shape: np.full(shape, "a"), "observation must contain real numbers, got <U1"),
-    (lambda shape: [[1, 2], [3]], "observation must contain real numbers, got rows of different lengths"),
-    (lambda shape: wp.zeros(shape, dtype=wp.int32, device="cpu"), "observation must be float32 of shape .*, got int32"),
-    (lambda shape: np.zeros(shape[1:]), "observation must have shape"),
-])  # fmt: skip
-def test_observations_of_another_type_are_refused(rows, words):
-    policy = baselines.make("kuramoto", "failure")
-    with pytest.raises(ValueError, match=words):
-        policy.act(rows(policy.observation_shape))

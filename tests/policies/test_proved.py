@@ -79,8 +79,8 @@ def driven(scenario, worlds, steps, adversary, each=None, **given):
             least = min(least, least_distance(simulation, proved))
             if each is not None:
                 each(simulation, filter)
-        broken |= proved & ~filter.holds
-        proved |= filter.holds
+        broken |= proved & ~filter.tails_compatible
+        proved |= filter.tails_compatible
     return collisions, proved, broken, least / (2 * simulation.scenario.robot.radius)
 
 

@@ -6,7 +6,7 @@ import warp as wp
 from test_proved import FIVE, driven, played, towards_the_nearest
 
 import lissajous_env
-from baselines.policies.safety.commitment import GONE
+from baselines.policies.safety import commitment
 from baselines.policies.safety.proved import Proved, integration_error, unmet_conditions
 from benchmarks import attacked
 from lissajous_env.world.observation import layout
@@ -37,7 +37,7 @@ def test_a_robot_is_absent_exactly_if_it_is_removed(way, changed):
     for step, (simulation, filter) in enumerate(played(scenario, 40, 40, outwards)):
         status = simulation.robots.status.numpy()
         heard |= (simulation.links.heard_at.numpy() >= 0).any(axis=-1) & (status != REMOVED)
-        absent = filter._memory.presence.numpy() == GONE
+        absent = filter._memory.presence.numpy() == commitment.REMOVED
         assert not absent[status != REMOVED].any()
         assert absent[(status == REMOVED) & (heard | (step == 0))].all()
         gone, failed = gone + absent.sum(), failed + (status == FAILED).sum()
@@ -76,10 +76,10 @@ def test_the_proof_is_tested_anew_if_a_removed_robot_comes_back():
     rows = simulation.observation.numpy().copy()
     near = np.linalg.norm(simulation.robots.position.numpy()[:, 1:, :2] - goal[:, 1:], axis=-1).min(axis=1) < 0.2
     rows[:, 0, :5] = place[:, :5]
-    before = filter.holds
+    before = filter.tails_compatible
     filter(wp.array(rows, dtype=wp.float32, device="cpu"), wp.zeros_like(simulation.action))
     assert (near & before).sum() > 3
-    assert not filter.holds[near].any()
+    assert not filter.tails_compatible[near].any()
 
 
 def crosses_the_truth(scenario, worlds, steps, adversary):

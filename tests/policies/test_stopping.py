@@ -91,7 +91,7 @@ def test_ways_to_stop_end_at_rest():
     rows[..., 4], rows[..., 7] = rows[..., 4] * (1 + 3 * 0.3 / scenario.robot.top_speed), 1
     found = policy.act(rows)
     policy.reset()
-    policy._stay_inside._limits.braking *= 10
+    policy._stay_inside._inputs[0].braking *= 10
     np.testing.assert_array_equal(policy.act(rows), found)
 
 

@@ -107,8 +107,7 @@ class LearnedTeam(Policy):
         self._memory = np.zeros((*self.shape, network.memory), np.float32)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Reset the base and the memory of the robots in the masked worlds."""
-        super().forget(mask)
+        """Reset the memory of the robots in the masked worlds."""
         self._memory[mask] = 0.0
 
     def decide(self, observation: np.ndarray) -> np.ndarray:

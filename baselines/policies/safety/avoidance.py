@@ -25,7 +25,7 @@ from baselines.similarity import EXPERIMENT, motion_scale
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.structs import RobotStruct, SensingStruct, struct_of
+from lissajous_env.device.structs import RobotStruct, struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
@@ -41,14 +41,15 @@ NEAREST = wp.constant(8)
 _LONGEST = 40
 """Longest horizon [control steps]."""
 _DIFFERENCE = wp.constant(0.05)
-_NONE = wp.constant(1.0e30)
+"""Change of an action by which the margins are differentiated."""
 
 Others = wp.array(dtype=wp.vec4)
 """Relative x, y [m] and velocity [m/s] of the other robots (NEAREST,)."""
 Paths = wp.array2d(dtype=wp.vec2)
 """Places [m] on the manoeuvres of this car, then on those of another, at each step of the horizon."""
 
-scores = wp.types.vector(length=9, dtype=wp.float32)
+Scores = wp.types.vector(length=int(MANOEUVRES), dtype=wp.float32)
+"""A number for each way out."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,10 @@ class Constants:
 
     safety: SafetyStruct
     robot: RobotStruct
-    sensing: SensingStruct
+    robots_seen: wp.int32
+    """Number of robots in sight in an observation."""
+    sight: wp.float32
+    """Distance within which they are observed [m]."""
     speed_unit: wp.float32
     """Top speed of a car, the unit of its observed speed [m/s]."""
     step: wp.float32
@@ -114,7 +118,7 @@ class Constants:
 
 @wp.func
 def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
-    """Return x, y, heading, v after a step at a constant action: (12) by the midpoint rule, with v up to speed_max."""
+    """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max."""
     robot = c.robot
     h = c.step
     given = steering_and_throttle(robot, action)
@@ -167,9 +171,9 @@ def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out:
 
     The car applies the action for one step and then follows the way out; the other (x, y, x', y') goes straight on.
     """
-    least = float(_NONE)
+    least = float(wp.inf)
     now = car
-    keep = 2.0 * c.robot.radius + c.safety.clearance
+    required = 2.0 * c.robot.radius + c.safety.clearance
     for t in range(c.safety.horizon):
         then = drive_on(c, now, wp.where(t == 0, action, way_out))
         early = float(t) * c.step
@@ -178,17 +182,43 @@ def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out:
             wp.vec2(now[0] - other[0] - early * other[2], now[1] - other[1] - early * other[3]),
             wp.vec2(then[0] - other[0] - late * other[2], then[1] - other[1] - late * other[3]),
         )
-        least = wp.min(least, wp.sqrt(square) - keep - c.safety.growth * early)
+        least = wp.min(least, wp.sqrt(square) - required - c.safety.growth * early)
         now = then
     return least
 
 
 @wp.func
 def barrier(c: Constants, car: wp.vec4, n: int, others: Others, action: wp.vec2, way_out: wp.vec2) -> float:
-    """Return the least margin to the n others."""
-    least = float(_NONE)
+    """Return the least margin to the n others [m], min over k of m_k(action; way_out)."""
+    least = float(wp.inf)
     for k in range(n):
         least = wp.min(least, margin(c, car, others[k], action, way_out))
+    return least
+
+
+@wp.func
+def lay_out_manoeuvres(c: Constants, car: wp.vec4, first: int, count: int, moves: bool, path_out: Paths):
+    """Write the places [m] of a car on its first `count` manoeuvres, from row `first` on; it may stand instead."""
+    for b in range(count):
+        now = car
+        action = manoeuvre(c.robot, b, car[3])
+        for t in range(c.safety.horizon + 1):
+            path_out[first + b, t] = wp.vec2(now[0], now[1])
+            if moves:
+                now = drive_on(c, now, action)
+
+
+@wp.func
+def margin_of_paths(c: Constants, one: int, other: int, path: Paths) -> float:
+    """Return the margin of two cars on rows `one` and `other` of the paths, as `margin` does [m]."""
+    required = 2.0 * c.robot.radius + c.safety.clearance
+    least = float(wp.inf)
+    before = path[one, 0] - path[other, 0]
+    for t in range(c.safety.horizon):
+        after = path[one, t + 1] - path[other, t + 1]
+        apart = wp.sqrt(closest_approach(before, after)) - required - c.safety.growth * float(t) * c.step
+        least = wp.min(least, apart)
+        before = after
     return least
 
 
@@ -200,43 +230,27 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
     follows b and the other b' from now on. Both cars of a pair observe the same two states, so they compute the same
     pair. `path` is working memory: places on the manoeuvres of this car, then on those of another.
     """
-    keep = 2.0 * c.robot.radius + c.safety.clearance
-    score = scores()
+    lay_out_manoeuvres(c, car, 0, MANOEUVRES, True, path)
+    score = Scores()
     for b in range(MANOEUVRES):
-        score[b] = _NONE
-        now = car
-        action = manoeuvre(c.robot, b, car[3])
-        for t in range(c.safety.horizon + 1):
-            path[b, t] = wp.vec2(now[0], now[1])
-            now = drive_on(c, now, action)
+        score[b] = wp.inf
     for k in range(n):
         other = others[k]
         speed = wp.sqrt(other[2] * other[2] + other[3] * other[3])
-        answers = wp.where(speed < c.safety.resting, 1, MANOEUVRES)
-        for b in range(answers):
-            now = wp.vec4(other[0], other[1], wp.atan2(other[3], other[2]), speed)
-            action = manoeuvre(c.robot, b, speed)
-            for t in range(c.safety.horizon + 1):
-                path[MANOEUVRES + b, t] = wp.vec2(now[0], now[1])
-                if speed >= c.safety.resting:
-                    now = drive_on(c, now, action)
+        moves = speed >= c.safety.resting
+        answers = wp.where(moves, MANOEUVRES, 1)
+        heading = wp.atan2(other[3], other[2])
+        lay_out_manoeuvres(c, wp.vec4(other[0], other[1], heading, speed), MANOEUVRES, answers, moves, path)
         for b in range(MANOEUVRES):
-            best = float(-_NONE)
+            best = float(-wp.inf)
             for answer in range(answers):
-                least = float(_NONE)
-                before = path[b, 0] - path[MANOEUVRES + answer, 0]
-                for t in range(c.safety.horizon):
-                    after = path[b, t + 1] - path[MANOEUVRES + answer, t + 1]
-                    apart = wp.sqrt(closest_approach(before, after)) - keep - c.safety.growth * float(t) * c.step
-                    least = wp.min(least, apart)
-                    before = after
-                worth = wp.min(least, c.safety.ample)
-                if answers > 1:
+                worth = wp.min(margin_of_paths(c, b, MANOEUVRES + answer, path), c.safety.ample)
+                if moves:
                     worth -= price(c.safety, answer)
                 best = wp.max(best, worth)
             score[b] = wp.min(score[b], best)
     chosen = int(0)
-    best = float(-_NONE)
+    best = float(-wp.inf)
     for b in range(MANOEUVRES):
         worth = score[b] - price(c.safety, b)
         if worth > best:
@@ -263,12 +277,12 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
 
 
 @wp.func
-def see(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
-    """Write relative x, y [m] and velocity [m/s] of the robots in sight; `own` is this robot's velocity. Return n."""
+def list_seen(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
+    """Write relative x, y [m] and velocity [m/s] of the robots in sight; `own` is its velocity. Return their number."""
     n = int(0)
-    for k in range(wp.min(c.sensing.robots_seen, NEAREST)):
+    for k in range(wp.min(c.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
-            away = offset_seen(w, i, k, c.sensing.sight, observation)
+            away = offset_seen(w, i, k, c.sight, observation)
             velocity = velocity_seen(w, i, k, c.speed_unit, observation) + own
             others_out[n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
             n += 1
@@ -276,7 +290,7 @@ def see(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, ot
 
 
 @wp.func
-def hear(
+def list_heard(
     w: int,
     i: int,
     n: int,
@@ -286,7 +300,7 @@ def hear(
     observation: Observation,
     others_out: Others,
 ) -> int:
-    """Add the ring neighbours beyond the sight that sent in this step and the one before; return the number.
+    """Add the ring neighbours beyond the sight that sent in this step and the one before; return the number of all.
 
     Their velocity is the difference of the two positions that they sent. The memory is the latest position, and 1 if
     there is one.
@@ -300,7 +314,7 @@ def hear(
             away = offset_heard(w, i, side, curve, observation)
             place = own + away
             memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
-            if before[2] > 0.0 and wp.length(away) >= c.sensing.sight and count < NEAREST:
+            if before[2] > 0.0 and wp.length(away) >= c.sight and count < NEAREST:
                 velocity = (place - wp.vec2(before[0], before[1])) / c.step
                 others_out[count] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
                 count += 1
@@ -351,9 +365,9 @@ def keep_clear(
         action_out[w, i, k] = wanted[w, i, k]  # beyond the first two, a message
     speed = wp.max(own_speed(w, i, c.speed_unit, observation), speed_limit_below(c.robot))
     heading = own_heading(w, i, observation)
-    n = see(w, i, c, speed * cos_sin(heading), observation, others[w, i])
+    n = list_seen(w, i, c, speed * cos_sin(heading), observation, others[w, i])
     if c.listens == 1:
-        n = hear(w, i, n, c, curve, memory, observation, others[w, i])
+        n = list_heard(w, i, n, c, curve, memory, observation, others[w, i])
     if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
         return
     car = wp.vec4(0.0, 0.0, heading, speed)

@@ -18,8 +18,8 @@ from baselines.policies.own_row import (
 )
 from baselines.policies.safety.own_motion import (
     Bounds,
-    average,
-    averaged,
+    add_step,
+    bounds_from_sums,
     chord_slack,
     drive,
     learn,
@@ -38,11 +38,9 @@ wp.set_module_options(OPTIONS)
 OLD, NEW = wp.constant(0), wp.constant(1)
 """Plans of a robot for a step: it continues its old tail, or it takes an action and a new tail follows."""
 PLANS = wp.constant(2)
-UNHEARD, THERE, FAILED, GONE = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
-"""Presence of a robot: it has heard no ring neighbour yet; it works; it has failed; it was removed. All but the last
-are in their places."""
-FAR = wp.constant(1.0e30)
-"""Distance beyond any other [m]."""
+UNHEARD, WORKING, FAILED, REMOVED = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
+"""Presence of a robot, from its row: it has heard no ring neighbour yet; it works; it has failed; it was removed. All
+robots but the removed ones occupy their places."""
 
 
 @wp.struct
@@ -52,18 +50,18 @@ class Memory:
     tail: wp.array2d(dtype=Tail)
     """Committed tail at the beginning of the step: `baselines.policies.safety.tails`."""
     old_tail: wp.array2d(dtype=Tail)
-    """The rest of the previous tail, or the place at which a robot stands, if it failed in the latest step."""
+    """Tail of the robot if it failed in the latest step: the rest of the previous one, or the place where it stands."""
     factors: wp.array2d(dtype=wp.vec4)
-    """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
+    """Bounds of the robot's own curvature, then drive, as factors of the nominal: least, most; least, most."""
     sums: wp.array2d(dtype=wp.vec4)
-    """Sums from which these bounds follow where commands are noisy: `baselines.policies.safety.own_motion.average`."""
+    """Sums from which these bounds follow where commands are noisy: `baselines.policies.safety.own_motion.add_step`."""
     last: wp.array2d(dtype=wp.vec4)
     """Measured heading [rad], speed [m/s] and the action of the latest step."""
     presence: wp.array2d(dtype=wp.int32)
-    """UNHEARD, THERE, FAILED or GONE."""
+    """UNHEARD, WORKING, FAILED or REMOVED."""
     steps: wp.array(dtype=wp.int32)
     """Steps decided in this episode."""
-    holds: wp.array(dtype=wp.int32)
+    compatible: wp.array(dtype=wp.int32)
     """1 where all committed tails are compatible: from then on, by the theorem, no two robots collide."""
     decided: wp.array2d(dtype=wp.int32)
     """1 where the robot has taken a new action, in its turn of this step; its old tail is void."""
@@ -74,7 +72,7 @@ class Memory:
 @wp.func
 def gap_to_edge(plan: Plan, bounds: Bounds) -> float:
     """Return the least distance of a plan from the edge of the rectangle that tails stay in [m] (condition 1)."""
-    least = float(FAR)
+    least = float(wp.inf)
     for k in range(1, POINTS):
         place = plan[k]
         inside = distance_inside(bounds.half_width, bounds.half_height, place[0], place[1])
@@ -84,17 +82,17 @@ def gap_to_edge(plan: Plan, bounds: Bounds) -> float:
 
 @wp.func
 def gap_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, memory: Memory) -> float:
-    """Return the least distance of a plan from all plans of robot j in this step, at the times that matter [m].
+    """Return the least distance of a plan from the plans that robot j may follow in this step, less `required` [m].
 
-    A value below `enough` is only a bound. These are equal times, unless a robot of the two can stop dead (condition
-    5). A robot that has decided continues its old tail if its motor fails in this step and it coasts (condition 5).
+    A value below `enough` is only a bound. Distances are those at equal times, unless one of the two can stop dead
+    (condition 5). A robot that has decided follows its old tail if its motor fails in this step (condition 5).
     """
     one = memory.plans[w, i, plan]
     has_decided = memory.decided[w, j] == 1
     if bounds.stops[i] == 1 or bounds.stops[j] == 1:
         other = memory.plans[w, j, wp.where(has_decided, NEW, OLD)]
         return swept_gap(one, other, bounds.stops[i] == 1, bounds.stops[j] == 1, bounds.required, enough)
-    least = float(FAR)
+    least = float(wp.inf)
     if has_decided:
         least = gap_between(one, memory.plans[w, j, NEW], bounds.required, enough)
     if least >= enough and (not has_decided or bounds.coasts == 1):
@@ -104,16 +102,16 @@ def gap_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, mem
 
 @wp.func
 def smallest_gap(w: int, i: int, plan: int, enough: float, first: int, bounds: Bounds, memory: Memory) -> wp.vec2:
-    """Return the least distance of a plan from the committed tails of the others [m], and the robot (condition 4).
+    """Return the least gap of a plan to the edge and to all other robots [m], and the robot, -1 for the edge.
 
-    The search begins with robot `first` and ends at a value below `enough`.
+    The search begins with robot `first` and ends at a value below `enough` (condition 4).
     """
     least = wp.vec2(gap_to_edge(memory.plans[w, i, plan], bounds), -1.0)
     for k in range(-1, memory.presence.shape[1]):
         if least[0] < enough:
             return least
         j = wp.where(k < 0, first, k)
-        if j >= 0 and j != i and memory.presence[w, j] != GONE:
+        if j >= 0 and j != i and memory.presence[w, j] != REMOVED:
             gap = gap_to(w, i, plan, j, enough, bounds, memory)
             if gap < least[0]:
                 least = wp.vec2(gap, float(j))
@@ -124,16 +122,16 @@ def smallest_gap(w: int, i: int, plan: int, enough: float, first: int, bounds: B
 def is_compatible(w: int, bounds: Bounds, memory: Memory) -> int:
     """Return 1 if the tails of all robots are compatible, which begins the induction (condition 6)."""
     for i in range(memory.presence.shape[1]):
-        if memory.presence[w, i] != GONE and smallest_gap(w, i, OLD, 0.0, -1, bounds, memory)[0] < 0.0:
+        if memory.presence[w, i] != REMOVED and smallest_gap(w, i, OLD, 0.0, -1, bounds, memory)[0] < 0.0:
             return 0
     return 1
 
 
 @wp.func
 def is_off_the_wall(bounds: Bounds, car: wp.vec4, speed: float) -> bool:
-    """Return whether a car that had a speed [m/s] a step before cannot have touched the wall since."""
-    way = (speed + car[3]) * bounds.step + bounds.position_error
-    return distance_inside(bounds.half_width, bounds.half_height, car[0], car[1]) > way
+    """Return whether a car that had a speed [m/s] a step before cannot have met the wall since."""
+    distance = (speed + car[3]) * bounds.step + bounds.position_error
+    return distance_inside(bounds.half_width, bounds.half_height, car[0], car[1]) > distance
 
 
 @wp.func
@@ -145,10 +143,10 @@ def presence_of(before: int, works: bool, heard: bool, is_first: bool) -> int:
     its place.
     """
     if heard:
-        return wp.where(works, THERE, FAILED)
+        return wp.where(works, WORKING, FAILED)
     if works or (before == UNHEARD and not is_first):
         return UNHEARD
-    return GONE
+    return REMOVED
 
 
 @wp.func
@@ -158,9 +156,9 @@ def learn_of(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory):
     if bounds.noise.actuator == 0.0:
         memory.factors[w, i] = learn(bounds, memory.factors[w, i], widest, memory.last[w, i], car[2], car[3])
     else:
-        sums = average(bounds, memory.sums[w, i], memory.last[w, i], car[2], car[3])
-        curvature = averaged(sums[0], sums[1], wp.vec2(widest[0], widest[1]))
-        pull = averaged(sums[2], sums[3], wp.vec2(widest[2], widest[3]))
+        sums = add_step(bounds, memory.sums[w, i], memory.last[w, i], car[2], car[3])
+        curvature = bounds_from_sums(sums[0], sums[1], wp.vec2(widest[0], widest[1]))
+        pull = bounds_from_sums(sums[2], sums[3], wp.vec2(widest[2], widest[3]))
         memory.sums[w, i] = sums
         memory.factors[w, i] = wp.vec4(curvature[0], curvature[1], pull[0], pull[1])
 
@@ -176,7 +174,7 @@ def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observat
     before = memory.presence[w, i]
     now = presence_of(before, works, has_ever_heard(w, i, observation), memory.steps[w] == 0)
     memory.presence[w, i] = now
-    is_known = memory.steps[w] > 0 and (before != GONE or now == GONE)
+    is_known = memory.steps[w] > 0 and (before != REMOVED or now == REMOVED)
     if memory.steps[w] == 0:
         memory.factors[w, i] = bounds.widest[i]
     elif not works:
@@ -190,7 +188,7 @@ def begin(w: int, i: int, bounds: Bounds, car: wp.vec4, memory: Memory, observat
         return True
     errors = wp.vec3(bounds.position_error, bounds.heading_error, bounds.speed_error)
     memory.tail[w, i] = tail_from(bounds, memory.factors[w, i], car, errors, tail.steering)
-    return memory.presence[w, i] == GONE
+    return memory.presence[w, i] == REMOVED
 
 
 @wp.func
@@ -267,18 +265,18 @@ def leads_out(bounds: Bounds, tail: Tail) -> bool:
 
 @wp.func
 def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: Memory) -> wp.vec2:
-    """Return the first of the changed actions after which the gap of a tail is large enough, or continue the old tail.
+    """Return the first of the changed actions after which the gap of a tail is not negative, or continue the old tail.
 
-    A tail whose end leaves the car no way out of the walls is not taken, unless that of the old one does not either.
-    If that of the old tail is negative, which can happen if conditions are violated, the plan with the largest is used.
+    A tail that ends without a way out of the walls is skipped, unless the old tail ends without one, too. The gap of
+    the old tail is negative only if conditions are violated; the plan with the largest gap is then followed.
     """
     factors = memory.factors[w, i]
     old = memory.tail[w, i]
     chosen = wp.vec2(old.steering, -1.0)
     enough = float(0.0)
-    if memory.holds[w] == 0:
-        enough = wp.min(smallest_gap(w, i, OLD, -FAR, -1, bounds, memory)[0], 0.0)
-    gap = wp.vec2(-FAR, -1.0)
+    if memory.compatible[w] == 0:
+        enough = wp.min(smallest_gap(w, i, OLD, -wp.inf, -1, bounds, memory)[0], 0.0)
+    gap = wp.vec2(-wp.inf, -1.0)
     ends_well = leads_out(bounds, old)
     for k in range(bounds.changes.shape[0] * bounds.num_tails):
         change = bounds.changes[k / bounds.num_tails]
@@ -290,7 +288,7 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
         turn = turn_after(k % bounds.num_tails, bounds, factors, car[3], action)
         tail = propose(w, i, bounds, car, action, turn, memory)
         if ends_well and not leads_out(bounds, tail):
-            gap = wp.vec2(-FAR, -1.0)  # not this one
+            gap = wp.vec2(-wp.inf, -1.0)  # not this one
             continue
         gap = smallest_gap(w, i, NEW, enough, int(gap[1]), bounds, memory)
         if gap[0] >= enough:
@@ -322,10 +320,10 @@ def commit(
         car = wp.vec4(here[0], here[1], own_heading(w, i, observation), speed)
         memory.decided[w, i] = 0
         if not begin(w, i, bounds, car, memory, observation):
-            memory.holds[w] = 0
+            memory.compatible[w] = 0
         commit_to_old_plan(w, i, bounds, memory)
-    if memory.holds[w] == 0:
-        memory.holds[w] = is_compatible(w, bounds, memory)
+    if memory.compatible[w] == 0:
+        memory.compatible[w] = is_compatible(w, bounds, memory)
     for turn in range(n):
         i = (turn + step) % n
         chosen = wp.vec2(memory.tail[w, i].steering, -1.0)

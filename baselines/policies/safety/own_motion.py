@@ -2,7 +2,8 @@
 
 Every number is an interval: the errors of measured positions, headings and speeds are within `Bounds`. A robot stores
 bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and narrow with
-each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`average`).
+each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`add_step`). A way
+is the distance that the car drives in a step.
 """
 
 import warp as wp
@@ -10,6 +11,7 @@ import warp as wp
 from baselines.policies.safety.tails import Tail, arc_end
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import wrap
 from lissajous_env.device.structs import NoiseStruct, RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.robots.inside import Walls
@@ -124,22 +126,22 @@ def drive(bounds: Bounds, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tu
         slack = 0.5 * (factors[3] - factors[2]) * robot.drive * tau
         slack += factors[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.noise.actuator
     speed = car[3]
-    gone = 1.0 - bounds.decay
-    late = (bounds.step - gone / robot.drag) / robot.drag
-    after = wp.max(speed * bounds.decay + push * gone / robot.drag, 0.0)
-    way = wp.max(speed * gone / robot.drag + push * late, 0.0)
-    way_error = bounds.speed_error * gone / robot.drag + slack * late
+    lost = 1.0 - bounds.decay
+    late = (bounds.step - lost / robot.drag) / robot.drag  # way per push [s^2]
+    after = wp.max(speed * bounds.decay + push * lost / robot.drag, 0.0)
+    way = wp.max(speed * lost / robot.drag + push * late, 0.0)
+    way_error = bounds.speed_error * lost / robot.drag + slack * late
     way_error += 0.5 * bounds.step * bounds.step * wp.max(slack - push, 0.0)  # a car that stops within the step
-    swing = bounds.heading_error + (wp.abs(curvature) + bend) * way_error
+    turn_error = bounds.heading_error + (wp.abs(curvature) + bend) * way_error
     errors = wp.vec3(
-        bounds.position_error + bounds.coarseness * way + way_error + swing * way + 0.5 * bend * way * way,
-        swing + bend * way,
-        bounds.speed_error * bounds.decay + slack * gone / robot.drag,
+        bounds.position_error + bounds.coarseness * way + way_error + turn_error * way + 0.5 * bend * way * way,
+        turn_error + bend * way,
+        bounds.speed_error * bounds.decay + slack * lost / robot.drag,
     )
     end = arc_end(car[0], car[1], car[2], way, curvature)
-    half_gone = 1.0 - wp.sqrt(bounds.decay)
-    half_late = (0.5 * bounds.step - half_gone / robot.drag) / robot.drag
-    half_way = wp.clamp(speed * half_gone / robot.drag + push * half_late, 0.0, way)
+    half_lost = 1.0 - wp.sqrt(bounds.decay)
+    half_late = (0.5 * bounds.step - half_lost / robot.drag) / robot.drag
+    half_way = wp.clamp(speed * half_lost / robot.drag + push * half_late, 0.0, way)
     middle = arc_end(car[0], car[1], car[2], half_way, curvature)
     fastest = wp.max(speed, after)
     rate = wp.abs(push - robot.drag * speed) + fastest * fastest * wp.abs(curvature)
@@ -159,14 +161,16 @@ def narrowed(low: float, high: float, value: float, error: float, widest: wp.vec
 
 @wp.func
 def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
-    """Narrow the bounds of curvature and drive by the motion of the latest step (condition 2 of the theorem).
+    """Return the bounds of curvature and drive, narrowed by the motion of the latest step (condition 2 of the theorem).
+
+    `last` is the measured heading [rad] and speed [m/s] before it, and its action.
 
     push = c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), way = (v_0 - v_1 + push h) / c, kappa = turn / way.
     """
     robot = bounds.robot
-    gone = 1.0 - bounds.decay
-    push = robot.drag * (speed - last[1] * bounds.decay) / gone
-    push_error = robot.drag * bounds.speed_error * (1.0 + bounds.decay) / gone
+    lost = 1.0 - bounds.decay
+    push = robot.drag * (speed - last[1] * bounds.decay) / lost
+    push_error = robot.drag * bounds.speed_error * (1.0 + bounds.decay) / lost
     tau = throttle(robot, last[3])
     narrow = factors
     if tau > robot.dead_zone and speed > 0.0:
@@ -181,8 +185,7 @@ def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, head
     # A car that has stopped within the step has driven less than this; one that turns by more than pi hides a turn.
     shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading_error
     if shows and wp.abs(unit) * factors[1] < 3.0:
-        turned = heading - last[0]
-        turned -= 6.2831853 * wp.rint(turned / 6.2831853)
+        turned = wrap(heading - last[0])
         value = turned / unit
         error = (2.0 * bounds.heading_error / wp.abs(unit) + wp.abs(value) * way_error / way) * way / (way - way_error)
         span = narrowed(factors[0], factors[1], value, error, wp.vec2(widest[0], widest[1]))
@@ -192,30 +195,32 @@ def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, head
 
 
 @wp.func
-def mean_and_deviation(action: float, wobble: float) -> wp.vec2:
-    """Return mean and standard deviation of a noisy action, clipped to [-1, 1]; deviation 0 if these are not known.
+def mean_and_deviation(action: float, noise: float) -> wp.vec2:
+    """Return mean and standard deviation of an action with noise of deviation `noise`, clipped to [-1, 1].
+
+    A deviation of 0 means that they are not known: the noise may be clipped, or not.
 
     At an end of the range, half of the noise is clipped: of min(n, 0), the mean is -1 / sqrt(2 pi) and the variance
     1 / 2 - 1 / (2 pi).
     """
     if wp.abs(action) >= 1.0:
-        return wp.vec2(wp.sign(action) * (1.0 - 0.39894 * wobble), 0.58381 * wobble)
-    if wp.abs(action) > 1.0 - 3.0 * wobble:
+        return wp.vec2(wp.sign(action) * (1.0 - 0.39894 * noise), 0.58381 * noise)
+    if wp.abs(action) > 1.0 - 3.0 * noise:
         return wp.vec2(action, 0.0)
-    return wp.vec2(action, wobble)
+    return wp.vec2(action, noise)
 
 
 @wp.func
-def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
-    """Add the latest step to the sums of weights, and of weighted factors less 1, of curvature and of drive.
+def add_step(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
+    """Return the sums with the latest step: weight and weighted factor less 1 of curvature, then those of drive.
 
     The motion of a step with a noisy command shows a factor with a standard deviation; the weight is 1 over its square.
     Steps in which noise may turn off the motor, or grip may limit the turn, do not count.
     """
     robot = bounds.robot
-    gone = 1.0 - bounds.decay
-    push = robot.drag * (speed - last[1] * bounds.decay) / gone
-    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.decay) / gone
+    lost = 1.0 - bounds.decay
+    push = robot.drag * (speed - last[1] * bounds.decay) / lost
+    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.decay) / lost
     summed = sums
     pull = mean_and_deviation(last[3], bounds.noise.actuator)
     tau = throttle(robot, pull[0])
@@ -239,8 +244,7 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
         and turn[1] > 0.0
         and grips < 0.9 * robot.lateral_acceleration_max
     ):
-        turned = heading - last[0]
-        turned -= 6.2831853 * wp.rint(turned / 6.2831853)
+        turned = wrap(heading - last[0])
         turn_deviation = bounds.noise.heading / unit
         steering_deviation = turn[1] * robot.steering_max * (1.0 + slope * slope) / slope
         variance = (
@@ -254,8 +258,8 @@ def average(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed:
 
 
 @wp.func
-def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
-    """Return the bounds of a factor from its sums: the mean of the steps -+ four standard errors."""
+def bounds_from_sums(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
+    """Return the bounds of a factor from its two sums: the mean of the steps -+ four standard errors and BIAS."""
     if weight <= 0.0:
         return widest
     return narrowed(widest[0], widest[1], 1.0 + weighted / weight, 4.0 / wp.sqrt(weight) + BIAS, widest)
@@ -263,7 +267,7 @@ def averaged(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
 
 @wp.func
 def within_limits(bounds: Bounds, factors: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
-    """Clip an action to the box, and so that grip never limits the yaw rate in the step and after it (condition 1)."""
+    """Return an action clipped to the box, and so that grip never limits the yaw rate from then on (condition 1)."""
     robot = bounds.robot
     throttling = wp.clamp(wanted[1], -1.0, 1.0)
     if wp.abs(throttle(robot, throttling) - robot.dead_zone) < EDGE * robot.throttle_max:

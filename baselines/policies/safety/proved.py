@@ -40,6 +40,8 @@ STEERING_CHANGES = (0.0, 0.06, 0.13, 0.22, 0.33, 0.47, 0.65, 0.9, 1.3, 2.0)
 THROTTLE_CHANGES = (0.0, 0.5, 2.0)
 """Changes of the wanted action that are tried, to either side; each result is clipped to [-1, 1]."""
 
+_THROTTLE_WEIGHT = 0.1
+"""Weight of a change of the throttle's action relative to one of the steering's, in the order of the changes."""
 _ROUNDING = 4e-6
 """Bound on the rounding error of observed numbers, relative to their range."""
 _COARSEST = 0.01
@@ -62,8 +64,6 @@ class ProvedParameters(Checked):
     """Bound of the noise of a measurement, in standard deviations."""
     repeats: int = whole(3, 1, 100)
     """Number of times that a robot sends each of its tails in a step, in case a message is lost."""
-    throttle_weight: float = number(0.1, 1e-6, 1e6)
-    """Weight of a change of the throttle's action relative to one of the steering's."""
 
     def of(self, scenario: Scenario) -> "ProvedParameters":
         """Return the same parameters scaled from the paper's experiment to another scenario."""
@@ -92,18 +92,18 @@ class Proved(Filter):
         self._bounds = bounds_of(self.scenario, self.parameters, self.device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         worlds = (self.num_worlds,)
-        shapes = {"steps": worlds, "holds": worlds, "plans": (*self.shape, int(PLANS), int(POINTS))}
+        shapes = {"steps": worlds, "compatible": worlds, "plans": (*self.shape, int(PLANS), int(POINTS))}
         self._memory = allocate(Memory, shapes, self.shape, self.device)
         # A struct of Warp cannot be copied; its arrays, stored by name, are copied with the filter.
         self._arrays = fields_of(self._memory)
 
     @property
-    def holds(self) -> np.ndarray:
-        """Return for each world (W,) whether its committed tails were compatible before the latest step.
+    def tails_compatible(self) -> np.ndarray:
+        """Return for each world (W,) whether its committed tails were compatible at the beginning of the latest step.
 
-        From a step where they are, by the theorem, they remain so; if they do not, a condition is violated.
+        By the theorem they then remain so; if they do not, a condition is violated.
         """
-        return self._memory.holds.numpy() == 1
+        return self._memory.compatible.numpy() == 1
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget tails, and the bounds that robots have narrowed; plans are laid out anew in every step."""
@@ -145,7 +145,7 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "c
     bounds.robot, bounds.noise = to_struct(RobotStruct, robot), to_struct(NoiseStruct, noise)
     bounds.walls = walls_of(scenario) if Inside.suits(scenario) else Walls()
     bounds.widest = wp.array(widest_of(scenario), dtype=wp.vec4, device=device)
-    bounds.changes = wp.array(changes_of(parameters), dtype=wp.vec2, device=device)
+    bounds.changes = wp.array(changes_of(), dtype=wp.vec2, device=device)
     bounds.stops = wp.array(stops_of(scenario), dtype=wp.int32, device=device)
     return bounds
 
@@ -169,13 +169,13 @@ def widest_of(scenario: Scenario) -> np.ndarray:
     return np.array(rows, dtype=np.float32)
 
 
-def changes_of(parameters: ProvedParameters) -> np.ndarray:
+def changes_of() -> np.ndarray:
     """Return the changes (K, 2) of an action that are tried, in order of size; the first is no change."""
     signed = [(s * x, t * y) for x in STEERING_CHANGES for y in THROTTLE_CHANGES for s in (1, -1) for t in (1, -1)]
 
     def cost(change: tuple[float, float]) -> tuple[float, ...]:
         steering, throttle = change
-        return steering**2 + parameters.throttle_weight * min(abs(throttle), 1.0) ** 2, -steering, throttle
+        return steering**2 + _THROTTLE_WEIGHT * min(abs(throttle), 1.0) ** 2, -steering, throttle
 
     return np.array(sorted(set(signed), key=cost), dtype=np.float32)
 
@@ -225,7 +225,7 @@ def integration_error(scenario: Scenario) -> float:
 def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
     """Return the conditions of the theorem that a scenario violates, each as a sentence; none where it applies.
 
-    Condition 6, on the start of an episode, is `Proved.holds`.
+    Condition 6, on the start of an episode, is `Proved.tails_compatible`.
     """
     scenario = scenario.resolve()
     robot, noise, task = scenario.robot, scenario.noise, scenario.task

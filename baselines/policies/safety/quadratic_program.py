@@ -6,12 +6,11 @@ TOLERANCE = wp.constant(1.0e-5)
 """Tolerance of the constraints in a solution of the program, in units of the margins."""
 HalfPlanes = wp.array(dtype=wp.vec3)
 """Half-planes of actions u, (g0, g1, c) for g.u >= c."""
-_NONE = wp.constant(1.0e30)
 
 
 @wp.func
-def line(k: int, n: int, rows: HalfPlanes, top: float, relaxed: float) -> wp.vec3:
-    """Return row k of n, relaxed, or a side of the box [-1, 1] x [-1, top] for the next four k, as g.u >= c."""
+def half_plane(k: int, n: int, rows: HalfPlanes, top: float, relaxed: float) -> wp.vec3:
+    """Return row k of n, relaxed, or for the next four k a side of the box [-1, 1] x [-1, top], as (g0, g1, c)."""
     if k < n:
         return wp.vec3(rows[k][0], rows[k][1], rows[k][2] - relaxed)
     if k == n:
@@ -50,12 +49,12 @@ def least_violation(n: int, rows: HalfPlanes, top: float) -> float:
     """Return the smallest s >= 0 for which g.u >= c - s has a solution in the box, by its vertices."""
     least = violation(n, rows, wp.vec2(-1.0, -1.0))
     for a in range(n):
-        first = line(a, n, rows, top, 0.0)
+        first = half_plane(a, n, rows, top, 0.0)
         for b in range(a + 1, n + 4):
-            second = line(b, n, rows, top, 0.0)
+            second = half_plane(b, n, rows, top, 0.0)
             slack = wp.where(b < n, 1.0, 0.0)
             for c in range(b + 1, n + 4):
-                third = line(c, n, rows, top, 0.0)
+                third = half_plane(c, n, rows, top, 0.0)
                 m = wp.mat33(
                     first[0], first[1], 1.0,
                     second[0], second[1], slack,
@@ -71,11 +70,11 @@ def least_violation(n: int, rows: HalfPlanes, top: float) -> float:
 
 @wp.func
 def nearest_action(n: int, rows: HalfPlanes, allowed: float, weight: float, top: float, wanted: wp.vec2) -> wp.vec3:
-    """Return the best (steering, throttle, cost) over all active sets of no line, one or two; cost `_NONE` for none."""
-    best = wp.vec3(0.0, 0.0, _NONE)
+    """Return the best (steering, throttle, cost) over active sets of up to two half-planes; cost inf for none."""
+    best = wp.vec3(0.0, 0.0, wp.inf)
     relaxed = allowed - TOLERANCE
     for a in range(-1, n + 4):
-        first = line(wp.max(a, 0), n, rows, top, relaxed)
+        first = half_plane(wp.max(a, 0), n, rows, top, relaxed)
         square = first[0] * first[0] + first[1] * first[1] / weight
         for b in range(a, wp.where(a < 0, 0, n + 4)):
             u = wanted
@@ -83,7 +82,7 @@ def nearest_action(n: int, rows: HalfPlanes, allowed: float, weight: float, top:
                 along = (first[2] - first[0] * wanted[0] - first[1] * wanted[1]) / square
                 u = wanted + along * wp.vec2(first[0], first[1] / weight)
             elif b > a:
-                second = line(b, n, rows, top, relaxed)
+                second = half_plane(b, n, rows, top, relaxed)
                 determinant = first[0] * second[1] - first[1] * second[0]
                 if wp.abs(determinant) > 1.0e-8:
                     u = (
@@ -109,8 +108,8 @@ def solve_quadratic_program(n: int, rows: HalfPlanes, weight: float, top: float,
     If the rows contradict one another or the box, all are relaxed by the same least s > 0.
     """
     best = nearest_action(n, rows, TOLERANCE, weight, top, wanted)
-    missing = float(0.0)
-    if best[2] == _NONE:
-        missing = least_violation(n, rows, top)
-        best = nearest_action(n, rows, missing + TOLERANCE, weight, top, wanted)
-    return wp.vec3(best[0], best[1], missing)
+    slack = float(0.0)
+    if best[2] == wp.inf:
+        slack = least_violation(n, rows, top)
+        best = nearest_action(n, rows, slack + TOLERANCE, weight, top, wanted)
+    return wp.vec3(best[0], best[1], slack)

@@ -9,7 +9,8 @@ action u by the manoeuvres that remain after it. The car applies u for one step 
 right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes straight on. It is a car
 in sight, whose position and velocity are observed, or, where the radius of sight is too short for the speed
 of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and, by their
-difference, its velocity. With d_k(t) their distance and D = 2 r + clearance,
+difference, its velocity. Without robots in observations (`sensing.robots_seen` = 0) this radius is 0. With d_k(t) their
+distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
@@ -52,7 +53,7 @@ from baselines.policies.safety.avoidance import (
     keep_clear,
 )
 from lissajous_env.device.curve import curve_struct
-from lissajous_env.device.structs import RobotStruct, SensingStruct, to_struct
+from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
@@ -79,7 +80,7 @@ class Safe(Filter):
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
         constants.safety = to_struct(SafetyStruct, self.parameters)
         constants.robot = to_struct(RobotStruct, scenario.robot)
-        constants.sensing = to_struct(SensingStruct, dataclasses.replace(scenario.sensing, sight=scenario.sight))
+        constants.robots_seen, constants.sight = scenario.sensing.robots_seen, sight_of_cars(scenario)
         constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
         constants.speed_unit = scenario.robot.top_speed
         formation = top_speed(scenario.driven, scenario.formation.phase_rate)
@@ -87,10 +88,10 @@ class Safe(Filter):
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
-        near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
-        self._others = wp.zeros((*self.shape, *near), dtype=wp.vec4, device=self.device)
-        self._paths = wp.zeros((*self.shape, *paths), dtype=wp.vec2, device=self.device)
-        self._rows = wp.zeros((*self.shape, *near), dtype=wp.vec3, device=self.device)
+        others, places = (*self.shape, int(NEAREST)), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
+        self._others = wp.zeros(others, dtype=wp.vec4, device=self.device)
+        self._paths = wp.zeros((*self.shape, *places), dtype=wp.vec2, device=self.device)
+        self._rows = wp.zeros(others, dtype=wp.vec3, device=self.device)
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones, from observations."""
@@ -110,6 +111,11 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
     return float(min(limit, scenario.robot.top_speed))
 
 
+def sight_of_cars(scenario: Scenario) -> float:
+    """Return the distance within which cars observe others [m]; 0 if their rows have no robots in sight."""
+    return scenario.sight if scenario.sensing.robots_seen > 0 else 0.0
+
+
 def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     """Return the speed up to which two cars that drive towards each other can still pass once they are in sight [m/s].
 
@@ -121,4 +127,4 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     tightest = turning_radius(robot.wheelbase, robot.steering_max)
     aside = min(robot.radius + 0.5 * parameters.clearance, tightest)
     reach = math.sqrt(tightest**2 - (tightest - aside) ** 2)
-    return (scenario.sight - 2 * reach) / (2 * scenario.task.step)
+    return (sight_of_cars(scenario) - 2 * reach) / (2 * scenario.task.step)

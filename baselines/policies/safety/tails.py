@@ -95,11 +95,11 @@ def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: fl
     half = 0.5 * length * tail.curvature
     end = arc_end(0.0, 0.0, tail.heading, length, tail.curvature)
     turn = cos_sin(2.0 * half)
-    way = wp.vec2(end[0], end[1])
+    onward = wp.vec2(end[0], end[1])
     place = wp.vec2(tail.x, tail.y)
     for k in range(PIECES):
-        place += way
-        way = wp.vec2(turn[0] * way[0] - turn[1] * way[1], turn[1] * way[0] + turn[0] * way[1])
+        place += onward
+        onward = wp.vec2(turn[0] * onward[0] - turn[1] * onward[1], turn[1] * onward[0] + turn[0] * onward[1])
         q = float(k + 1) * part
         plan_out[k + 3] = wp.vec3(place[0], place[1], sagitta + tail.w0 + q * (tail.w1 + q * tail.w2))
     widest = wp.max(middle[2], sagitta) + tail.w0 + tail.w1 + tail.w2
@@ -125,7 +125,7 @@ def gap_between(one: Plan, other: Plan, required: float, enough: float) -> float
     least = gap_of_reaches(one, other, required)
     if least >= 0.0:
         return least
-    least = float(1.0e30)
+    least = float(wp.inf)
     before = wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])
     for k in range(1, POINTS):
         a = one[k]
@@ -185,7 +185,7 @@ def gap_of_blocks(
     one: Plan, other: Plan, block: int, other_block: int, stops: bool, other_stops: bool, required: float, enough: float
 ) -> float:
     """Return `swept_gap` of two blocks."""
-    least = float(1.0e30)
+    least = float(wp.inf)
     for k in range(block_start(block), block_start(block + 1)):
         a_end = one[k + 1]
         for m in range(block_start(other_block), block_start(other_block + 1)):
@@ -208,7 +208,7 @@ def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, required: 
     least = gap_of_reaches(one, other, required)
     if least >= 0.0:
         return least
-    least = float(1.0e30)
+    least = float(wp.inf)
     for block in range(BLOCKS):
         begin = one[block_start(block)]
         end = one[block_start(block + 1)]

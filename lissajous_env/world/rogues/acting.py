@@ -16,7 +16,7 @@ from lissajous_env.device.trig import atan2
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import Layout, layout_of
-from lissajous_env.world.observing import clip_coordinate, comes_before, velocity_of
+from lissajous_env.world.observing import FARTHEST, clip_coordinate, comes_before, velocity_of
 from lissajous_env.world.robots.signals import LARGEST, flag_invalid
 from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, IDLE, PRESENT, REMOVED, RUNNING, WORKING, planar
 from lissajous_env.world.targets.motion import into_rectangle
@@ -53,6 +53,7 @@ ACTION_NAMES = "x_velocity", "y_velocity"
 
 OWN_SIZE = wp.constant(len(OWN_ENTRIES))
 FIRST_ROBOT = wp.constant(len(OWN_ENTRIES) + len(WALL_ENTRIES))
+"""Index of the first entry of the nearest robot."""
 ROBOT_SIZE = wp.constant(len(ROBOT_ENTRIES))
 
 
@@ -67,12 +68,9 @@ def rogue_entries(num_robots: int) -> list[tuple]:
     return [(prefix + name, *rest) for prefix, part in parts for name, *rest in part]
 
 
-_FAR = wp.constant(4.0)
-
-
 @wp.func
 def commanded(x: float, y: float) -> wp.vec2:
-    """Return an action, clipped to [-1, 1] and then shortened to length 1 if it is longer."""
+    """Return the action x, y [speed_limit], clipped to [-1, 1] and then shortened to length 1 if it is longer."""
     action = wp.vec2(wp.clamp(x, -1.0, 1.0), wp.clamp(y, -1.0, 1.0))
     return action / wp.max(wp.length(action), 1.0)
 
@@ -122,7 +120,7 @@ def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.ve
 
     A `sight` of 0 means no limit [m].
     """
-    best = wp.vec2(1.0e30, -1.0)
+    best = wp.vec2(wp.inf, -1.0)
     for i in range(robots.status.shape[1]):
         away = planar(robots.position[w, i]) - place
         key = wp.vec2(wp.dot(away, away), float(i))
@@ -135,32 +133,32 @@ def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.ve
 @part
 def observe_itself(w, t, place: wp.vec2, curve, target, radius: float, age: float, targets, rogues):
     """Fill `OWN_ENTRIES` and `WALL_ENTRIES`, for a radius of sensing [m] and the time since it appeared [T_max]."""
-    speed = rogues.velocity[w, t] / target.speed_limit
+    velocity = rogues.velocity[w, t] / target.speed_limit
     rogues.observation[w, t, 0] = wp.where(targets.status[w, t] == PRESENT, 1.0, 0.0)
     rogues.observation[w, t, 1] = wp.clamp(place[0] / curve.half_width, -1.0, 1.0)
     rogues.observation[w, t, 2] = wp.clamp(place[1] / curve.half_height, -1.0, 1.0)
-    rogues.observation[w, t, 3] = wp.clamp(speed[0], -1.0, 1.0)
-    rogues.observation[w, t, 4] = wp.clamp(speed[1], -1.0, 1.0)
-    rogues.observation[w, t, 5] = wp.min(age, _FAR)
+    rogues.observation[w, t, 3] = wp.clamp(velocity[0], -1.0, 1.0)
+    rogues.observation[w, t, 4] = wp.clamp(velocity[1], -1.0, 1.0)
+    rogues.observation[w, t, 5] = wp.min(age, FARTHEST)
     for side in range(2):
         sign = float(1 - 2 * side)
         to_side = (curve.half_width + sign * place[0]) / radius
         to_end = (curve.half_height + sign * place[1]) / radius
-        rogues.observation[w, t, OWN_SIZE + side] = wp.clamp(to_side, 0.0, _FAR)
-        rogues.observation[w, t, OWN_SIZE + 2 + side] = wp.clamp(to_end, 0.0, _FAR)
+        rogues.observation[w, t, OWN_SIZE + side] = wp.clamp(to_side, 0.0, FARTHEST)
+        rogues.observation[w, t, OWN_SIZE + 2 + side] = wp.clamp(to_end, 0.0, FARTHEST)
 
 
 @part
 def observe_robot(w, t, i, start: int, away: wp.vec2, curve, radius: float, speed_unit, robots, rogues):
     """Fill the entries of robot i, from `start` on; `away` is its position relative to the rogue [m]."""
-    speed = velocity_of(w, i, robots) / speed_unit
+    velocity = velocity_of(w, i, robots) / speed_unit
     rogues.observation[w, t, start] = 1.0
     rogues.observation[w, t, start + 1] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
     rogues.observation[w, t, start + 2] = clip_coordinate(0.5 * away[0] / curve.half_width)
     rogues.observation[w, t, start + 3] = clip_coordinate(0.5 * away[1] / curve.half_height)
-    rogues.observation[w, t, start + 4] = clip_coordinate(speed[0])
-    rogues.observation[w, t, start + 5] = clip_coordinate(speed[1])
-    rogues.observation[w, t, start + 6] = wp.clamp(wp.length(away) / radius - 1.0, -1.0, _FAR)
+    rogues.observation[w, t, start + 4] = clip_coordinate(velocity[0])
+    rogues.observation[w, t, start + 5] = clip_coordinate(velocity[1])
+    rogues.observation[w, t, start + 6] = wp.clamp(wp.length(away) / radius - 1.0, -1.0, FARTHEST)
 
 
 @stage(TARGET, writes="rogues: observation")
@@ -169,8 +167,8 @@ def fill_rows(w, t, curve, sensing, target, speed_unit, bounds_per_step, clock, 
     size = rogues.observation.shape[2]
     now = clock.step[w]
     entry = int(0)
-    is_new = targets.status[w, t] == DETECTED and targets.found_at[w, t] == now
-    if targets.status[w, t] == PRESENT or is_new:
+    is_last = targets.status[w, t] == DETECTED and targets.found_at[w, t] == now
+    if targets.status[w, t] == PRESENT or is_last:
         place = targets.position[w, t]
         age = float(now - targets.appears_at[w, t]) * bounds_per_step
         observe_itself(w, t, place, curve, target, sensing.radius, age, targets, rogues)

@@ -1,4 +1,4 @@
-"""Scripted rogues, whose actions depend on their row alone: wander, flee, shadow and follow-gap."""
+"""Scripted rogues, whose actions depend on their rows alone: wander, flee, shadow and follow-gap."""
 
 from typing import Any
 
@@ -18,8 +18,9 @@ wp.set_module_options(OPTIONS)
 _MARGIN = wp.constant(0.05)
 """Distance that `shadow` preserves from a disc [sensing radius]."""
 DIRECTIONS = wp.constant(16)
+"""Number of directions among which `follow-gap` selects."""
 _MOMENTS = wp.constant(4)
-"""Directions among which `follow-gap` selects, and moments at which it looks ahead."""
+"""Number of later moments for which it compares them."""
 
 
 @part
@@ -96,9 +97,9 @@ def shadow(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.ve
 def gap_at(w, t, offset: wp.vec2, after: float, curve, sensing, speed_unit, rogues) -> float:
     """Return the distance to the nearest disc [m] of a point at an offset from the rogue [m] after a time [s].
 
-    The robots are assumed to keep their velocities.
+    The velocities of the robots are assumed to be constant.
     """
-    gap = float(1.0e30)
+    gap = float(wp.inf)
     entry = int(FIRST_ROBOT)
     while entry < rogues.observation.shape[2]:
         if is_sensing(w, t, entry, rogues):
@@ -112,7 +113,7 @@ def gap_at(w, t, offset: wp.vec2, after: float, curve, sensing, speed_unit, rogu
 def least_gap(w, t, ahead: wp.vec2, curve, sensing, target, speed_unit, rogues) -> float:
     """Return the smallest distance to a disc [m] on a straight path of half a sensing radius, or, for 0, of a wait."""
     here = own_place(w, t, curve, rogues)
-    gap = float(1.0e30)
+    gap = float(wp.inf)
     for k in range(1, _MOMENTS + 1):
         distance = 0.5 * sensing.radius * float(k) / float(_MOMENTS)
         offset = into_rectangle(here + distance * ahead, curve) - here
@@ -134,7 +135,7 @@ def follow_gap(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> w
     return best
 
 
-def _deciding(rule: Any) -> Any:
+def _stage_of(rule: Any) -> Any:
     """Make the stage in which a rule decides; all rules have the same parameters."""
 
     @stage(TARGET, writes="rogues: action")
@@ -149,9 +150,7 @@ def _deciding(rule: Any) -> Any:
     return decide
 
 
-WANDER, FLEE, SHADOW, FOLLOW_GAP = map(_deciding, (wander, flee, shadow, follow_gap))
-
-rogue("wander", "goes straight, turning at random")(WANDER)
-rogue("flee", "goes away from the nearest working robot")(FLEE)
-rogue("shadow", "stays just outside the nearest disc")(SHADOW)
-rogue("follow-gap", "stays in the largest gap between discs")(FOLLOW_GAP)
+rogue("wander", "goes straight, turning at random")(_stage_of(wander))
+rogue("flee", "goes away from the nearest working robot")(_stage_of(flee))
+rogue("shadow", "stays just outside the nearest disc")(_stage_of(shadow))
+rogue("follow-gap", "stays in the largest gap between discs")(_stage_of(follow_gap))
