@@ -69,7 +69,7 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     plays the next scenario. Used only for a space."""
     base: str | None = None
     """Classical policy whose actions the network reads and corrects, and with which validations are compared. By
-    default greedy-cover, divided-pursuit or index-learned if actions are velocities; for cars that steer and
+    default greedy-herd, divided-pursuit or index-learned if actions are velocities; for cars that steer and
     differential drives, arc-mpcc; for points, kuramoto. With none, the network corrects no policy, and validations are
     compared with that default."""
     critic: Literal["central", "own"] = "central"
@@ -162,7 +162,7 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
         if self.base not in (None, NO_BASE):
             return self.base
         if scenario.task.action == "velocity":
-            rules = {OBSERVED: "greedy-cover", DETECTION_RATE: "divided-pursuit"}
+            rules = {OBSERVED: "greedy-herd", DETECTION_RATE: "divided-pursuit"}
             return rules.get(task_score(scenario), "index-learned")
         return {"car": "arc-mpcc", "differential": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
 

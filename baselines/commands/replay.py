@@ -8,6 +8,7 @@ import tyro
 from baselines.benchmark.types import Benchmark, cells_of
 from baselines.commands.playing import DEFAULT_PLAY, FORMATS, Play, check_file, has_display, record_one, show
 from baselines.policies import registry
+from baselines.policies.factories import as_factory
 from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.episodes.recording import load
 from lissajous_env.plugins import beside
@@ -55,6 +56,8 @@ def replay(
         )
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
+    if against is not None:
+        as_factory(against)  # refuses an unknown policy before the first one plays
     if out is None and not has_display():
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
     if alone or len(names) > 1:

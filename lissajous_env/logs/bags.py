@@ -91,7 +91,7 @@ class Bags(contextlib.ExitStack):
     def _opened(self, path: Path) -> list[Any]:
         """Return the readers of a file, or of those of a folder: its list of topics may have types that are refused."""
         if not path.exists():
-            raise FileNotFoundError(2, "there is no such log", str(path))
+            raise ValueError(f"logs must be existing files or folders, got {path}")
         files = sorted(path.glob("*.mcap")) if path.is_dir() else []
         with undamaged(path, _LOG), _any_encoding():
             return [self.enter_context(rosbags().Reader(file)) for file in files or [path]]

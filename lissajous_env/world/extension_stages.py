@@ -12,6 +12,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.extensions import (
     LARGEST,
     REDUCTIONS,
@@ -24,7 +25,7 @@ from lissajous_env.parameters.extensions import (
 )
 from lissajous_env.parameters.robot_models import MODELS, RobotModel, model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown, where_raised
+from lissajous_env.wording import nearest, shown, where_raised
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.state import DETECTED, HIDDEN, PRESENT
@@ -71,7 +72,7 @@ class WorldView(_Fixed):
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any, name: str, state: Any):
         own = {"state": state, "_observation": observation, "_name": name, "_drawn": 0}
         self.__dict__.update({"scenario": scenario} | own)
-        self.__dict__.update({struct_name: _Arrays(struct) for struct_name, struct in structs.items()})
+        self.__dict__.update({struct_name: _Arrays(struct, struct_name) for struct_name, struct in structs.items()})
 
     @property
     def observation(self) -> Any:
@@ -110,11 +111,14 @@ def _mixed(word: np.ndarray) -> np.ndarray:
 class _Arrays(_Fixed):
     """Read-only arrays of a struct: on a CPU its memory, on a GPU copies that are made when they are read."""
 
-    def __init__(self, struct: Any):
-        self.__dict__["_struct"] = struct
+    def __init__(self, struct: Any, name: str):
+        self.__dict__.update({"_fields": fields_of(struct), "_name": name})
 
     def __getattr__(self, name: str) -> Any:
-        array = getattr(self.__dict__["_struct"], name)
+        fields = self.__dict__["_fields"]
+        if name not in fields:
+            raise AttributeError(f"{self.__dict__['_name']} has no array {name}{nearest(name, fields)}")
+        array = fields[name]
         view = read_only(array.numpy())
         if array.device.is_cpu:
             self.__dict__[name] = view

@@ -60,7 +60,7 @@ LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "tr
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
     "watch.gif": "lissajous run watch greedy-herd --seed 5",
-    "learning_curve.png": "lissajous train --scenario watch`",
+    "learning_curve.png": "lissajous train --scenario watch --base greedy-cover`",
     "growth.png": "python benchmarks/speed.py --parts growth --against",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",
     "fig6.png": "lissajous reproduce fig3 fig6 fig9",

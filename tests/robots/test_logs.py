@@ -186,7 +186,7 @@ def test_a_damaged_log_is_refused_by_its_name(logged, tmp_path, damage):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(OSError, match="no such log"):
+    with pytest.raises(ValueError, match=r"logs must be existing files or folders, got .*none\.mcap"):
         read(tmp_path / "none.mcap")
 
 

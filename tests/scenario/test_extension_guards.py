@@ -53,6 +53,15 @@ def test_no_extension_writes_to_the_world(kind, write):
         stepped(decorate(meddles), **overrides)
 
 
+def test_an_array_that_does_not_exist_is_named():
+    @lissajous_env.score_column()
+    def mistakes(world):
+        return world.robots.positions[:, 0, 0]
+
+    with pytest.raises(ValueError, match="AttributeError: robots has no array positions; did you mean position"):
+        stepped(mistakes)
+
+
 def test_what_an_extension_reads_is_of_this_step_and_may_be_copied():
     kept = []
 

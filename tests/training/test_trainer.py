@@ -42,13 +42,13 @@ def arrays_of(folder):
 
 
 @pytest.mark.parametrize(("changes", "base"), [
-    ({}, "greedy-cover"),
+    ({}, "greedy-herd"),
     ({"scenario": "intercept", "memory": 8, "heads": 0}, "divided-pursuit"),
     ({"scenario": "hotspots"}, "index-learned"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "arc-mpcc"),
-    ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-cover"),
-    ({"base": "none", "critic": "own"}, "greedy-cover"),
+    ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-herd"),
+    ({"base": "none", "critic": "own"}, "greedy-herd"),
 ], ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value)  # fmt: skip
 def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     history = train(small(tmp_path, **changes), Console(file=(said := io.StringIO())))
@@ -184,7 +184,7 @@ def test_trainings_that_differ_only_in_their_seeds_are_a_row_of_the_ablations(tm
     of = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
     assert [row["trainings"] for row in of] == ["2", "1"]
     assert ["--base none" in row["options"] for row in of] == [False, True]
-    assert float(of[0]["over `greedy-cover`"].split()[0]) == pytest.approx(1, abs=0.05)
+    assert float(of[0]["over `greedy-herd`"].split()[0]) == pytest.approx(1, abs=0.05)
     assert all(row["options"].endswith("--set task.duration=16.0`") for row in of)
 
 
@@ -309,7 +309,7 @@ def test_a_base_begins_anew_with_its_world(tmp_path):
     assert before == [4, 4]
     assert worlds._bases[0].patrol._steps.tolist() == [1, 5]
     simulation = worlds.batch.simulation
-    fresh = baselines.make("greedy-cover", simulation.scenario, 2)
+    fresh = baselines.make("greedy-herd", simulation.scenario, 2)
     observation = simulation.observation.numpy()
     wish = base_action(fresh, observation) * axes_of(observation, simulation.scenario)
     assert (worlds.rows()[0][:5, -2:] == wish[0]).all()
