@@ -195,8 +195,8 @@ def tally_coverage(w, now, num_robots: int, cells_total, tally):
 @stage(
     WORLD,
     writes="tally: change_sum, covered_at, covered_each_at, distance_sum, fault_end, faulted, lateral_max, "
-    "lateral_sum, nominal_phase_error, observed, off_at, outside_steps, partly_outside_steps, phase_error, phase_error_max, "
-    "spacing_max, speed_max, tracking_max, tracking_sum",
+    "lateral_sum, nominal_phase_error, observed, off_at, outside_steps, partly_outside_steps, phase_error, "
+    "phase_error_max, spacing_max, speed_max, tracking_max, tracking_sum",
 )
 def update_totals(w, cells_total, neighbours, clock, robots, latest, tally):
     """Add the state after this step to the totals of the episode."""
