@@ -144,7 +144,7 @@ def fig6(player: Player) -> Part:
             phase: np.ndarray = np.unwrap(played.phase[:, 0], axis=0)
             phase -= phase[0, 0]
             phase -= 2 * np.pi * np.floor(phase[0] / (2 * np.pi) + 1e-9)
-            failed = played.failed[:, 0].any(axis=0)
+            failed = played.failed[:, 0].max(axis=0)
             for robot in range(played.scenario.num_robots):
                 line = {"ls": (0, (4, 1.2)), "lw": 1.9} if failed[robot] else {"lw": 1.2}
                 column[0].plot(played.time, phase[:, robot], color=SERIES[robot], **line)
