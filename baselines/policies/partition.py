@@ -264,7 +264,7 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, 
     """Return the constants of takeovers for their kernels; the middle of one drifts so far in a control step [m]."""
     half = np.array([scenario.driven.half_width, scenario.driven.half_height])
     low, high = loops.loop.min(axis=2), loops.loop.max(axis=2)
-    margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
+    limits = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
     constants = Takeover()
     # With noisy measurements a stopped robot seems to move, so places are compared between which one moves farther.
     constants.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
@@ -277,7 +277,7 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, 
     constants.stride, constants.spacing = max(int(_SPARSE * required / (drift / FINE)), 1), required / _FINER
     constants.corner_reach, constants.drift = _COVERED * scenario.sensing_radius, drift
     constants.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
-    constants.margins = wp.array(margins, dtype=wp.vec4, device=device)
+    constants.shift_limits = wp.array(limits, dtype=wp.vec4, device=device)
     constants.middles = wp.array(middle_of(loops.loop), dtype=wp.vec2, device=device)
     constants.corners = wp.array(loops.corners, dtype=wp.int32, device=device)
     return constants

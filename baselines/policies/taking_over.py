@@ -75,7 +75,7 @@ class Takeover:
     """Most by which the middle of a loop moves in a control step [m]."""
     neighbours: wp.array(dtype=wp.vec2i)
     """(N,) previous and next robot on the ring, -1 for none."""
-    margins: wp.array2d(dtype=wp.vec4)
+    shift_limits: wp.array2d(dtype=wp.vec4)
     """(P, N) distances by which a loop can be moved to the left, down, to the right and up in the rectangle [m]."""
     middles: wp.array2d(dtype=wp.vec2)
     """(P, N) middles of the loops [m]."""
@@ -168,7 +168,7 @@ def watch_disc(
 
 
 @wp.func
-def distance_of(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
+def distance_from(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
     """Return the smallest distance of a loop from a place [m]."""
     least = float(wp.inf)
     for sample in range(takeover.loop_start, path.shape[0], takeover.stride):
@@ -177,14 +177,14 @@ def distance_of(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec
 
 
 @wp.func
-def clearance_of(
+def distance_from_stopped(
     takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, stopped: wp.array(dtype=wp.vec3)
 ) -> float:
     """Return the smallest distance of a shifted loop from the stopped robots [m]."""
     least = float(wp.inf)
     for k in range(stopped.shape[0]):
         if stopped[k][2] > 0.0:
-            least = wp.min(least, distance_of(takeover, path, wp.vec2(stopped[k][0], stopped[k][1]) - shift))
+            least = wp.min(least, distance_from(takeover, path, wp.vec2(stopped[k][0], stopped[k][1]) - shift))
     return least
 
 
@@ -198,7 +198,7 @@ def uncovered_corners(
         if ((corners >> k) & 1) == 1:
             x = wp.where(k % 2 == 1, curve.half_width, -curve.half_width)
             y = wp.where(k / 2 == 1, curve.half_height, -curve.half_height)
-            least = distance_of(takeover, path, wp.vec2(x, y) - shift)
+            least = distance_from(takeover, path, wp.vec2(x, y) - shift)
             if least > takeover.corner_reach:
                 uncovered += least / takeover.corner_reach
     return uncovered
@@ -219,15 +219,15 @@ def clear_loop(
     for shape in range(takeover.shapes):
         loop = case * takeover.shapes + shape
         path = pose[loop, i]
-        margin = takeover.margins[loop, i]
+        limits = takeover.shift_limits[loop, i]
         for row in range(-SHIFTS, SHIFTS + 1):
             for column in range(-SHIFTS, SHIFTS + 1):
-                x = wp.clamp(float(column) * takeover.spacing, margin[0], margin[2])
-                tried = wp.vec2(x, wp.clamp(float(row) * takeover.spacing, margin[1], margin[3]))
+                x = wp.clamp(float(column) * takeover.spacing, limits[0], limits[2])
+                tried = wp.vec2(x, wp.clamp(float(row) * takeover.spacing, limits[1], limits[3]))
                 # Terms that take long to compute are added only while this may be the best loop.
                 cost = 0.01 * wp.length(tried) / takeover.required + 0.5 * float(shape)
                 if cost < best_cost:
-                    lacking = takeover.required - clearance_of(takeover, path, tried, stopped)
+                    lacking = takeover.required - distance_from_stopped(takeover, path, tried, stopped)
                     cost += 1000.0 * wp.max(lacking, 0.0) / takeover.required
                 if cost < best_cost:
                     cost += 20.0 * uncovered_corners(takeover, path, tried, takeover.corners[case, i], curve)

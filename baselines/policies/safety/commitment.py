@@ -232,17 +232,17 @@ def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: Observatio
 
 
 @wp.func
-def propose(w: int, i: int, bounds: Bounds, car: wp.vec4, action: wp.vec2, turn: float, memory: Memory) -> Tail:
-    """Lay out the new plan of a robot, an action and a tail with the steering `turn`; return the tail."""
+def propose(w: int, i: int, bounds: Bounds, car: wp.vec4, action: wp.vec2, steering: float, memory: Memory) -> Tail:
+    """Lay out the new plan of a robot, an action and a tail with a steering; return the tail."""
     factors = memory.factors[w, i]
     after, errors, middle = drive(bounds, factors, car, action)
-    tail = tail_from(bounds, factors, after, errors, turn)
+    tail = tail_from(bounds, factors, after, errors, steering)
     lay_out(memory.plans[w, i, NEW], wp.vec2(car[0], car[1]), middle, tail, chord_slack(bounds, tail))
     return tail
 
 
 @wp.func
-def turn_after(k: int, bounds: Bounds, factors: wp.vec4, speed: float, action: wp.vec2) -> float:
+def steering_after(k: int, bounds: Bounds, factors: wp.vec4, speed: float, action: wp.vec2) -> float:
     """Return the steering of the k-th tail after an action: the action's, the largest to either side, or none.
 
     Grip limits the steering also at `speed`, that before the action [m/s], and within the step.
@@ -285,8 +285,8 @@ def decide(w: int, i: int, bounds: Bounds, car: wp.vec4, want: wp.vec2, memory: 
             continue  # before a tail with another steering, only actions with the wanted steering are tried
         if (change[0] != 0.0 and action[0] == want[0]) or (change[1] != 0.0 and action[1] == want[1]):
             continue  # the box or grip undoes the change
-        turn = turn_after(k % bounds.num_tails, bounds, factors, car[3], action)
-        tail = propose(w, i, bounds, car, action, turn, memory)
+        steering = steering_after(k % bounds.num_tails, bounds, factors, car[3], action)
+        tail = propose(w, i, bounds, car, action, steering, memory)
         if ends_well and not leads_out(bounds, tail):
             gap = wp.vec2(-wp.inf, -1.0)  # not this one
             continue
