@@ -17,7 +17,7 @@ import numpy as np
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.ideal_motion import unvisited_and_gap, worst_undetected_time
 from baselines.policies.loops import closed_loop, divisions, evenly_spaced, length_of
-from baselines.policies.transit import PLANNED_SHARE, radius_for_all_cars, required_distance, speed_on_arc
+from baselines.policies.transit import planned_limits, radius_for_all_cars, required_distance, speed_on_arc
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
 
@@ -44,8 +44,8 @@ class PartitionParameters(Checked):
     """Parameters of a partition, besides the scenario; None selects the best worst-case undetected time."""
 
     speed: float | None = number(None, 1e-3, 1e4, "m/s")
-    """Largest speed on the loops [m/s]; None is 0.75 of the top speed, and less where grip or a turn of 0.4 rad in a
-    control step limit it."""
+    """Largest speed on the loops [m/s]; None is 0.75 of the top speed, and less where the slowest car, the grip or a
+    turn of 0.4 rad in a control step limits it."""
     rows: int | None = whole(None, 1, 1024)
     """Rows of cells, at most as many as robots."""
     extent_x: float | None = number(None, 0, 1)
@@ -255,7 +255,8 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
 
 def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
     """Return the constants that the plan of a scenario depends on."""
-    robot, unit, step = scenario.robot, scenario.curve.half_height, scenario.task.step
+    unit, step = scenario.curve.half_height, scenario.task.step
+    speed, grip = planned_limits(scenario)
     return Problem(
         robots=scenario.num_robots,
         half=(scenario.curve.half_width / unit, 1.0),
@@ -263,9 +264,9 @@ def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
         sensing=(_SENSED if scenario.inset else 1.0) * scenario.sensing_radius / unit,
         apart=required_distance(scenario, parameters.clearance) / unit,
         turning=max(radius_for_all_cars(scenario), parameters.turning or 0.0) / unit,
-        speed=(parameters.speed or PLANNED_SHARE * robot.top_speed) * step / unit,
-        slowest=robot.idle_speed * step / unit,
-        grip=PLANNED_SHARE * robot.lateral_acceleration_max * step**2 / unit,
+        speed=(parameters.speed or speed) * step / unit,
+        slowest=scenario.robot.idle_speed * step / unit,
+        grip=grip * step**2 / unit,
         target_speed=scenario.rogue_speed * step / unit,
     )
 

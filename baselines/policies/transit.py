@@ -28,10 +28,14 @@ TURNS = np.array([[1.0, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1], [-1, 1, -1],
 
 The kinds are LSL, RSR, LSR, RSL, RLR and LRL in the notation of Dubins.
 """
-PLANNED_SHARE = 0.75
+_PLANNED_SHARE = 0.75
 """Share of the top speed and of the grip that planned ways and loops use; the rest corrects errors."""
 STEP_TURN = 0.4
 """Largest turn in a control step [rad], in which steering is constant."""
+_SLOWEST_SHARE = 0.9
+"""Share of the top speed of the slowest car that planned ways and loops use at most."""
+_LEAST_SHARE = 0.15
+"""Least speed of planned ways and loops, as a share of the top speed."""
 _RADIUS_FACTOR = 1.02
 """Radius of planned turns, over that of the tightest turn of the car with the longest wheelbase."""
 _PROFILE = np.linspace(0, 1, 21)
@@ -50,6 +54,13 @@ def radius_for_all_cars(scenario: Scenario) -> float:
     """Return the radius of a turn that every car of a scenario can drive, also the one of the longest wheelbase [m]."""
     spread = scenario.noise.wheelbase_range[1]
     return _RADIUS_FACTOR * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+
+
+def planned_limits(scenario: Scenario) -> tuple[float, float]:
+    """Return the largest speed [m/s] and grip [m/s^2] of planned ways and loops, with which every car can catch up."""
+    top, slowest = scenario.robot.top_speed, slowest_top_speed(scenario)
+    speed = max(min(_PLANNED_SHARE * top, _SLOWEST_SHARE * slowest), _LEAST_SHARE * top)
+    return speed, _PLANNED_SHARE * scenario.robot.lateral_acceleration_max
 
 
 def speed_on_arc(radius: float, largest: float, grip: float, step: float = 1.0) -> float:
@@ -87,12 +98,11 @@ class Car:
 
     @classmethod
     def of(cls, scenario: Scenario, speed: float | None) -> "Car":
-        """Return the limits of the cars of a scenario; the largest speed is a share of the top speed by default."""
+        """Return the limits of the cars of a scenario; the largest speed is that of `planned_limits` by default."""
         robot, turning, driven = scenario.robot, radius_for_all_cars(scenario), scenario.driven
-        speed = speed or PLANNED_SHARE * robot.top_speed
-        grip = PLANNED_SHARE * robot.lateral_acceleration_max
-        speed = speed_on_arc(turning, speed, grip, scenario.task.step)
-        slowest = max(1.02 * robot.idle_speed, 0.15 * robot.top_speed)
+        largest, grip = planned_limits(scenario)
+        speed = speed_on_arc(turning, speed or largest, grip, scenario.task.step)
+        slowest = max(1.02 * robot.idle_speed, _LEAST_SHARE * robot.top_speed)
         within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
         return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, grip, within)
 
