@@ -32,9 +32,10 @@ Two cars that avoid each other must not choose the same side, so both compute th
 (`agreed_way_out`). A symmetric pair passes on the right.
 
 Limits: the filter accounts for `sensing.robots_seen` robots and, beyond the radius of sight, only ring neighbours, as
-long as their messages arrive without delay. Other cars that approach at 2 m/s in `intruders` are sensed too late. A car
-that stops abruptly less than about 0.45 m ahead cannot be avoided. There are only nine ways out, so a car between two
-others may have none. Of three cars, two may agree on ways out that do not suit the third.
+long as no message is lost; where they are late, their senders are assumed to have driven straight on. Other cars that
+approach at 2 m/s in `intruders` are sensed too late. A car that stops abruptly less than about 0.45 m ahead cannot be
+avoided. There are only nine ways out, so a car between two others may have none. Of three cars, two may agree on ways
+out that do not suit the third.
 """
 
 import dataclasses
@@ -88,6 +89,7 @@ class Safe(Filter):
         constants.robots_seen, constants.sight = scenario.sensing.robots_seen, sight_of_cars(scenario)
         constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
         constants.speed_unit = scenario.robot.top_speed
+        constants.delay = round(scenario.noise.message_delay / scenario.task.step) * scenario.task.step
         formation = top_speed(scenario.driven, scenario.formation.phase_rate)
         constants.listens = int(speed_in_sight(scenario, self.parameters) < formation)
         self._constants = constants
