@@ -66,9 +66,9 @@ def fig4(player: Player) -> Part:
         left.plot(*position.T, "o", color=BLUE, ms=9, zorder=4)
         for robot, place in enumerate(position):
             left.annotate(f"{robot + 1}", place, ha="center", va="center", fontsize=6.5, color="white", zorder=5)
-        keys = {"ls": "none", "marker": "o", "color": BLUE, "ms": 5}, {"color": RED, "ls": ":"}, {"color": ORANGE}
-        words = "robots", "curve", "ring"
-        for key, word in (*zip(keys, words, strict=True), ({"color": GREEN, "ls": "--", "lw": 2.4}, "(9) for robot 1")):
+        keys = {"robots": {"ls": "none", "marker": "o", "color": BLUE, "ms": 5}, "curve": {"color": RED, "ls": ":"}}
+        keys |= {"ring": {"color": ORANGE}, "(9) for robot 1": {"color": GREEN, "ls": "--", "lw": 2.4}}
+        for word, key in keys.items():
             left.plot([], [], label=word, **key)
         left.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=4, handlelength=1.6, columnspacing=1.2)
 

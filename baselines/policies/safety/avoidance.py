@@ -301,7 +301,7 @@ def list_heard(
     observation: Observation,
     others_out: Others,
 ) -> int:
-    """Add the ring neighbours beyond the sight of which a new message and an earlier one arrived; return the number.
+    """Add ring neighbours beyond the sight of which a new and an earlier message arrived; return the number of all.
 
     Their velocity follows from the two positions, and with it their place now. The memory is the positions in the
     messages of the latest steps (W, N, 2, M), and 1 where there is one.
