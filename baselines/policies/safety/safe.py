@@ -64,8 +64,8 @@ formation, and with it the bound on the detection time, is lost."""
 
 _VELOCITY_ERROR = 0.03
 """Standard deviation of velocities from noisy positions that is accepted, as a share of the top speed."""
-_MOST_STEPS = 6
-"""Largest number of control steps between such positions, as cars turn."""
+_LOSSY_STEPS, _MOST_STEPS = 3, 6
+"""Number of control steps between such positions: the least if messages are lost, and the most, as cars turn."""
 
 
 class Safe(Filter):
@@ -120,9 +120,13 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
 
 
 def steps_of_velocity(scenario: Scenario) -> int:
-    """Return the number of control steps over which two positions in messages, which are noisy, yield a velocity."""
+    """Return the number of control steps from one position in a message to the one that yields a velocity with it.
+
+    It is 1, and more where positions are noisy or messages are lost.
+    """
     error = math.sqrt(2) * scenario.noise.position / scenario.task.step
-    return min(max(math.ceil(error / (_VELOCITY_ERROR * scenario.robot.top_speed)), 1), _MOST_STEPS)
+    least = _LOSSY_STEPS if scenario.noise.message_loss > 0 else 1
+    return min(max(math.ceil(error / (_VELOCITY_ERROR * scenario.robot.top_speed)), least), _MOST_STEPS)
 
 
 def sight_of_cars(scenario: Scenario) -> float:
