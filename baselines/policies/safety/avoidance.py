@@ -112,6 +112,8 @@ class Constants:
     """Control step [s]."""
     age_unit: wp.float32
     """Unit of a message's age [s]."""
+    delay: wp.float32
+    """Delay of messages [s]."""
     listens: wp.int32
     """1 if ring neighbours beyond the sight are avoided, too."""
 
@@ -295,28 +297,37 @@ def list_heard(
     n: int,
     c: Constants,
     curve: CurveStruct,
-    memory: wp.array3d(dtype=wp.vec3),
+    memory: wp.array4d(dtype=wp.vec3),
     observation: Observation,
     others_out: Others,
 ) -> int:
-    """Add the ring neighbours beyond the sight that sent in this step and the one before; return the number of all.
+    """Add the ring neighbours beyond the sight of which a new message and an earlier one arrived; return the number.
 
-    Their velocity is the difference of the two positions that they sent. The memory is the latest position, and 1 if
-    there is one.
+    Their velocity follows from the two positions, and with it their place now. The memory is the positions in the
+    messages of the latest steps (W, N, 2, M), and 1 where there is one.
     """
     own = own_position(w, i, curve, observation)
     count = int(n)
     for side in range(2):
-        before = memory[w, i, side]
-        memory[w, i, side] = wp.vec3(0.0, 0.0, 0.0)
-        if hears(w, i, side, observation) and message_age(w, i, side, c.age_unit, observation) < 0.5 * c.step:
+        before = wp.vec3()
+        steps = int(0)
+        for k in range(memory.shape[3]):
+            if memory[w, i, side, k][2] > 0.0:
+                before = memory[w, i, side, k]
+                steps = k + 1
+        for k in range(memory.shape[3] - 1, 0, -1):
+            memory[w, i, side, k] = memory[w, i, side, k - 1]
+        memory[w, i, side, 0] = wp.vec3()
+        if hears(w, i, side, observation) and message_age(w, i, side, c.age_unit, observation) < c.delay + 0.5 * c.step:
             away = offset_heard(w, i, side, curve, observation)
             place = own + away
-            memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
-            if before[2] > 0.0 and wp.length(away) >= c.sight and count < NEAREST:
-                velocity = (place - wp.vec2(before[0], before[1])) / c.step
-                others_out[count] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
-                count += 1
+            memory[w, i, side, 0] = wp.vec3(place[0], place[1], 1.0)
+            if steps > 0 and count < NEAREST:
+                velocity = (place - wp.vec2(before[0], before[1])) / (float(steps) * c.step)
+                away += c.delay * velocity
+                if wp.length(away) >= c.sight:
+                    others_out[count] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
+                    count += 1
     return count
 
 
@@ -349,7 +360,7 @@ def avoid(
 def keep_clear(
     c: Constants,
     curve: CurveStruct,
-    memory: wp.array3d(dtype=wp.vec3),
+    memory: wp.array4d(dtype=wp.vec3),
     observation: Observation,
     wanted: Actions,
     others: wp.array3d(dtype=wp.vec4),

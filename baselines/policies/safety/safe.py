@@ -9,8 +9,8 @@ action u by the manoeuvres that remain after it. The car applies u for one step 
 right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes straight on. It is a car
 in sight, whose position and velocity are observed, or, where the radius of sight is too short for the speed
 of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and, by their
-difference, its velocity. Without robots in observations (`sensing.robots_seen` = 0) this radius is 0. With d_k(t) their
-distance and D = 2 r + clearance,
+difference, its velocity (`steps_of_velocity`). Without robots in observations (`sensing.robots_seen` = 0) this radius
+is 0. With d_k(t) their distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
@@ -32,9 +32,10 @@ Two cars that avoid each other must not choose the same side, so both compute th
 (`agreed_way_out`). A symmetric pair passes on the right.
 
 Limits: the filter accounts for `sensing.robots_seen` robots and, beyond the radius of sight, only ring neighbours, as
-long as their messages arrive without delay. Other cars that approach at 2 m/s in `intruders` are sensed too late. A car
-that stops abruptly less than about 0.45 m ahead cannot be avoided. There are only nine ways out, so a car between two
-others may have none. Of three cars, two may agree on ways out that do not suit the third.
+long as no message is lost; where they are late, their senders are assumed to have driven straight on. Other cars that
+approach at 2 m/s in `intruders` are sensed too late. A car that stops abruptly less than about 0.45 m ahead cannot be
+avoided. There are only nine ways out, so a car between two others may have none. Of three cars, two may agree on ways
+out that do not suit the third.
 """
 
 import dataclasses
@@ -61,6 +62,11 @@ HEADROOM = 1.5
 """Lower bound of `speed_limit` as a multiple of the formation's speed: a car that fell behind has to catch up, or the
 formation, and with it the bound on the detection time, is lost."""
 
+_VELOCITY_ERROR = 0.03
+"""Standard deviation of velocities from noisy positions that is accepted, as a share of the top speed."""
+_MOST_STEPS = 6
+"""Largest number of control steps between such positions, as cars turn."""
+
 
 class Safe(Filter):
     """The collision filter, which stores the positions of ring neighbours; its parameters are `SafetyParameters`."""
@@ -83,11 +89,13 @@ class Safe(Filter):
         constants.robots_seen, constants.sight = scenario.sensing.robots_seen, sight_of_cars(scenario)
         constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
         constants.speed_unit = scenario.robot.top_speed
+        constants.delay = round(scenario.noise.message_delay / scenario.task.step) * scenario.task.step
         formation = top_speed(scenario.driven, scenario.formation.phase_rate)
         constants.listens = int(speed_in_sight(scenario, self.parameters) < formation)
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
-        self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
+        remembered = (*self.shape, 2, steps_of_velocity(scenario))
+        self._memory = wp.zeros(remembered, dtype=wp.vec3, device=self.device)
         others, places = (*self.shape, int(NEAREST)), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
         self._others = wp.zeros(others, dtype=wp.vec4, device=self.device)
         self._paths = wp.zeros((*self.shape, *places), dtype=wp.vec2, device=self.device)
@@ -109,6 +117,12 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
     formation = top_speed(scenario.driven, scenario.formation.phase_rate)
     limit = max(speed_in_sight(scenario, parameters), HEADROOM * formation)
     return float(min(limit, scenario.robot.top_speed))
+
+
+def steps_of_velocity(scenario: Scenario) -> int:
+    """Return the number of control steps over which two positions in messages, which are noisy, yield a velocity."""
+    error = math.sqrt(2) * scenario.noise.position / scenario.task.step
+    return min(max(math.ceil(error / (_VELOCITY_ERROR * scenario.robot.top_speed)), 1), _MOST_STEPS)
 
 
 def sight_of_cars(scenario: Scenario) -> float:
