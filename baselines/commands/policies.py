@@ -26,12 +26,12 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
     columns = [
         Column("name", left=True, style="bold cyan"),
         Column("robots", left=True),
-        Column("made", left=True, rank=2),
+        Column("steered by", left=True, rank=2),
         Column("for", prose=True, rank=1),
         Column("description", prose=True),
     ]
     rows = [
-        [of["name"], of["kind"] or "any", "learned" if of["learned"] else "classical", made_for, of["description"]]
+        [of["name"], of["kind"] or "any", of["steered_by"], made_for, of["description"]]
         for of in listed
         for made_for in [", ".join(of["made_for"]) or "any"]
     ]

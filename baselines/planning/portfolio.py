@@ -349,4 +349,4 @@ def best_rehearsed(prior: Prior, scenario: Scenario, count: int) -> int | None:
 
 
 for _name, _about in NAMES.items():
-    registry.register(_name, "car", partial(_make, _name), about=_about, learned=True, on_request=True)
+    registry.register(_name, "car", partial(_make, _name), about=_about, steered_by="plan", on_request=True)

@@ -37,7 +37,7 @@ class Entry:
     factory: Callable[..., Any]
     made_for: tuple[str, ...] = ()
     about: str = ""
-    learned: bool = False
+    steered_by: str = "rule"
     on_request: bool = False
     filter: type[Filter] | None = None
     """Class of the filter; None for none."""
@@ -83,7 +83,7 @@ class Entry:
         if kind is None or self.kind in (None, kind):
             return True
         are_like_cars = self.kind == "car" and kind != _VELOCITY and model_of(kind).as_car is not None
-        return are_like_cars and not self.learned and (self.filter is None or self.filter.as_car)
+        return are_like_cars and self.steered_by == "rule" and (self.filter is None or self.filter.as_car)
 
 
 class Loader(NamedTuple):
@@ -109,6 +109,7 @@ LOADERS: dict[str, Loader] = {}
 """Loaders of policies in folders, by the file by which they recognise a folder."""
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
+_STEERED_BY = "rule", "plan", "network"
 
 
 def register(
@@ -117,7 +118,7 @@ def register(
     factory: Callable[..., Policy] | None = None,
     made_for: tuple[str, ...] = (),
     about: str = "",
-    learned: bool = False,
+    steered_by: str = "rule",
     on_request: bool = False,
 ) -> Any:
     """Register a policy. Without `factory`, return a decorator, as in `@register("mine", kind="car")`.
@@ -129,8 +130,8 @@ def register(
         factory: Function or class, called as `factory(scenario, num_worlds, device)`, that returns the policy.
         made_for: Names of the scenarios on which a benchmark plays the policy by default; all if empty.
         about: Description in one line; by default the first line of the factory's docstring.
-        learned: True for a policy that is no classical rule, so that it cannot be a base of others: a network, or one
-            that chooses among rules.
+        steered_by: `rule`, `plan` for a policy that rehearses rules and drives by the best one, or `network`. Only a
+            rule can be the base of a network or a candidate of a plan, and drives robots that are like cars.
         on_request: True if a benchmark plays the policy only where it is named, by the user or in its defaults.
 
     Returns:
@@ -141,7 +142,7 @@ def register(
             be registered again, and a cell of a notebook that is run again replaces its policy.
     """
     if factory is None:
-        options = {"made_for": made_for, "about": about, "learned": learned, "on_request": on_request}
+        options = {"made_for": made_for, "about": about, "steered_by": steered_by, "on_request": on_request}
         return partial(register, name, kind, **options)
     if ending := next(filter(str(name).endswith, _FILTERS), ""):
         raise ValueError(f"name of a policy must not end in {ending}, which adds a filter, got {name}")
@@ -150,11 +151,12 @@ def register(
     rule = f"must be one of {few_of(kinds, kind)}, or None"
     require(kind in (None, *kinds), f"kind of {name}", rule, kind)
     require(callable(factory), f"factory of {name}", "must be callable", factory)
+    require(steered_by in _STEERED_BY, f"steered_by of {name}", f"must be one of {', '.join(_STEERED_BY)}", steered_by)
     before = POLICIES.get(str(name))
     if before is not None and _origin(before.factory) == origin:
         return factory
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
-    POLICIES.add(Entry(name, kind, factory, tuple(made_for), about.partition("\n")[0], learned, on_request))
+    POLICIES.add(Entry(name, kind, factory, tuple(made_for), about.partition("\n")[0], steered_by, on_request))
     return factory
 
 
@@ -256,7 +258,7 @@ def describe(name: str) -> dict[str, Any]:
     """Return a registered policy in plain values; its kind is None if it drives all kinds of robots."""
     entry: Any = entry_of(name)
     return {
-        "name": name, "kind": entry.kind, "made_for": list(entry.made_for), "learned": entry.learned,
+        "name": name, "kind": entry.kind, "made_for": list(entry.made_for), "steered_by": entry.steered_by,
         "description": entry.about,
     }  # fmt: skip
 
@@ -276,4 +278,4 @@ def is_included(name: str) -> bool:
 def is_classical(name: str) -> bool:
     """Return whether a name is that of a registered classical policy, with or without a filter."""
     entry = entry_of(name)
-    return entry is not None and not entry.learned
+    return entry is not None and entry.steered_by == "rule"

@@ -213,8 +213,9 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     listed = {each["name"]: each for each in json.loads(out)}
     assert (code, tuple(listed)) == (0, baselines.names("failure"))
     everything = json.loads(called(capsys, "policies", "--json")[1])
-    assert {each["name"] for each in everything if each["learned"]} >= {"learned-watch", "learned-intercept"}
-    assert not listed["kuramoto"]["learned"]
+    by = {each["name"]: each["steered_by"] for each in everything}
+    assert {name for name in by if by[name] == "network"} == {"learned-watch", "learned-intercept"}
+    assert (by["kuramoto"], by["portfolio"], by["portfolio-safe"]) == ("rule", "plan", "plan")
     assert [each["name"] for each in everything] == list(baselines.names())
     assert all(each["description"] and each["kind"] in (None, *MODELS, "velocity") for each in everything)
     table = called(capsys, "policies")[1]

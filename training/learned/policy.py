@@ -67,7 +67,7 @@ def register_shipped() -> None:
         contents = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = contents["policy"], contents["settings"].get("scenario", contents["policy"]["scenario"])
         about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
-        baselines.register(name, policy["kind"], partial(load, name), tuple(contents["made_for"]), about, learned=True)
+        baselines.register(name, policy["kind"], partial(load, name), tuple(contents["made_for"]), about, "network")
 
 
 _SHIPPED = Path(__file__).parent.parent / "policies"
