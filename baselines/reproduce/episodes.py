@@ -94,6 +94,11 @@ class PlayedEpisodes:
         return np.array([row[column.name] for row in self.scores])
 
 
+def phase_distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the distance of phases on the circle, at most pi [rad]."""
+    return np.abs(np.angle(np.exp(1j * (one - other))))
+
+
 def spread_of_cars(scenario: Scenario) -> str:
     """Return the spread of the cars of a scenario in wheelbase and drive, in words."""
     assert scenario.noise.wheelbase_spread == scenario.noise.drive_spread

@@ -20,7 +20,7 @@ from baselines.reproduce.drawing import (
     panel_name,
     sheet,
 )
-from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, spread_of_cars
+from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, phase_distance, spread_of_cars
 from lissajous_env.world.columns import COLLISIONS
 
 _SIMULATED = (0, 4)
@@ -52,7 +52,7 @@ def fig7(player: Player) -> Part:
     before, during, _ = _periods(played)
     deviation = played.deviation[before].max(axis=0)
     end = np.flatnonzero(during)[-1]  # the resume; in the second before it, stationary robots keep their phases
-    drift = np.abs(np.angle(np.exp(1j * (played.phase[end] - played.phase[end - round(1 / step)])))).max(axis=-1)
+    drift = phase_distance(played.phase[end], played.phase[end - round(1 / step)]).max(axis=-1)
     yield at_most(
         f"(a)-(d) the formation is preserved: largest deviation of {SEEDS} seeds",
         "preserved",

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most, near
-from baselines.reproduce.episodes import BARE, PlayedEpisodes, Player
+from baselines.reproduce.episodes import BARE, PlayedEpisodes, Player, phase_distance
 from lissajous_env import scenario
 from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.parameters.scenario import Curve
@@ -66,7 +66,7 @@ def lemmas(player: Player) -> Part:
     for n in _NUMBERS:
         played = _random_starts(player, n)
         for reached, phases in zip(played.winding[-1], played.phase[-1], strict=True):
-            apart = np.abs(np.angle(np.exp(1j * (phases[:, None] - phases))))
+            apart = phase_distance(phases[:, None], phases)
             # Where kappa robots share a place, each has kappa robots within 0.02 rad, itself included.
             shared.append(bool(np.all((apart < 0.02).sum(axis=1) == math.gcd(n, reached))))
     odd = range(3, 102, 2)
@@ -75,11 +75,8 @@ def lemmas(player: Player) -> Part:
         base = closed_forms.equilibrium_phases(n, (n - 1) // 2, range(n))
         for wanted in range(n):
             alpha = closed_forms.alpha_for(n, (n - 1) // 2, wanted)
-            if alpha is None:
-                reached_by_alpha.append(False)
-                continue
-            off = alpha * base - closed_forms.equilibrium_phases(n, wanted, range(n))
-            reached_by_alpha.append(bool(np.abs(np.angle(np.exp(1j * off))).max() < 1e-6))
+            phases = closed_forms.equilibrium_phases(n, wanted, range(n))
+            reached_by_alpha.append(alpha is not None and phase_distance(alpha * base, phases).max() < 1e-6)
     yield all_of(
         "Lemma 1: gcd(N, p) robots share a place in the equilibrium reached",
         "always",
@@ -110,7 +107,7 @@ def _settled(played: PlayedEpisodes) -> np.ndarray:
     """Return whether ring neighbours are equally far apart in phase (W,), so that the state is some equilibrium (2)."""
     phases = played.ring_phases[-1]
     equal = 2 * np.pi * played.winding[-1][:, None] / phases.shape[-1]
-    return np.abs(np.angle(np.exp(1j * (phases - equal)))).max(axis=-1) < RECOVERED
+    return phase_distance(phases, equal).max(axis=-1) < RECOVERED
 
 
 def _is_stable(n: int, p: int) -> bool:

@@ -34,8 +34,6 @@ from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.inside import Walls, walls_of
 from lissajous_env.world.selection import clear_worlds
 
-__all__ = ["Proved", "ProvedParameters", "unmet_conditions"]
-
 STEERING_CHANGES = (0.0, 0.06, 0.13, 0.22, 0.33, 0.47, 0.65, 0.9, 1.3, 2.0)
 THROTTLE_CHANGES = (0.0, 0.5, 2.0)
 """Changes of the wanted action that are tried, to either side; each result is clipped to [-1, 1]."""
