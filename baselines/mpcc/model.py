@@ -78,24 +78,24 @@ class MpccParameters(Checked):
         The error of the phase rate is relative to omega, the position errors are relative to the scale of the motion,
         and the inputs are relative to their largest values. A stage lasts as long as a control step, or longer where
         slow cars need more time for a turn. The car's constants are those of the scenario, with the offset of the model
-        as its designer measured it.
+        as its designer measured it. Throttles at which the model brakes, but the motor of a car is off, are left out.
         """
         robot, tuned = scenario.robot, EXPERIMENT.robot
         rate, scale = scenario.formation.phase_rate / EXPERIMENT.formation.phase_rate, motion_scale(scenario)
-        steering = tuned.steering_max / robot.steering_max
-        throttle = tuned.full_throttle / robot.full_throttle
         step = max(min(cls.step * scale.time, 1 / robot.drag), scenario.task.step)
+        offset = robot.offset if robot.model_offset is None else robot.model_offset
         parameters = {
             "step": step,
             "shift": scenario.task.step / step,
             "weight_lateral": cls.weight_lateral * (rate / scale.length) ** 2,
             "weight_lag": cls.weight_lag * (rate / scale.length) ** 2,
-            "weight_steering": cls.weight_steering * (rate * steering) ** 2,
-            "weight_throttle": cls.weight_throttle * (rate * throttle) ** 2,
+            "weight_steering": cls.weight_steering * (rate * (tuned.steering_max / robot.steering_max)) ** 2,
+            "weight_throttle": cls.weight_throttle * (rate * (tuned.full_throttle / robot.full_throttle)) ** 2,
+            "throttle_min": max(robot.throttle_min, min(robot.dead_zone, offset / robot.drive)),
             "throttle_max": robot.full_throttle,
-            "offset": robot.offset if robot.model_offset is None else robot.model_offset,
+            "offset": offset,
         }
-        shared = ("wheelbase", "steering_max", "throttle_min", "drag", "drive")
+        shared = ("wheelbase", "steering_max", "drag", "drive")
         return cls(**{**{name: getattr(robot, name) for name in shared}, **parameters, **overrides})
 
 

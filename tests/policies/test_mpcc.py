@@ -147,9 +147,7 @@ def test_a_failed_solve_brakes_is_counted_and_starts_afresh(near, value):
 def test_arrays_of_the_device_come_back_without_a_copy(near):
     """Warp in, the solver's own Warp arrays out; `launch` alone does the same."""
     mpcc, expected = Mpcc(CURVE, P, 64), Mpcc(CURVE, P, 64).solve(near.state, near.phase_rate)
-    state = wp.array(near.state, dtype=wp.float32, device="cpu")
-    phase_rate = wp.array(near.phase_rate, dtype=wp.float32, device="cpu")
-    solution = mpcc.solve(state, phase_rate)
+    solution = mpcc.solve(*(wp.array(rows, dtype=wp.float32) for rows in (near.state, near.phase_rate)))
     assert solution.control is mpcc.control
     np.testing.assert_array_equal(solution.control.numpy(), expected.control)
     mpcc.reset()
@@ -158,10 +156,12 @@ def test_arrays_of_the_device_come_back_without_a_copy(near):
 
 
 def test_parameters_of_a_robot():
-    """The model's offset is the robot's own, or what the designer measured; the rest is the robot's."""
+    """The model's offset is the robot's own, or what the designer measured; it does not brake in the dead zone."""
     assert MpccParameters.of(Scenario(robot=Robot())).offset == 3.681
     p = MpccParameters.of(Scenario(robot=Robot(wheelbase=0.2, model_offset=3.804)), stages=7)
     assert (p.offset, p.wheelbase, p.stages) == (3.804, 0.2, 7)
+    for given, least in ((0.0, 0.1), (0.12, 0.12)):
+        assert MpccParameters.of(Scenario(robot=Robot(throttle_min=given))).throttle_min == pytest.approx(least)
 
 
 @pytest.mark.parametrize(("make", "message"), [
