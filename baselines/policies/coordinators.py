@@ -307,14 +307,6 @@ class KuramotoByArc(NumpyCoordinator):
 
 
 def ground_speed(scenario: Scenario) -> float:
-    """Return the speed along the curve [m/s]: a patrol's cruising speed, less if grip does not allow such a turn.
-
-    Grip must let it turn round in half of the rectangle's shorter side, v^2 <= a_lat min(A, B) / 2. The speed is never
-    below the formation's mean, omega L / (2 pi), and equal to it if the scenario has no grip.
-    """
+    """Return the formation's mean speed, omega L / (2 pi) [m/s], or a patrol's, if that is higher and grip limited."""
     mean = scenario.formation.phase_rate * curve_length(scenario.driven) / (2 * math.pi)
-    grip = scenario.robot.lateral_acceleration_max
-    if math.isinf(grip):
-        return mean
-    shorter = min(scenario.driven.half_width, scenario.driven.half_height)
-    return max(mean, min(cruising_speed(scenario), math.sqrt(grip * shorter / 2)))
+    return mean if math.isinf(scenario.robot.lateral_acceleration_max) else max(mean, cruising_speed(scenario))

@@ -33,7 +33,11 @@ def drive_towards(
     observation: Observation,
     action_out: Actions,
 ):
-    """Act towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and `throttle_towards` a speed [m/s]."""
+    """Act towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and `throttle_towards` a speed [m/s].
+
+    Grip must let a car turn round in 0.7 of the rectangle's shorter side at this speed.
+    """
+    fastest = wp.sqrt(0.7 * robot.lateral_acceleration_max * wp.min(curve.half_width, curve.half_height))
     away = goal - own_position(w, i, curve, observation)
     distance = wp.max(wp.length(away), 2.0 * robot.wheelbase)
     bearing = wrap(wp.atan2(away[1], away[0]) - own_heading(w, i, observation))
@@ -41,7 +45,7 @@ def drive_towards(
     if wp.abs(bearing) > 1.5707963:
         steering = wp.sign(bearing) * robot.steering_max
     speed = own_speed(w, i, steady_speed(robot), observation)
-    action = car_action(robot, steering, throttle_towards(robot, speed, wanted_speed, speed_gain))
+    action = car_action(robot, steering, throttle_towards(robot, speed, wp.min(wanted_speed, fastest), speed_gain))
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 

@@ -198,8 +198,11 @@ class SweepParameters(Checked):
 
 
 def fastest_speed(scenario: Scenario) -> float:
-    """Return the smaller of the cars' top speed and the formation's speed where the curve is fastest [m/s]."""
-    return min(scenario.robot.top_speed, top_speed(scenario.driven, scenario.formation.phase_rate))
+    """Return the formation's speed where the curve is fastest, or less where top speed or grip limits cars [m/s]."""
+    curve, robot = scenario.driven, scenario.robot
+    # At cruising speed v, a car must turn round in half of the rectangle's shorter side: v^2 <= a_lat min(A, B) / 2.
+    by_grip = math.sqrt(robot.lateral_acceleration_max * min(curve.half_width, curve.half_height) / 2) / _CRUISE
+    return min(robot.top_speed, top_speed(curve, scenario.formation.phase_rate), by_grip)
 
 
 def cruising_speed(scenario: Scenario) -> float:

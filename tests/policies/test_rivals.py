@@ -249,10 +249,9 @@ def test_ground_speed():
     assert ground_speed(lissajous_env.scenario("experiment")) == pytest.approx(0.3 * length / (2 * math.pi))
     intruders = lissajous_env.scenario("intruders")
     assert ground_speed(intruders) == cruising_speed(intruders) == pytest.approx(1.7, abs=0.01)
-    slippery = lissajous_env.scenario("intruders", **{"robot.lateral_acceleration_max": 2.0})
-    assert ground_speed(slippery) == pytest.approx(math.sqrt(2.0 * 1.2))
-    ice = lissajous_env.scenario("intruders", **{"robot.lateral_acceleration_max": 0.5})
-    assert ground_speed(ice) == pytest.approx(0.118 * 3 * length / (2 * math.pi))
+    for grip, speed in ((2.0, math.sqrt(2.0 * 1.2)), (0.5, 0.118 * 3 * length / (2 * math.pi))):
+        slippery = lissajous_env.scenario("intruders", **{"robot.lateral_acceleration_max": grip})
+        assert ground_speed(slippery) == pytest.approx(speed)
 
 
 # Clustered places (Lemmas 1 and 2), with the paper's coordination.
