@@ -86,8 +86,7 @@ def test_the_experiment_is_the_papers():
 def test_laps_are_driven_as_fast_as_the_formation():
     """Oracle: the loop itself, and the formation's top speed less what corners and chords cost."""
     scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
-    simulation = lissajous_env.Simulation(scenario)
-    policy = baselines.make("laps", scenario)
+    simulation, policy = lissajous_env.Simulation(scenario), baselines.make("laps", scenario)
     played(policy, simulation, 200)
     before = simulation.robots.position.numpy()[0, :, :2].copy()
     played(policy, simulation, 10)
@@ -98,7 +97,7 @@ def test_laps_are_driven_as_fast_as_the_formation():
 
 
 def test_cars_with_little_grip_return_to_their_loop():
-    """Story: cars of the formation's speed slide around the rectangle, for 83 and 66 robot-seconds; slower ones turn."""
+    """Story: cars of the formation's speed slide around outside for 83 and 66 robot-seconds; slower cars turn."""
     scenario = lissajous_env.scenario("evaders", **{"robot.lateral_acceleration_max": 2.0, "task.duration": 20.0})
     for name, outside in (("sweep", 12.0), ("laps", 35.0)):
         (row,) = lissajous_env.evaluate(baselines.make(name, scenario), scenario, [1])
