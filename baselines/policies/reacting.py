@@ -113,6 +113,7 @@ class Reacting(Policy):
     """
 
     kind = "velocity"
+    communicates = "positions and tracks of other robots"
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device)
@@ -167,8 +168,7 @@ class Lanes(Reacting):
         self.corners = np.concatenate([corners, corners[:1]])
         self._along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
         self._ahead = 0.5 * reach
-        self._steps = np.zeros(self.num_worlds, int)
-        self._slot = np.zeros(self.shape, int)
+        self._steps, self._slot = np.zeros(self.num_worlds, int), np.zeros(self.shape, int)
         noise = self.scenario.noise
         delay = round(noise.message_delay / self.step)
         self._spacing = self._along[-1] / self.num_robots
@@ -183,8 +183,7 @@ class Lanes(Reacting):
 
     def place(self, way: np.ndarray) -> np.ndarray:
         """Return the points (..., 2) of the tour after ways (...) along it [m]."""
-        along = way % self._along[-1]
-        return np.stack([np.interp(along, self._along, self.corners[:, k]) for k in (0, 1)], axis=-1)
+        return np.stack([np.interp(way % self._along[-1], self._along, self.corners[:, k]) for k in (0, 1)], axis=-1)
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Follow the robot's place on the tour."""

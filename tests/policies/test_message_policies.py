@@ -52,6 +52,7 @@ def test_a_network_without_messages_sends_zeros():
     alone = LearnedTeam(network, card, plain, 3).act(lissajous_env.Simulation(plain, 3, seed=1).observation.numpy())
     np.testing.assert_array_equal(action[..., :1], alone)
     assert not action[..., 1:].any()
+    assert baselines.Onboard(LearnedTeam(make_team(2), Card.of(cars := made("experiment", 0)), cars), cars, 0).listens
 
 
 class Talker(baselines.Policy):
@@ -67,8 +68,7 @@ class Talker(baselines.Policy):
 def test_the_filter_passes_messages_on():
     # Oracle: what the policy sends; steering and throttle are changed, so that the filter has something to do.
     scenario = made("intruders", 2, **{"formation.start": "random"})
-    simulation = lissajous_env.Simulation(scenario, 4, seed=2)
-    wide = SafetyParameters(clearance=0.07, growth=0.2)
+    simulation, wide = lissajous_env.Simulation(scenario, 4, seed=2), SafetyParameters(clearance=0.07, growth=0.2)
     safe, bare, changed = Filtered(Talker(scenario, 4), Safe, wide), Talker(scenario, 4), 0
     for _ in range(15):
         rows = simulation.observation.numpy()
