@@ -15,7 +15,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.robot_models import model_of
-from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario import Robot, Scenario
 
 wp.set_module_options(OPTIONS)
 
@@ -98,8 +98,7 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
             scenario does not fit cars.
     """
     robot, model = scenario.robot, model_of(scenario.robot.kind)
-    as_car = model.as_car
-    if as_car is None:
+    if (as_car := model.as_car) is None:
         raise ValueError(f"robot model {model.name} must have as_car to be driven by policies of cars, got None")
     limits = {
         "speed_unit": scenario.speed_unit,
@@ -115,7 +114,8 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
     car = dataclasses.replace(
         robot,
         kind="car",
-        wheelbase=turning * math.tan(robot.steering_max),
+        steering_max=Robot.steering_max,
+        wheelbase=turning * math.tan(Robot.steering_max),
         throttle_min=0.0,
         throttle_max=None,
         speed_max=top,

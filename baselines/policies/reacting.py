@@ -41,10 +41,7 @@ def towards(offset: np.ndarray, slow: float) -> np.ndarray:
 def nearest(offset: np.ndarray, exists: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the value (W, N, 2) of the nearest thing that exists, and its distance (W, N) [m], infinite without one.
 
-    Args:
-        offset: (W, N, K, 2) relative places of the things [m].
-        exists: (W, N, K) True for those that exist.
-        values: (W, N, K, 2) their values.
+    The relative places (W, N, K, 2) [m] are those of all things; those exist for which `exists` (W, N, K) is True.
     """
     far = np.where(exists, np.linalg.norm(offset, axis=-1), np.inf)
     if far.shape[2] == 0:
@@ -54,17 +51,26 @@ def nearest(offset: np.ndarray, exists: np.ndarray, values: np.ndarray) -> tuple
 
 
 def away_from_others(wish: np.ndarray, rows: Rows) -> np.ndarray:
-    """Return wished velocities (W, N, 2) [top speed] that also lead away from robots that are near."""
-    far = np.where(rows.robots_seen, np.linalg.norm(rows.robot_offset, axis=-1), np.inf)
+    """Return wished velocities (W, N, 2) [top speed] that also lead away from near robots, in sight or else heard."""
+    exists, offset = (rows.robots_seen, rows.robot_offset) if rows.scenario.sensing.robots_seen else others_heard(rows)
+    far = np.where(exists, np.linalg.norm(offset, axis=-1), np.inf)
     near = np.clip(_APART * rows.scenario.robot.radius / np.maximum(far, 1e-9) - 1, 0.0, 3.0)
-    wish = wish - _REPULSION * (unit(rows.robot_offset) * near[..., None]).sum(axis=2)
-    return towards(wish, 1.0)
+    return towards(wish - _REPULSION * (unit(offset) * near[..., None]).sum(axis=2), 1.0)
+
+
+def others_heard(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+    """Return which teammates, or else ring neighbours, are heard (W, N, M), and their relative places [m]."""
+    sensing = rows.scenario.sensing
+    if sensing.shared == "none" or sensing.teammates_seen == 0:
+        return rows.heard, rows.neighbour_offset
+    return rows.teammates, rows.teammate_offset
 
 
 def known_places(rows: Rows) -> np.ndarray:
-    """Return x, y of each robot and of the teammates in its row (W, N, 1 + M, 2) [m]; NaN for unknown ones."""
-    mates = np.where(rows.teammates[..., None], rows.teammate_offset, np.nan)
-    return np.concatenate([rows.position[:, :, None], rows.position[:, :, None] + mates], axis=2)
+    """Return x, y of each robot and of those that it hears (W, N, 1 + M, 2) [m]; NaN for unknown ones."""
+    exists, offset = others_heard(rows)
+    offsets = [np.zeros_like(offset[:, :, :1]), np.where(exists[..., None], offset, np.nan)]
+    return rows.position[:, :, None] + np.concatenate(offsets, axis=2)
 
 
 def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -107,6 +113,7 @@ class Reacting(Policy):
     """
 
     kind = "velocity"
+    communicates = "positions and tracks of other robots"
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device)
@@ -161,8 +168,7 @@ class Lanes(Reacting):
         self.corners = np.concatenate([corners, corners[:1]])
         self._along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
         self._ahead = 0.5 * reach
-        self._steps = np.zeros(self.num_worlds, int)
-        self._slot = np.zeros(self.shape, int)
+        self._steps, self._slot = np.zeros(self.num_worlds, int), np.zeros(self.shape, int)
         noise = self.scenario.noise
         delay = round(noise.message_delay / self.step)
         self._spacing = self._along[-1] / self.num_robots
@@ -177,8 +183,7 @@ class Lanes(Reacting):
 
     def place(self, way: np.ndarray) -> np.ndarray:
         """Return the points (..., 2) of the tour after ways (...) along it [m]."""
-        along = way % self._along[-1]
-        return np.stack([np.interp(along, self._along, self.corners[:, k]) for k in (0, 1)], axis=-1)
+        return np.stack([np.interp(way % self._along[-1], self._along, self.corners[:, k]) for k in (0, 1)], axis=-1)
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Follow the robot's place on the tour."""
@@ -234,8 +239,7 @@ class Searching(Reacting):
     def expected_offset(self, rows: Rows) -> np.ndarray:
         """Return where known targets are now (W, N, K, 2), relative to the robot, if they kept their velocity [m]."""
         # Velocities of targets last for about twice the time in which a robot drives its radius of sight.
-        longest = 1.875 * self.sight / self.top
-        return self.offset_after(rows, np.minimum(rows.track_age, longest))
+        return self.offset_after(rows, np.minimum(rows.track_age, 1.875 * self.sight / self.top))
 
     def offset_after(self, rows: Rows, time: np.ndarray) -> np.ndarray:
         """Return the places of tracks (W, N, K, 2), relative to the robot, after times (W, N, K) [s] [m]."""
@@ -279,9 +283,10 @@ class Force(Searching):
         weight = np.where(rows.track_of_other, self.shared, 1.0) * np.clip(far / (0.375 * self.sight), 0.0, 1.0)
         weight = np.where(rows.tracks & (far < self.reach * self.sight), weight, 0.0)
         force = (unit(guess) * weight[..., None]).sum(axis=2)
-        mates = np.where(rows.teammates, np.linalg.norm(rows.teammate_offset, axis=-1), np.inf)
+        exists, offset = others_heard(rows)
+        mates = np.where(exists, np.linalg.norm(offset, axis=-1), np.inf)
         repels = np.clip(1 - mates / (self.apart * self.sight), 0.0, 1.0)
-        force -= self.push * (unit(rows.teammate_offset) * repels[..., None]).sum(axis=2)
+        force -= self.push * (unit(offset) * repels[..., None]).sum(axis=2)
         return force, (weight != 0).any(axis=-1)
 
 

@@ -46,6 +46,7 @@ def test_a_drive_gains_the_yaw_rate_of_every_circle_within_one_radius_of_way(nam
     """Oracle: closed form, R = v / sqrt(yaw acceleration), on the tightest circle that steering and grip allow."""
     drives = lissajous_env.scenario(name, **{"robot.kind": "differential"}).resolve()
     cars = scenario_of_cars(drives).robot
+    assert scenario_of_cars(lissajous_env.scenario(drives, **{"robot.steering_max": 1.0}).resolve()).robot == cars
     speed = np.linspace(0.01, 1, 100) * cars.top_speed
     radius = np.maximum(cars.wheelbase / np.tan(cars.steering_max), speed**2 / cars.lateral_acceleration_max)
     wider = radius / speed * np.sqrt(drives.robot.top_yaw_acceleration)
@@ -85,8 +86,7 @@ def test_messages_follow_the_action():
         def decide(self, observation):
             return np.broadcast_to(np.float32([0.0, -1.0, 0.1, 0.2, 0.3]), self.action.shape)
 
-    policy = as_factory(Speaker)(made, 2, "cpu")
-    action = policy.act(np.zeros(policy.observation_shape, np.float32))
+    action = (policy := as_factory(Speaker)(made, 2, "cpu")).act(np.zeros(policy.observation_shape, np.float32))
     np.testing.assert_allclose(action[..., 2:], np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (*policy.shape, 3)))
 
 

@@ -49,11 +49,10 @@ def test_a_network_without_messages_sends_zeros():
     card, network = Card.of(plain), make_team(1)
     rows = lissajous_env.Simulation(talking, 3, seed=1).observation.numpy()
     action = LearnedTeam(network, card, talking, 3).act(rows)
-    simulation = lissajous_env.Simulation(plain, 3, seed=1)
-    np.testing.assert_array_equal(
-        action[..., :1], LearnedTeam(network, card, plain, 3).act(simulation.observation.numpy())
-    )
+    alone = LearnedTeam(network, card, plain, 3).act(lissajous_env.Simulation(plain, 3, seed=1).observation.numpy())
+    np.testing.assert_array_equal(action[..., :1], alone)
     assert not action[..., 1:].any()
+    assert baselines.Onboard(LearnedTeam(make_team(2), Card.of(cars := made("experiment", 0)), cars), cars, 0).listens
 
 
 class Talker(baselines.Policy):
@@ -69,10 +68,8 @@ class Talker(baselines.Policy):
 def test_the_filter_passes_messages_on():
     # Oracle: what the policy sends; steering and throttle are changed, so that the filter has something to do.
     scenario = made("intruders", 2, **{"formation.start": "random"})
-    simulation = lissajous_env.Simulation(scenario, 4, seed=2)
-    wide = SafetyParameters(clearance=0.07, growth=0.2)
-    safe, bare = Filtered(Talker(scenario, 4), Safe, wide), Talker(scenario, 4)
-    changed = 0
+    simulation, wide = lissajous_env.Simulation(scenario, 4, seed=2), SafetyParameters(clearance=0.07, growth=0.2)
+    safe, bare, changed = Filtered(Talker(scenario, 4), Safe, wide), Talker(scenario, 4), 0
     for _ in range(15):
         rows = simulation.observation.numpy()
         wanted, action = bare.act(rows), safe.act(rows)
@@ -100,7 +97,6 @@ def test_readers_of_rows_find_messages(k):
     expected = heard(simulation) if k else np.zeros((2, 5, 2, 0))
     rows = baselines.Rows(simulation.observation.numpy(), simulation.scenario)
     np.testing.assert_array_equal(rows.message, expected)
-    with pytest.raises(
-        ValueError, match=r"observation must have rows of \d+ numbers for experiment, got shape \(2, 5, 1\)"
-    ):
+    message = r"observation must have rows of \d+ numbers for experiment, got shape \(2, 5, 1\)"
+    with pytest.raises(ValueError, match=message):
         baselines.Rows(rows.values[..., :1], simulation.scenario)

@@ -192,9 +192,8 @@ def test_agents_act_by_name_as_in_the_batch(name, scenario):
 
 
 def test_removed_agents_get_no_action():
-    env = lissajous_env.parallel_env(
-        "experiment", **{"task.on_collision": "remove", "robot.radius": 0.4, "task.duration": 2.0}
-    )
+    crowded = {"task.on_collision": "remove", "robot.radius": 0.4, "task.duration": 2.0}
+    env = lissajous_env.parallel_env("experiment", **crowded)
     policy, fewest = baselines.make("kuramoto-mpcc", env.scenario), 5
     observations, _ = env.reset(seed=0)
     while env.agents:

@@ -270,8 +270,7 @@ def test_clustered_configurations(p, alpha, kappa):
     assert exact[0]["spacing_factor"] == pytest.approx(1.0, abs=2e-3)
     assert exact[0]["detected_within_bound"] == 1.0
     nearby = lissajous_env.scenario(scenario, **{"formation.start_noise": 0.1, "task.duration": 120.0})
-    simulation = lissajous_env.Simulation(nearby, num_worlds=4)
-    policy = baselines.make("kuramoto", nearby, num_worlds=4)
+    simulation, policy = lissajous_env.Simulation(nearby, 4), baselines.make("kuramoto", nearby, num_worlds=4)
     assert simulation.tally.phase_error.numpy().min() > 0.05
     for _ in range(nearby.task.steps):
         simulation.step(policy.act(simulation.observation))

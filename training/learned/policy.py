@@ -95,6 +95,8 @@ class LearnedTeam(Policy):
         ValueError: the network does not fit the card, or the robots or actions of the scenario do not fit the policy.
     """
 
+    communicates = "phases, positions and tracks of other robots"
+
     def __init__(
         self, network: TeamNetwork, card: Card, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"
     ):
