@@ -18,7 +18,9 @@ _INSET = 0.125
 def of_own(values: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Return the value (W, N) or (W, N, 2) of each robot's own thing, of values (W, N, K) or (W, N, K, 2).
 
-    The index `own` (W, N) is -1 for none, whose value is that of thing 0.
+    Args:
+        values: Values of all things.
+        own: (W, N) indices of the things; -1 for none, whose value is that of thing 0.
     """
     index = np.maximum(own, 0).reshape(*own.shape, *[1] * (values.ndim - 2))
     return np.take_along_axis(values, index, axis=2)[:, :, 0]
@@ -58,9 +60,13 @@ class Cover(Searching):
         return np.where(rows.tracks, np.exp(-rows.track_age / fade), 0.0)
 
     def division(self, rows: Rows, places: np.ndarray, at: np.ndarray, worth: np.ndarray) -> np.ndarray:
-        """Return the place (W, N) of each robot, -1 for none, of places (W, N, P, 2) [m].
+        """Return the place (W, N) of each robot, -1 for none.
 
-        The known targets are at `at` (W, N, K, 2) [m], and count as `worth` (W, N, K); places are NaN for none.
+        Args:
+            rows: Rows of the robots.
+            places: (W, N, P, 2) places, NaN for none [m].
+            at: (W, N, K, 2) where the known targets are [m], NaN for none.
+            worth: (W, N, K) how much they count.
         """
         covers = distances(places, at) < self.margin * self.sight
         time = distances(known_places(rows), places) / self.top + self.delay * (self.sight / self.top)

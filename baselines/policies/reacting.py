@@ -41,7 +41,10 @@ def towards(offset: np.ndarray, slow: float) -> np.ndarray:
 def nearest(offset: np.ndarray, exists: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the value (W, N, 2) of the nearest thing that exists, and its distance (W, N) [m], infinite without one.
 
-    The relative places (W, N, K, 2) [m] are those of all things; those exist for which `exists` (W, N, K) is True.
+    Args:
+        offset: (W, N, K, 2) relative places of the things [m].
+        exists: (W, N, K) True for those that exist.
+        values: (W, N, K, 2) their values.
     """
     far = np.where(exists, np.linalg.norm(offset, axis=-1), np.inf)
     if far.shape[2] == 0:
