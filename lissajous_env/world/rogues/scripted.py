@@ -150,7 +150,9 @@ def _stage_of(rule: Any) -> Any:
     return decide
 
 
-rogue("wander", "goes straight, turning at random")(_stage_of(wander))
-rogue("flee", "goes away from the nearest working robot")(_stage_of(flee))
-rogue("shadow", "stays just outside the nearest disc")(_stage_of(shadow))
-rogue("follow-gap", "stays in the largest gap between discs")(_stage_of(follow_gap))
+WANDER, FLEE, SHADOW, FOLLOW_GAP = map(_stage_of, (wander, flee, shadow, follow_gap))
+
+rogue("wander", "goes straight, turning at random")(WANDER)
+rogue("flee", "goes away from the nearest working robot")(FLEE)
+rogue("shadow", "stays just outside the nearest disc")(SHADOW)
+rogue("follow-gap", "stays in the largest gap between discs")(FOLLOW_GAP)
