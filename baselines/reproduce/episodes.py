@@ -134,7 +134,7 @@ class Player:
             frames.append([np.array(array.numpy()) for array in arrays])
 
         EpisodeRunner(acting, simulation).play(on_moment=record)
-        phase, position, heading, status, deviation = (np.stack(each) for each in zip(*frames, strict=True))
+        phase, position, heading, status, deviation = (np.stack(array) for array in zip(*frames, strict=True))
         times, detected = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
         failed = status == int(FAILED)
         arrays = phase, position, heading, failed, deviation, times, detected
