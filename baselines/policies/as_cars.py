@@ -98,7 +98,8 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
             scenario does not fit cars.
     """
     robot, model = scenario.robot, model_of(scenario.robot.kind)
-    if (as_car := model.as_car) is None:
+    as_car = model.as_car
+    if as_car is None:
         raise ValueError(f"robot model {model.name} must have as_car to be driven by policies of cars, got None")
     limits = {
         "speed_unit": scenario.speed_unit,

@@ -152,4 +152,5 @@ class DividedPursuit(Chase):
             np.put_along_axis(worth, index, self.again * np.take_along_axis(worth, index, axis=2), axis=2)
 
         own = greedy_division(rates, take, far.shape[:3])
-        return towards(of_own(self.offset_ahead(rows), own), 0.02 * self.sight), own >= 0
+        goal = of_own(self.offset_ahead(rows), own)
+        return towards(goal, 0.02 * self.sight), own >= 0

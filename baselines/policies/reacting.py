@@ -171,7 +171,8 @@ class Lanes(Reacting):
         self.corners = np.concatenate([corners, corners[:1]])
         self._along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
         self._ahead = 0.5 * reach
-        self._steps, self._slot = np.zeros(self.num_worlds, int), np.zeros(self.shape, int)
+        self._steps = np.zeros(self.num_worlds, int)
+        self._slot = np.zeros(self.shape, int)
         noise = self.scenario.noise
         delay = round(noise.message_delay / self.step)
         self._spacing = self._along[-1] / self.num_robots
