@@ -44,15 +44,15 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
         (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), _failed),
         (
             True,
-            Column("lower\nbound [s]", rank=1),
+            Column("lower\nbound [s]", rank=2),
             lambda entry: number(bounds.get(entry.plan.scenario.num_robots, math.nan)),
         ),
         (True, Column("mean detection\ntime [s]", rank=1), lambda entry: str(_detection(entry.figures))),
         (True, Column("least gap\n[m]", rank=2), lambda entry: number(entry.figures.clearance)),
         (is_open, Column("outside\n[m]", rank=1), lambda entry: number(entry.figures.outside)),
-        (True, Column("driven\n[m/min]", rank=2), lambda entry: number(entry.figures.distance)),
-        (True, Column("messages", left=True, rank=3), lambda entry: entry.figures.messages),
-        (True, Column("details", prose=True, rank=4), lambda entry: entry.plan.about),
+        (True, Column("driven\n[m/min]", rank=3), lambda entry: number(entry.figures.distance)),
+        (True, Column("messages", left=True, rank=4), lambda entry: entry.figures.messages),
+        (True, Column("details", prose=True, rank=1), lambda entry: entry.plan.about),
     ]
     shown = [(column, words) for is_shown, column, words in columns if is_shown]
     rows = [[str(k), *(words(planned) for _, words in shown)] for k, planned in enumerate(plans, start=1)]
