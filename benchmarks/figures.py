@@ -148,6 +148,13 @@ def publish(name: str, title: str, table: Table, stores: bool) -> None:
         store({name: table})
 
 
+def merged(name: str, table: Table) -> Table:
+    """Return a table with the stored rows of the table `name`; new rows replace those with the same first cell."""
+    new = {row[0]: row for row in table["rows"]}
+    stored = [new.pop(row[0], row) for row in load().get(name, {"rows": []})["rows"]]
+    return {"columns": table["columns"], "rows": [*stored, *new.values()]}
+
+
 def parser(about: str | None) -> argparse.ArgumentParser:
     """Return the parser of a program with tables, whose help begins with `about`; it has the option `--store`."""
     made = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)

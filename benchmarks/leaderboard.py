@@ -149,7 +149,6 @@ def main():
     warnings.simplefilter("ignore")
     names = given.entries or sorted(path.stem for path in FOLDER.glob("*.toml"))
     sys.path.append(str(FOLDER))
-    stored = figures.load().get("leaderboard", {"rows": []})["rows"]
     try:
         entries = [read(FOLDER / f"{name}.toml") for name in names]
         with tempfile.TemporaryDirectory() as empty:
@@ -157,11 +156,12 @@ def main():
     except ValueError as error:
         parser.error(str(error))
     if given.check:
+        stored = figures.load()["leaderboard"]["rows"]
         differing = [row for row in rows if row not in stored]
         print(f"{len(rows) - len(differing)} of {len(rows)} rows are as stored", *differing, sep="\n")
         sys.exit(1 if differing else 0)
-    others = [row for row in stored if row[0] not in {new[0] for new in rows}]
-    table = {"columns": COLUMNS, "rows": sorted(others + rows, key=lambda row: -float(row[1].split()[0]))}
+    together = figures.merged("leaderboard", {"columns": COLUMNS, "rows": rows})["rows"]
+    table = {"columns": COLUMNS, "rows": sorted(together, key=lambda row: -float(row[1].split()[0]))}
     figures.publish("leaderboard", "tasks with feedback", table, given.store)
 
 

@@ -10,7 +10,7 @@ The first two commands add the best policies of some trainings to the comparison
 whose validation is best. The third one plays the scenarios of a space, in its split `test` and its shifts, with the
 best policy, its rival and some trainings. The fourth one compares complete trainings by the options in which they
 differ from the defaults, by their policies after the last step, with the rule on the same scenario. The last one has
-their validations.
+their validations. Rows of these two tables replace stored ones with the same options; the others remain.
 """
 
 import itertools
@@ -205,9 +205,10 @@ def main() -> None:
     if options.trainings:
         print(f"best validation: {preferred(options.trainings)}")
     if options.ablations:
-        figures.publish("ablations", f"{len(FEWER_SEEDS)} worlds", on_ablations(options.ablations), options.store)
+        table = figures.merged("ablations", on_ablations(options.ablations))
+        figures.publish("ablations", f"{len(FEWER_SEEDS)} worlds", table, options.store)
     elif options.curves:
-        figures.publish("curves", "validations", on_curves(options.curves), options.store)
+        figures.publish("curves", "validations", figures.merged("curves", on_curves(options.curves)), options.store)
     elif options.space:
         figures.publish(options.space, "test and shifts", on_space(options.space, options.trainings), options.store)
     else:

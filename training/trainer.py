@@ -230,39 +230,44 @@ class Training:
 
     def update(self, rollout: Rollout) -> dict[str, float]:
         """Update the critic, and the actor until its policy differs too much from the rollout's; return diagnostics."""
-        settings, numbers, deviation = self.settings, self.numbers, rollout.deviation
+        settings, numbers = self.settings, self.numbers
         self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
         updates_actor, divergence = numbers["rollouts"] >= _WARM_UP * self.actor.corrects, 0.0
         count = rollout.acted.shape[1]
         for _ in range(settings.epochs):
             for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
-                rows, truth = ([part[:, chosen] for part in parts] for parts in (rollout.rows, rollout.truth))
-                acted, advantage = rollout.acted[:, chosen], rollout.advantages[:, chosen]
-                mean, _ = self.actor(rows, rollout.memory[chosen], rollout.begins[:, chosen])
-                likelihood = -0.5 * ((rollout.actions[:, chosen] - mean) / deviation).square().sum(-1)
-                change = likelihood - rollout.likelihood[:, chosen]
-                ratio = change.exp()
-                divergence = (((ratio - 1 - change) * acted).sum() / acted.sum().clamp(min=1)).item()
-                updates_actor = updates_actor and divergence < settings.divergence
-                advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-                clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
-                gain = torch.min(ratio * advantage, clipped * advantage)
-                cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
-                if self.actor.corrects:
-                    base_action = rows[0][..., -2:][..., : mean.shape[-1]]
-                    cost = cost + _RESTRAINT * (mean[..., :2] - base_action).square().sum(-1)
+                acted, truth = rollout.acted[:, chosen], [part[:, chosen] for part in rollout.truth]
                 none = torch.zeros(len(chosen), 0)
-                value = self.critic([rows[0], *truth], none, torch.zeros_like(acted))[0][..., 0]
-                error = (value - rollout.returns[:, chosen]).square()
-                loss = (0.5 * error * acted).mean()
+                value = self.critic([rollout.rows[0][:, chosen], *truth], none, torch.zeros_like(acted))[0][..., 0]
+                loss = (0.5 * (value - rollout.returns[:, chosen]).square() * acted).mean()
                 if updates_actor:
-                    loss = loss + ((cost - gain) * acted).mean()
+                    of_actor, divergence = self._actor_loss(rollout, chosen)
+                    updates_actor = divergence < settings.divergence
+                    loss = loss + of_actor if updates_actor else loss
                 _gradient_step(self.optimizer, self.networks, loss)
         numbers["rollouts"] += 1
         excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
         numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
         explained = 1 - (rollout.advantages.var() / rollout.returns.var().clamp(min=1e-12)).item()
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
+
+    def _actor_loss(self, rollout: Rollout, chosen: Tensor) -> tuple[Tensor, float]:
+        """Return the loss of the actor on the chosen rows, and its divergence (approximate KL) from the rollout's."""
+        settings = self.settings
+        rows, acted = [part[:, chosen] for part in rollout.rows], rollout.acted[:, chosen]
+        mean, _ = self.actor(rows, rollout.memory[chosen], rollout.begins[:, chosen])
+        likelihood = -0.5 * ((rollout.actions[:, chosen] - mean) / rollout.deviation).square().sum(-1)
+        change = likelihood - rollout.likelihood[:, chosen]
+        ratio = change.exp()
+        divergence = ((ratio - 1 - change) * acted).sum() / acted.sum().clamp(min=1)
+        advantage = rollout.advantages[:, chosen]
+        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        gain = torch.min(ratio * advantage, ratio.clamp(1 - settings.clip, 1 + settings.clip) * advantage)
+        cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
+        if self.actor.corrects:
+            base_action = rows[0][..., -2:][..., : mean.shape[-1]]
+            cost = cost + _RESTRAINT * (mean[..., :2] - base_action).square().sum(-1)
+        return ((cost - gain) * acted).mean(), divergence.item()
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy what a resumed training needs, as arrays by name."""

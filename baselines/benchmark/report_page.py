@@ -91,19 +91,14 @@ def failed(row: Row) -> list[bool]:
     return [mode.applies(row) for mode in FAILURE_MODES]
 
 
-def headline(scenario: Scenario) -> Column:
-    """Return the main column of a scenario: the worst-case undetected time if computed, else the score of its task."""
-    return task_score(scenario) if scenario.task.contamination is None else WORST_CASE
-
-
 def badness(row: Row, scenario: Scenario) -> tuple[float, ...]:
     """Return a key by which episodes are sorted, larger being worse.
 
-    It is the number of failure modes of the episode, then the headline of its scenario, the collisions, and the
-    score of its task; times are in units of T_max. A missing number counts as 0.
+    It is the number of failure modes of the episode, then the worst-case undetected time if it was computed, the
+    collisions, and the score of the task; times are in units of T_max. A missing number counts as 0.
     """
-    parts = []
-    for column in (headline(scenario), COLLISIONS, task_score(scenario)):
+    parts, score = [], task_score(scenario)
+    for column in (score if scenario.task.contamination is None else WORST_CASE, COLLISIONS, score):
         worse = -column.better * row[column.name] / (scenario.detection_time_bound if column.unit == "s" else 1.0)
         parts.append(0.0 if math.isnan(worse) else worse)
     return sum(failed(row)), *parts

@@ -128,8 +128,6 @@ class Mpcc(Copyable):
 
     def restrict(self, problem: int) -> None:
         """Solve only one problem from now on; the results of the others are no longer written."""
-        if not 0 <= problem < self.batch:
-            raise ValueError(f"problem must be from 0 to {self.batch - 1}, got {problem}")
         self._work = self._record(problem, 1)
 
     def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> Any:

@@ -51,10 +51,6 @@ class Episodes:
     clearance: float = 0.0
     """Distance of two bodies below which a plan is ranked after all others [m]."""
 
-    def with_failures(self, scenario: Scenario) -> Scenario:
-        """Return a scenario in which `failures` more robots fail for good; `remove_early` selects them and the time."""
-        return named.build(scenario, **{"faults.lost": self.lost(scenario)})
-
     def lost(self, scenario: Scenario) -> int:
         """Return the number of robots that are removed in an episode with failures."""
         return scenario.faults.lost + self.failures
@@ -172,7 +168,8 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
     """Return a plan with the figures of the played episodes, and of others that it plays, with lost robots."""
     plan, scenario, rows, failed = run.plan, run.simulation.scenario, run.rows(), []
     if losses:
-        lossy = _Run(plan, episodes.with_failures(scenario), episodes.seed, losses)
+        with_losses = named.build(scenario, **{"faults.lost": episodes.lost(scenario)})
+        lossy = _Run(plan, with_losses, episodes.seed, losses)
         lossy.play(scenario.task.steps)
         failed = lossy.rows()
     duration = scenario.task.duration * (run.step / scenario.task.steps)

@@ -51,12 +51,7 @@ class AsCars(Policy):
     """Robots of a model that move as a policy would drive cars of the same top speed, turning radius and acceleration.
 
     In each control step, a robot moves at the speed and the yaw rate that its car would reach at the end of the step.
-
-    Args:
-        make: Function `make(scenario, num_worlds, device)` that returns the policy of cars.
-        scenario: The scenario, of robots of a model that has `as_car`.
-        num_worlds: W.
-        device: Warp device.
+    `make(scenario, num_worlds, device)` returns the policy of cars; the robots' model has `as_car`.
 
     Raises:
         ValueError: there are no such cars, or the policy of cars does not fit the scenario.

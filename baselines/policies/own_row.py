@@ -292,9 +292,7 @@ class Rows:
 
     def _of(self, kind: str, name: str) -> np.ndarray:
         """Return an entry of each of the K things of a kind (W, N, K)."""
-        sensing = self.scenario.sensing
-        counts = {"neighbour": 2, "robot": sensing.robots_seen, "target": sensing.targets_seen}
-        count = (counts | {"track": sensing.tracks_seen, "teammate": sensing.teammates_seen})[kind]
+        count = 2 if kind == "neighbour" else getattr(self.scenario.sensing, f"{kind}s_seen")
         places = np.array([self._places[f"{kind}_{k}_{name}"] for k in range(count)], dtype=int)
         return self.values.take(places, axis=-1)
 

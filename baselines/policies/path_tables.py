@@ -50,40 +50,19 @@ def path_tables(
         lead_in: (N, L, 2) or (P, N, L, 2) places before the loop, the first at the start of the episode [m]; none by
             default. `loop[..., 0, :]` follows on its last place.
         filtered_until: Duration of the collision filter [control step].
-
-    Raises:
-        ValueError: places of another shape, fewer than four on a loop, or a place that is not finite.
     """
-    loop = _checked(scenario, "loop", loop)
-    lead_in = loop[:, :, :0] if lead_in is None else _checked(scenario, "lead_in", lead_in)
-    if loop.shape[2] < 4:
-        raise ValueError(f"loop must have at least 4 places, one a control step, got {loop.shape[2]}")
-    if lead_in.shape[:2] != loop.shape[:2]:
-        raise ValueError(
-            f"lead_in must have as many variants and robots as loop, {loop.shape[:2]}, got {lead_in.shape[:2]}"
-        )
-    begin, end = lead_in.shape[2], lead_in.shape[2] + loop.shape[2]
-    around = np.arange(-_REACH, loop.shape[2] + _REACH + 1) % loop.shape[2]
-    parts = [_sampled(loop[:, :, around], _REACH, loop.shape[2])]
-    if begin:
-        onward = loop[:, :, np.arange(_REACH + 1) % loop.shape[2]]
-        parts.insert(0, _sampled(np.concatenate([lead_in, onward], axis=2), 0, begin))
+    loop = loop.reshape(-1, *loop.shape[-3:])
+    steps, begin, step = loop.shape[2], 0, scenario.task.step
+    around = np.arange(-_REACH, steps + _REACH + 1) % steps
+    parts = [_sampled(loop[:, :, around], _REACH, steps)]
+    if lead_in is not None:
+        begin = lead_in.shape[-2]
+        onward = loop[:, :, np.arange(_REACH + 1) % steps]
+        before = lead_in.reshape(*loop.shape[:2], begin, 2)
+        parts.insert(0, _sampled(np.concatenate([before, onward], axis=2), 0, begin))
     places, velocity = (np.concatenate(arrays, axis=2) for arrays in zip(*parts, strict=True))
-    pose, feedforward = _pose_and_feedforward(
-        places, velocity / scenario.task.step, scenario.task.step, begin, end - begin
-    )
-    return PathTables(pose, feedforward, begin, end - begin, filtered_until)
-
-
-def _checked(scenario: Scenario, name: str, places: np.ndarray) -> np.ndarray:
-    places = np.asarray(places, dtype=float)
-    places = places[None] if places.ndim == 3 else places
-    if places.ndim != 4 or places.shape[1] != scenario.num_robots or places.shape[3] != 2:
-        rule = f"must be places (variants, {scenario.num_robots} robots, control steps, 2) [m]"
-        raise ValueError(f"{name} {rule}, got shape {places.shape}")
-    if not np.isfinite(places).all():
-        raise ValueError(f"{name} must be finite [m], got {places[~np.isfinite(places)][0]}")
-    return places
+    pose, feedforward = _pose_and_feedforward(places, velocity / step, step, begin, steps)
+    return PathTables(pose, feedforward, begin, steps, filtered_until)
 
 
 def _sampled(places: np.ndarray, before: int, count: int) -> tuple[np.ndarray, np.ndarray]:

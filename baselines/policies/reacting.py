@@ -135,11 +135,7 @@ def greedy_division(
 class Reacting(Policy):
     """Base of these policies: a subclass returns the velocities that it wishes, without regard to other robots.
 
-    Args:
-        scenario: The scenario, whose actions are velocities.
-        num_worlds: W.
-        device: Warp device.
-        **settings: Values for attributes of the class, by their names.
+    The keyword arguments are values for attributes of the class, by their names.
     """
 
     kind = "velocity"

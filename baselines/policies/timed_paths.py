@@ -301,16 +301,6 @@ class TimedPaths(Policy):
 
     A robot that resumes after a failure is behind its reference: on the lead-in it follows the reference, on the loop
     it catches up or waits, whichever takes less time.
-
-    Args:
-        scenario: The scenario, of cars.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Parameters of the subclass.
-        tables: The timed paths, of `baselines.policies.path_tables.path_tables`; by default those of `timed`.
-
-    Raises:
-        ValueError: tables of another number of robots.
     """
 
     kind = "car"
@@ -319,19 +309,9 @@ class TimedPaths(Policy):
     waits: bool = False
     """True if a car that has stopped beside its loop waits until its reference passes, instead of following it."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        parameters: Any = None,
-        *,
-        tables: PathTables | None = None,
-    ):
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
-        self.tables = tables = tables or self.timed(plain_of(self.scenario))
-        if tables.pose.shape[1] != self.num_robots:
-            raise ValueError(f"tables must be of {self.num_robots} robots, got {tables.pose.shape[1]}")
+        self.tables = tables = self.timed(plain_of(self.scenario))
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         step, robot, self._tracking = self.scenario.task.step, self.scenario.robot, Tracking()
@@ -357,7 +337,7 @@ class TimedPaths(Policy):
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths for a scenario, which is resolved and without what plans do not depend on."""
-        raise NotImplementedError(f"{type(self).__name__} must have tables, or a method timed(scenario)")
+        raise NotImplementedError(f"{type(self).__name__} must have a method timed(scenario)")
 
     def _avoid_others(self, tolerance: float = math.inf) -> None:
         """Use the collision filter as `take_filtered` does; `tolerance` [m] is its argument."""

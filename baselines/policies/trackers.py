@@ -52,12 +52,7 @@ CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
 class Coordinated(Policy):
     """Base class of trackers: policies whose robots follow a coordinator; a subclass implements `decide`.
 
-    Args:
-        coordinator: Function or class that makes the coordinator.
-        scenario: The scenario.
-        num_worlds: W.
-        device: Warp device.
-        parameters: Parameters of the tracker; by default those for the scenario.
+    `coordinator(scenario, num_worlds, device)` makes the coordinator.
 
     Warns:
         AssumptionWarning: the scenario violates an assumption of the paper about its formation.

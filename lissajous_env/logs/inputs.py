@@ -21,32 +21,21 @@ INPUTS = {"car": ("steering", "throttle"), "differential": ("speed", "yaw rate")
 _UNITS = {"steering": "rad", "speed": "m/s", "yaw rate": "rad/s"}
 
 
-@wp.func
-def input_of(robot: RobotStruct, is_car: int, action: wp.vec2) -> wp.vec2:
-    """Return the command of an action."""
-    if is_car == 1:
-        return steering_and_throttle(robot, action)
-    return wp.vec2(commanded_speed(robot, action[0]), action[1] * robot.yaw_rate_max)
-
-
-@wp.func
-def action_of(robot: RobotStruct, is_car: int, given: wp.vec2) -> wp.vec2:
-    """Return the action in [-1, 1] of a command, clipped to what the robot can do."""
-    if is_car == 1:
-        return action_of_input(robot, given[0], given[1])
-    return drive_action(robot, given[0], given[1])
-
-
 @wp.kernel
 def convert(
     robot: RobotStruct, is_car: int, is_action: int, given: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec2)
 ):
     """Write the commands of actions, or the actions of commands."""
     k = wp.tid()
-    if is_action == 1:
-        out[k] = input_of(robot, is_car, given[k])
+    value = given[k]
+    if is_action == 1 and is_car == 1:
+        out[k] = steering_and_throttle(robot, value)
+    elif is_action == 1:
+        out[k] = wp.vec2(commanded_speed(robot, value[0]), value[1] * robot.yaw_rate_max)
+    elif is_car == 1:
+        out[k] = action_of_input(robot, value[0], value[1])
     else:
-        out[k] = action_of(robot, is_car, given[k])
+        out[k] = drive_action(robot, value[0], value[1])
 
 
 def commands_of(series: Series, names: Sequence[str]) -> np.ndarray:

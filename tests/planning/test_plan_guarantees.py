@@ -52,7 +52,7 @@ def test_lost_robots_are_removed_after_a_quarter_of_the_episode_and_no_others():
     """Oracle: the status of the robots at each step."""
     scenario = lissajous_env.scenario("evaders", **{"task.duration": 4.0})
     losses = Episodes(failures=2).losses(scenario)
-    simulation = Simulation(Episodes(failures=2).with_failures(scenario), len(losses))
+    simulation = Simulation(scenario, len(losses), **{"faults.lost": 2})
     remove_early(simulation, losses)
     early = scenario.task.steps // 4
     for step in range(1, scenario.task.steps + 1):

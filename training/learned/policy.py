@@ -82,14 +82,7 @@ class LearnedTeam(Policy):
     """Policy whose action is a network's output, added to the action of the base if the card has one, in [-1, 1].
 
     Velocities are changed by `commanded_velocity`. The same network computes the action of each robot, from the robot's
-    own row and memory alone.
-
-    Args:
-        network: Network of the policy.
-        card: Card of the policy.
-        scenario: Scenario to play.
-        num_worlds: W.
-        device: Warp device; the network is evaluated on the CPU.
+    own row and memory alone, on the CPU.
 
     Raises:
         ValueError: the network does not fit the card, or the robots or actions of the scenario do not fit the policy.
