@@ -239,9 +239,6 @@ class Robot(Checked):
 
     def _check_together(self) -> None:
         self._check_forwards()
-        turns_at_once = self.yaw_acceleration_max in (None, math.inf) or self.stands_for_drive
-        rule = "must be None or infinite for cars, which steer at once [rad/s^2]"
-        self._require(self.kind != "car" or turns_at_once, "yaw_acceleration_max", rule)
         if self.reverses and self.kind == "car":
             rule = f"must be at most dead_zone, {self.dead_zone:g}, for cars that reverse (speed_min)"
             self._require(self.throttle_min <= self.dead_zone, "throttle_min", rule)
