@@ -73,16 +73,10 @@ def connected(address: str | None) -> Iterator[Any]:
 
 
 def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish) -> None:
-    """Play the remaining episodes on a cluster.
+    """Play the remaining episodes on a cluster; the arguments are those of `baselines.benchmark.local.play_all`.
 
     A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that ended are
     stored, and the other policies continue.
-
-    Args:
-        settings: Settings of the benchmark.
-        work: Cells, each with the numbers of the episodes that are left to play.
-        progress: Display of the progress.
-        finish: Receives the results.
 
     Raises:
         ValueError: Ray is not available, a policy cannot be sent to it, or a node lacks the device or other code.
