@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
-from baselines.benchmark.local import failure_of, results
+from baselines.benchmark.local import batches_or_failure, failure_of
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import versions
 from baselines.benchmark.table import Rows
@@ -130,7 +130,7 @@ def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | F
             f"every node must have the same {', '.join(differing)}; {ray.util.get_node_ip_address()} has not"
         )
     # A failure is words: the error itself may be of a class that the driver cannot load.
-    return next(results(cell, settings, numbers))
+    return next(batches_or_failure(cell, settings, numbers))
 
 
 def _sources(cell: Cell) -> dict[str, str]:
