@@ -20,6 +20,12 @@ from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleratio
 wp.set_module_options(OPTIONS)
 
 
+class CarForDrive(Robot):
+    """Cars that stand for robots of another model; those that stand for differential drives turn as gradually."""
+
+    stands_for_drive = True
+
+
 @wp.kernel
 def to_twists(
     car: RobotStruct,
@@ -109,21 +115,21 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
     top, widest, acceleration = limits.values()
     turning, grip = scenario.turning_radius, robot.lateral_acceleration_max
     drag = min(acceleration / top, 1 / scenario.task.step)
-    car = dataclasses.replace(
-        robot,
-        kind="car",
-        steering_max=Robot.steering_max,
-        wheelbase=turning * math.tan(Robot.steering_max),
-        throttle_min=0.0,
-        throttle_max=None,
-        speed_max=top,
-        drag=drag,
-        drive=drag * top,
-        offset=0.0,
-        dead_zone=0.0,
-        model_offset=None,
-        lateral_acceleration_max=grip if turning == widest else min(grip, turning * (top / widest) ** 2),
-        yaw_acceleration_max=robot.top_yaw_acceleration if robot.kind == "differential" else None,
-        drive_factors=(),
-    )
+    fields = dataclasses.asdict(robot) | {
+        "kind": "car",
+        "steering_max": Robot.steering_max,
+        "wheelbase": turning * math.tan(Robot.steering_max),
+        "throttle_min": 0.0,
+        "throttle_max": None,
+        "speed_max": top,
+        "drag": drag,
+        "drive": drag * top,
+        "offset": 0.0,
+        "dead_zone": 0.0,
+        "model_offset": None,
+        "lateral_acceleration_max": grip if turning == widest else min(grip, turning * (top / widest) ** 2),
+        "yaw_acceleration_max": robot.top_yaw_acceleration if robot.kind == "differential" else None,
+        "drive_factors": (),
+    }
+    car = CarForDrive(**fields)
     return dataclasses.replace(scenario, robot=car).resolve()

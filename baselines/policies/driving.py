@@ -9,9 +9,14 @@ from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters.scenario import Scenario
 
 
+def weakest_top_speed(scenario: Scenario, factor: float = 1.0) -> float:
+    """Return the top speed of a car with a factor on its drive and the weakest motor that the spread allows [m/s]."""
+    return max(scenario.robot.steady_speed(scenario.robot.drive * scenario.noise.drive_range[0] * factor), 0.0)
+
+
 def slowest_top_speed(scenario: Scenario) -> float:
-    """Return the top speed of the slowest car that the spread of the drive allows [m/s]."""
-    return max(scenario.robot.steady_speed(scenario.robot.drive * scenario.noise.drive_range[0]), 0.0)
+    """Return the top speed of the slowest car that the factors and the spread of the drive allow [m/s]."""
+    return weakest_top_speed(scenario, float(scenario.drive_factors.min()))
 
 
 @wp.func

@@ -150,6 +150,12 @@ def length_of(loop: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum())
 
 
+def speed_of(loop: np.ndarray, step: float) -> float:
+    """Return the largest speed on loops (..., K, 2) [m], one place a control step [s], in m/s."""
+    pieces = np.linalg.norm(loop - np.roll(loop, 1, axis=-2), axis=-1)
+    return max(float(pieces.max()) / step, 1e-3)
+
+
 def evenly_spaced(loop: np.ndarray, count: int) -> np.ndarray:
     """Return `count` points (count, 2) at even distances along a closed polygon, the first one its rightmost [m]."""
     loop = np.roll(loop, -int(np.argmax(loop[:, 0] - 1e-6 * np.abs(loop[:, 1]))), axis=0)

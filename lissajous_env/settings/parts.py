@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -206,8 +206,10 @@ class Robot(Checked):
     car begins at full throttle."""
     yaw_acceleration_max: float | None = number(None, 1e-9, 1e13, "rad/s^2", or_infinite=True)
     """Largest change of the yaw rate of a differential drive per time [rad/s^2]; None means 2 `acceleration_max` /
-    `radius`, that of a uniform disc whose wheels push at its edge as much as for `acceleration_max`; infinite for cars,
-    unless they stand for such drives."""
+    `radius`, that of a uniform disc whose wheels push at its edge as much as for `acceleration_max`. That of cars is
+    infinite."""
+    stands_for_drive: ClassVar[bool] = False
+    """True for cars that stand for differential drives, with the `yaw_acceleration_max` of these."""
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
     """Damping of the speed, c [1/s].
 
@@ -237,6 +239,9 @@ class Robot(Checked):
 
     def _check_together(self) -> None:
         self._check_forwards()
+        turns_at_once = self.yaw_acceleration_max in (None, math.inf) or self.stands_for_drive
+        rule = "must be None or infinite for cars, which steer at once [rad/s^2]"
+        self._require(self.kind != "car" or turns_at_once, "yaw_acceleration_max", rule)
         if self.reverses and self.kind == "car":
             rule = f"must be at most dead_zone, {self.dead_zone:g}, for cars that reverse (speed_min)"
             self._require(self.throttle_min <= self.dead_zone, "throttle_min", rule)
