@@ -59,7 +59,7 @@ class Curve(Checked):
     """Half of the rectangle's width, A [m]."""
     half_height: float = number(0.8, 1e-3, 1e4, "m")
     """Half of the rectangle's height, B [m]."""
-    a: int = whole(3, 1, 1023, odd=True)
+    a: int = whole(3, 1, 1023, "odd")
     """Oscillations along x in one lap, a; odd."""
     b: int = whole(2, 1, 1023)
     """Oscillations along y in one lap, b; shares no factor with a."""
