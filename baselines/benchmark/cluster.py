@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
-from baselines.benchmark.local import failure_of, results
+from baselines.benchmark.local import batches_or_failure, failure_of
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import versions
 from baselines.benchmark.table import Rows
@@ -73,16 +73,10 @@ def connected(address: str | None) -> Iterator[Any]:
 
 
 def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish) -> None:
-    """Play the remaining episodes on a cluster.
+    """Play the remaining episodes on a cluster; the arguments are those of `baselines.benchmark.local.play_all`.
 
     A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that ended are
     stored, and the other policies continue.
-
-    Args:
-        settings: Settings of the benchmark.
-        work: Cells, each with the numbers of the episodes that are left to play.
-        progress: Display of the progress.
-        finish: Receives the results.
 
     Raises:
         ValueError: Ray is not available, a policy cannot be sent to it, or a node lacks the device or other code.
@@ -136,7 +130,7 @@ def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | F
             f"every node must have the same {', '.join(differing)}; {ray.util.get_node_ip_address()} has not"
         )
     # A failure is words: the error itself may be of a class that the driver cannot load.
-    return next(results(cell, settings, numbers))
+    return next(batches_or_failure(cell, settings, numbers))
 
 
 def _sources(cell: Cell) -> dict[str, str]:

@@ -41,7 +41,7 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
 
     def play_cell(cell: Cell, numbers: list[int], stopped: threading.Event) -> None:
         progress.begin(cell)
-        for result in results(cell, settings, numbers, stopped):
+        for result in batches_or_failure(cell, settings, numbers, stopped):
             finish(cell, result)
 
     on_cores(work, settings.device, play_cell)
@@ -75,7 +75,7 @@ def may_be_shared(cell: Cell, device: str) -> bool:
     return ships and device == "cpu"
 
 
-def results(
+def batches_or_failure(
     cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None
 ) -> Iterator[Rows | Failure]:
     """Play some episodes of a cell, and yield each batch; if the policy raises, the failure is the last."""

@@ -97,7 +97,7 @@ class Table:
             for name, policies in played.items()
         }
         derived = [row for policies in played.values() for of_policy in policies.values() for row in of_policy]
-        return cls(derived, dict(scenarios), bounds, references, estimates, overall(played, scenarios))
+        return cls(derived, dict(scenarios), bounds, references, estimates, over_scenarios(played, scenarios))
 
 
 def numbers(rows: Iterable[Row], column: Column) -> np.ndarray:
@@ -191,7 +191,7 @@ def _estimate(column: Column, rows: Rows) -> Estimate:
     return replace(estimate, worst=rows[int(np.nanargmin(column.better * values))]["seed"])
 
 
-def overall(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[str, Scenario]) -> list[Overall]:
+def over_scenarios(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[str, Scenario]) -> list[Overall]:
     """Return estimates over the scenarios of each kind of robots, where there are several.
 
     The scenarios are the sample: a scenario has the mean of its episodes or, of worst cases, the largest. More
@@ -206,13 +206,13 @@ def overall(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[str, Sc
         names = tuple(name for name, scenario in scenarios.items() if name in played and scenario.actuation == kind)
         policies = [p for p in played[names[0]] if all(p in played[name] for name in names)] if len(names) > 1 else []
         if policies:
-            by = {p: {c.name: _over_scenarios(c, [played[n][p] for n in names]) for c in OVERALL} for p in policies}
+            by = {p: {c.name: _estimate_over(c, [played[n][p] for n in names]) for c in OVERALL} for p in policies}
             columns = with_numbers(by, OVERALL)
             by_kind.append(Overall(kind, names, ranked(by, columns[0]) if columns else by))
     return by_kind
 
 
-def _over_scenarios(column: Column, by_scenario: Sequence[Rows]) -> Estimate:
+def _estimate_over(column: Column, by_scenario: Sequence[Rows]) -> Estimate:
     known = [values[~np.isnan(values)] for values in (numbers(rows, column) for rows in by_scenario)]
     if column.summary == LARGEST:
         estimate = summarize_largest([values.max(initial=-np.inf) if len(values) else np.nan for values in known])

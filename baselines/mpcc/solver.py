@@ -149,11 +149,8 @@ class Mpcc(Copyable):
         return scratch
 
     def _record(self, first: int, count: int) -> Work:
-        p, curve, kernel = (
-            to_struct(MpccStruct, self.parameters),
-            curve_struct(self.curve, self.device),
-            solve_lissajous,
-        )
+        p, kernel = to_struct(MpccStruct, self.parameters), solve_lissajous
+        curve = curve_struct(self.curve, self.device)
         if self.curve.driven.harmonics:
             harmonics: Any = Series()
             harmonics.curve = curve

@@ -53,7 +53,7 @@ _ROOM = 1.05
 
 def families_of(scenario: Scenario, clearance: float = 0.0) -> list[Family]:
     """Return the families of plans for a scenario, with partitions whose bodies are a clearance apart [m]."""
-    families = defaults(scenario), best_known(scenario), partitions(scenario, clearance)
+    families = defaults(scenario), as_family(scenario, known_plans(scenario)), partitions(scenario, clearance)
     return [*families, lines(scenario), formations(scenario), patrols(scenario)]
 
 
@@ -72,11 +72,6 @@ def default_policies(scenario: Scenario) -> list[str]:
     names = [name for name in registry.names(scenario) if registry.is_classical(name) and registry.is_included(name)]
     names = [name for name in names if registry.is_default_on(name, scenario.name)]
     return [name for name in names if not registry.split_suffix(name)[1] or registry.split_suffix(name)[0] == _FILTERED]
-
-
-def best_known(scenario: Scenario) -> Family:
-    """Return the stored plans of a scenario as a family of plans, unless something was changed in it."""
-    return as_family(scenario, known_plans(scenario))
 
 
 def as_family(scenario: Scenario, plans: Sequence[BestKnown]) -> Family:

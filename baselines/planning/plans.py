@@ -237,9 +237,8 @@ def best_of(planned: Sequence[Planned]) -> list[Planned]:
 
 def in_turn(lists: Sequence[Sequence[Any]]) -> Iterator[Any]:
     """Yield the first of each list, then the second of each."""
-    nothing = object()
-    for row in itertools.zip_longest(*lists, fillvalue=nothing):
-        yield from (item for item in row if item is not nothing)
+    for row in itertools.zip_longest(*lists):
+        yield from (item for item in row if item is not None)
 
 
 def _no_plan(settings: Mapping[str, Any]) -> Plan:

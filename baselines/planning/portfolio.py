@@ -92,12 +92,8 @@ def scheduled_failures(scenario: Scenario) -> list[float]:
 def described_features(scenario: Scenario) -> tuple[Feature, ...]:
     """Return the features (F,) of a scenario of cars in the order in which the network reads them."""
     curve, robot, targets, faults = scenario.curve, scenario.robot, scenario.targets, scenario.faults
-    count, duration, sensing, unit = (
-        scenario.num_robots,
-        scenario.task.duration,
-        scenario.sensing_radius,
-        spacing(scenario),
-    )
+    count, duration = scenario.num_robots, scenario.task.duration
+    sensing, unit = scenario.sensing_radius, spacing(scenario)
     turning, failures = turning_radius(robot.wheelbase, robot.steering_max), scheduled_failures(scenario)
     fleeing = targets.fleeing * targets.flee_radius / sensing
     standstill = min(faults.rate * faults.mean_duration + sum(failures) / (count * duration), 1.0)

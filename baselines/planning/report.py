@@ -4,13 +4,13 @@ import dataclasses
 import json
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
 from baselines.benchmark.shown import Entry, between, number
-from baselines.planning.plans import SETTLED_TIME, Figures, Planned, worst_cases
+from baselines.planning.plans import SETTLED_TIME, Planned, worst_cases
 from baselines.planning.rehearse import Episodes
 from baselines.planning.search import PlanOutcome
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
@@ -28,39 +28,30 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
     """Print a table of plans."""
     failures, bounds, episodes = outcome.request.failures, outcome.lower_bounds, f"{_played(plans)} episodes"
     is_open = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
-    columns: list[tuple[bool, Column, Callable[[Planned], str]]] = [
-        (True, Column("plan", left=True), _name),
-        (len(outcome.scenarios) > 1, Column("N"), lambda entry: str(entry.plan.scenario.num_robots)),
-        (
-            True,
-            Column(f"worst case [s]\n{episodes}"),
-            lambda entry: worst_in_words(entry.figures.worst_case, entry.rows),
-        ),
-        (
-            True,
-            Column(f"second half [s]\n{episodes}"),
-            lambda entry: worst_in_words(entry.figures.settled, entry.rows, SETTLED_TIME),
-        ),
-        (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), _failed),
-        (
-            True,
-            Column("lower\nbound [s]", rank=2),
-            lambda entry: number(bounds.get(entry.plan.scenario.num_robots, math.nan)),
-        ),
-        (True, Column("mean detection\ntime [s]", rank=1), lambda entry: str(_detection(entry.figures))),
-        (True, Column("least gap\n[m]", rank=2), lambda entry: number(entry.figures.clearance)),
-        (is_open, Column("outside\n[m]", rank=1), lambda entry: number(entry.figures.outside)),
-        (True, Column("driven\n[m/min]", rank=3), lambda entry: number(entry.figures.distance)),
-        (True, Column("messages", left=True, rank=4), lambda entry: entry.figures.messages),
-        (True, Column("details", prose=True, rank=1), lambda entry: entry.plan.about),
-    ]
-    shown = [(column, words) for is_shown, column, words in columns if is_shown]
-    rows = [[str(k), *(words(planned) for _, words in shown)] for k, planned in enumerate(plans, start=1)]
-    print_table(console, [Column("", name="number"), *(column for column, _ in shown)], rows)
 
+    def entries(planned: Planned) -> list[tuple[bool, Column, str]]:
+        """Return whether each column is shown, the column, and the words of a plan."""
+        figures, robots = planned.figures, planned.plan.scenario.num_robots
+        detection = Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
+        settled = worst_in_words(figures.settled, planned.rows, SETTLED_TIME)
+        return [
+            (True, Column("plan", left=True), _name(planned)),
+            (len(outcome.scenarios) > 1, Column("N"), str(robots)),
+            (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(figures.worst_case, planned.rows)),
+            (True, Column(f"second half [s]\n{episodes}"), settled),
+            (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), _failed(planned)),
+            (True, Column("lower\nbound [s]", rank=2), number(bounds.get(robots, math.nan))),
+            (True, Column("mean detection\ntime [s]", rank=1), str(detection)),
+            (True, Column("least gap\n[m]", rank=2), number(figures.clearance)),
+            (is_open, Column("outside\n[m]", rank=1), number(figures.outside)),
+            (True, Column("driven\n[m/min]", rank=3), number(figures.distance)),
+            (True, Column("messages", left=True, rank=4), figures.messages),
+            (True, Column("details", prose=True, rank=1), planned.plan.about),
+        ]
 
-def _detection(figures: Figures) -> Entry:
-    return Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
+    shown = [[(column, words) for is_shown, column, words in entries(planned) if is_shown] for planned in plans]
+    rows = [[str(k), *(words for _, words in row)] for k, row in enumerate(shown, start=1)]
+    print_table(console, [Column("", name="number"), *(column for column, _ in shown[0])], rows)
 
 
 def _name(planned: Planned) -> str:

@@ -219,19 +219,16 @@ class Request(Checked, with_defaults=False, part=""):
     def _with_changes(self, scenario: Scenario, num_robots: int) -> Scenario:
         """Return the given scenario with the changes of the request."""
         robot = _robot(scenario.robot, self)
-        changed: dict[str, Any] = {}
+        given = {"sensing.radius": self.sensor_radius, "targets.entry": self.entry}
+        changed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         if robot != scenario.robot:
             changed["robot"] = robot
-        if self.sensor_radius is not None:
-            changed["sensing.radius"] = self.sensor_radius
         if self.rogue_speed is not None:
             # A target that moves faster than the limit of the rogues would be one of them.
             slower = {"speed": min(scenario.targets.speed, self.rogue_speed)}
             slower["flee_speed"] = min(scenario.targets.flee_speed, self.rogue_speed)
             changed |= {f"targets.{name}": value for name, value in slower.items()}
             changed["targets.speed_limit"] = self.rogue_speed
-        if self.entry is not None:
-            changed["targets.entry"] = self.entry
         if self.open:
             changed["task.boundary"] = "open"
         curve, is_resized = scenario.curve, False
@@ -252,15 +249,10 @@ class Request(Checked, with_defaults=False, part=""):
 
 def _robot(robot: Robot, request: Request) -> Robot:
     """Return a robot with the changes of the request."""
-    changed: dict[str, Any] = {}
-    if request.robot_radius is not None:
-        changed["radius"] = request.robot_radius
+    given = {"radius": request.robot_radius, "kind": request.robot, "acceleration_max": request.acceleration}
+    changed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if request.speed is not None:
         changed |= {"speed_max": request.speed, "throttle_max": None, "phase_rate_max": None}
-    if request.robot is not None:
-        changed["kind"] = request.robot
-    if request.acceleration is not None:
-        changed["acceleration_max"] = request.acceleration
     if request.turning_radius is not None:
         changed |= {"kind": "car", "wheelbase": request.turning_radius * math.tan(robot.steering_max)}
     return dataclasses.replace(robot, **changed)

@@ -8,7 +8,6 @@ from typing import Any
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.policies.driving import twist_reached
 from baselines.policies.own_row import Actions, Observation, own_heading, own_speed
 from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
@@ -16,8 +15,15 @@ from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Robot, Scenario
+from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleration
 
 wp.set_module_options(OPTIONS)
+
+
+class CarForDrive(Robot):
+    """Cars that stand for robots of another model; those that stand for differential drives turn as gradually."""
+
+    stands_for_drive = True
 
 
 @wp.kernel
@@ -34,11 +40,13 @@ def to_twists(
     """Write the measured heading, and the speed and yaw rate that a car would reach in the step with its action."""
     w, i = wp.tid()
     taken = steering_and_throttle(car, wp.vec2(wanted[w, i, 0], wanted[w, i, 1]))
+    curvature = wp.tan(taken[0]) / car.wheelbase
+    push = motor_acceleration(car, car.drive, taken[1])
     speed = wp.max(own_speed(w, i, top_speed, observation), 0.0)
-    reached = twist_reached(car, taken[0], taken[1], speed, step)
+    reached = car_step(car, wp.vec4(0.0, 0.0, 0.0, speed), curvature, push, step)
     heading_out[w, i] = own_heading(w, i, observation)
-    speed_out[w, i] = reached[0]
-    yaw_rate_out[w, i] = reached[1]
+    speed_out[w, i] = reached[3]
+    yaw_rate_out[w, i] = car_rate(car, reached, curvature, push)[2]
 
 
 class AsCars(Policy):
@@ -107,21 +115,21 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
     top, widest, acceleration = limits.values()
     turning, grip = scenario.turning_radius, robot.lateral_acceleration_max
     drag = min(acceleration / top, 1 / scenario.task.step)
-    car = dataclasses.replace(
-        robot,
-        kind="car",
-        steering_max=Robot.steering_max,
-        wheelbase=turning * math.tan(Robot.steering_max),
-        throttle_min=0.0,
-        throttle_max=None,
-        speed_max=top,
-        drag=drag,
-        drive=drag * top,
-        offset=0.0,
-        dead_zone=0.0,
-        model_offset=None,
-        lateral_acceleration_max=grip if turning == widest else min(grip, turning * (top / widest) ** 2),
-        yaw_acceleration_max=robot.top_yaw_acceleration if robot.kind == "differential" else None,
-        drive_factors=(),
-    )
+    fields = dataclasses.asdict(robot) | {
+        "kind": "car",
+        "steering_max": Robot.steering_max,
+        "wheelbase": turning * math.tan(Robot.steering_max),
+        "throttle_min": 0.0,
+        "throttle_max": None,
+        "speed_max": top,
+        "drag": drag,
+        "drive": drag * top,
+        "offset": 0.0,
+        "dead_zone": 0.0,
+        "model_offset": None,
+        "lateral_acceleration_max": grip if turning == widest else min(grip, turning * (top / widest) ** 2),
+        "yaw_acceleration_max": robot.top_yaw_acceleration if robot.kind == "differential" else None,
+        "drive_factors": (),
+    }
+    car = CarForDrive(**fields)
     return dataclasses.replace(scenario, robot=car).resolve()

@@ -19,11 +19,10 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.devices import copy_in
 from lissajous_env.device.program import launcher
-from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario import Scenario, read_only
 from lissajous_env.settings.checks import Checked, flag, number
 from lissajous_env.theory.closed_forms import curve_speed
 from lissajous_env.theory.geometry import curve_length, lap_phases
-from lissajous_env.world.extension_stages import read_only
 from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)

@@ -1,9 +1,21 @@
 """Policies that divide the known targets among the robots, for cars whose actions are velocities."""
 
+from typing import Any
+
 import numpy as np
 
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import Chase, Searching, distances, greedy_division, known_places, towards, unit
+from baselines.policies.reacting import (
+    Chase,
+    Searching,
+    SentPlaces,
+    distances,
+    greedy_division,
+    known_places,
+    towards,
+    unit,
+)
+from lissajous_env.parameters.scenario import Scenario
 
 _CORNERS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 """Corners of the rectangle, in units of its half width and half height."""
@@ -40,18 +52,22 @@ class Cover(Searching):
     margin: float = 0.7
     """Distance within which targets around a place count [sight]."""
 
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
+        super().__init__(scenario, num_worlds, device, **settings)
+        self._sent = SentPlaces(self.scenario, self.num_worlds)
+
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """React to the tracks, if rows have entries for them."""
         if rows.tracks.shape[2] == 0:
             return np.zeros_like(rows.position), np.zeros(self.shape, dtype=bool)
-        return self.react_to_tracks(rows)
+        return self.react_to_tracks(rows, self._sent.next(rows))
 
-    def react_to_tracks(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """Drive to the robot's place, if it has one."""
+    def react_to_tracks(self, rows: Rows, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Drive to the robot's place, if it has one; `robots` are those of `SentPlaces`."""
         at = rows.position[:, :, None] + self.expected_offset(rows)
         pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)
         places = np.concatenate([at, at[:, :, pairs].mean(axis=3)], axis=2)
-        own = self.division(rows, places, at, self.worth(rows))
+        own = self.division(robots, places, at, self.worth(rows))
         return towards(of_own(places, own) - rows.position, 0.25 * self.sight), own >= 0
 
     def worth(self, rows: Rows) -> np.ndarray:
@@ -59,17 +75,17 @@ class Cover(Searching):
         fade = self.fade * self.sight / self.top
         return np.where(rows.tracks, np.exp(-rows.track_age / fade), 0.0)
 
-    def division(self, rows: Rows, places: np.ndarray, at: np.ndarray, worth: np.ndarray) -> np.ndarray:
+    def division(self, robots: np.ndarray, places: np.ndarray, at: np.ndarray, worth: np.ndarray) -> np.ndarray:
         """Return the place (W, N) of each robot, -1 for none.
 
         Args:
-            rows: Rows of the robots.
+            robots: (W, N, 1 + M, 2) robots, NaN for unknown ones [m].
             places: (W, N, P, 2) places, NaN for none [m].
             at: (W, N, K, 2) where the known targets are [m], NaN for none.
             worth: (W, N, K) how much they count.
         """
         covers = distances(places, at) < self.margin * self.sight
-        time = distances(known_places(rows), places) / self.top + self.delay * (self.sight / self.top)
+        time = distances(robots, places) / self.top + self.delay * (self.sight / self.top)
         time, counts = np.where(np.isnan(time), np.inf, time), covers.astype(float)
 
         def rates(free: np.ndarray) -> np.ndarray:
@@ -99,11 +115,11 @@ class Herd(Cover):
     slow: float = 0.8
     """Distance from its goal within which a robot is slower than its top speed [sight]."""
 
-    def react_to_tracks(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+    def react_to_tracks(self, rows: Rows, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Drive to the robot's place, behind a target that flees, or rest before a cornered one."""
-        flees, cornered = self.fleeing_and_cornered(rows)
+        flees, cornered = self.fleeing_and_cornered(rows, robots)
         at = np.where(rows.tracks[..., None], rows.position[:, :, None] + self.expected_offset(rows), np.nan)
-        own = self.division(rows, at, at, self.worth(rows) * np.where(flees, self.fleeing, 1.0))
+        own = self.division(robots, at, at, self.worth(rows) * np.where(flees, self.fleeing, 1.0))
         place = np.where(own[..., None] >= 0, of_own(at, own), rows.position)
         away = place - rows.position
         ways = unit(self.half * _CORNERS - place[:, :, None])
@@ -114,12 +130,12 @@ class Herd(Cover):
         rests = of_own(cornered, own) & (np.linalg.norm(away, axis=-1) < self.sight)
         return np.where(rests[..., None], 0.0, wish), own >= 0
 
-    def fleeing_and_cornered(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
+    def fleeing_and_cornered(self, rows: Rows, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which tracks are of targets that flee, and of those that stand in a corner (W, N, K)."""
-        at, known = rows.position[:, :, None] + rows.track_offset, known_places(rows)
+        at = rows.position[:, :, None] + rows.track_offset
         speed, flight = np.linalg.norm(rows.track_velocity, axis=-1), self.scenario.targets.flee_speed
-        robot = np.nan_to_num(distances(known, at), nan=np.inf).argmin(axis=2)
-        away = unit(at - np.take_along_axis(known, robot[..., None], axis=2))
+        robot = np.nan_to_num(distances(robots, at), nan=np.inf).argmin(axis=2)
+        away = unit(at - np.take_along_axis(robots, robot[..., None], axis=2))
         flees = rows.tracks & (speed > 0.9 * flight) & ((unit(rows.track_velocity) * away).sum(axis=-1) > _AWAY)
         corner = np.linalg.norm(self.half - np.abs(at), axis=-1) < _CORNER * self.sight
         return flees, rows.tracks & (speed < 0.1 * flight) & corner

@@ -7,12 +7,16 @@ from lissajous_env.device.car_input import car_action, throttle_towards
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleration
+
+
+def weakest_top_speed(scenario: Scenario, factor: float = 1.0) -> float:
+    """Return the top speed of a car with a factor on its drive and the weakest motor that the spread allows [m/s]."""
+    return max(scenario.robot.steady_speed(scenario.robot.drive * scenario.noise.drive_range[0] * factor), 0.0)
 
 
 def slowest_top_speed(scenario: Scenario) -> float:
-    """Return the top speed of the slowest car that the spread of the drive allows [m/s]."""
-    return max(scenario.robot.steady_speed(scenario.robot.drive * scenario.noise.drive_range[0]), 0.0)
+    """Return the top speed of the slowest car that the factors and the spread of the drive allow [m/s]."""
+    return weakest_top_speed(scenario, float(scenario.drive_factors.min()))
 
 
 @wp.func
@@ -48,12 +52,3 @@ def drive_towards(
     action = car_action(robot, steering, throttle_towards(robot, speed, wp.min(wanted_speed, fastest), speed_gain))
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
-
-
-@wp.func
-def twist_reached(robot: RobotStruct, steering: float, tau: float, speed: float, step: float) -> wp.vec2:
-    """Return the speed [m/s] of a car at the end of a step [s], and its yaw rate [rad/s] at that time, by (12)."""
-    push = motor_acceleration(robot, robot.drive, tau)
-    curvature = wp.tan(steering) / robot.wheelbase
-    moved = car_step(robot, wp.vec4(0.0, 0.0, 0.0, speed), curvature, push, step)
-    return wp.vec2(moved[3], car_rate(robot, moved, curvature, push)[2])

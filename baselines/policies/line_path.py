@@ -213,7 +213,7 @@ def turn_of(curvature_step: float) -> Turn:
 def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tuple[tuple[Lines, ...], str]:
     """Return `count` lines that span the rectangle, at several speeds if they turn inside, and a failed condition."""
     if slowest_top_speed(scenario) == 0:
-        return (), "the slowest car that the spread of the drive allows does not move"
+        return (), "the slowest car does not move"
     if scenario.task.boundary == "open" and scenario.inset == 0:
         failed = failed_condition(scenario, count)
         return (() if failed else (_turning_outside(scenario, parameters, count),)), failed

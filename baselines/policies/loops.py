@@ -150,6 +150,12 @@ def length_of(loop: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum())
 
 
+def speed_of(loop: np.ndarray, step: float) -> float:
+    """Return the largest speed on loops (..., K, 2) [m], one place a control step [s], in m/s."""
+    pieces = np.linalg.norm(loop - np.roll(loop, 1, axis=-2), axis=-1)
+    return max(float(pieces.max()) / step, 1e-3)
+
+
 def evenly_spaced(loop: np.ndarray, count: int) -> np.ndarray:
     """Return `count` points (count, 2) at even distances along a closed polygon, the first one its rightmost [m]."""
     loop = np.roll(loop, -int(np.argmax(loop[:, 0] - 1e-6 * np.abs(loop[:, 1]))), axis=0)
@@ -173,8 +179,8 @@ class SweepParameters(Checked):
     inset: float | None = number(None, 0, 1e4, "m")
     """Distance of the loop from the boundary [m]; None is 0.1 sensing radii where targets enter at the
     boundary, else 0.7, or less if the corners would not fit."""
-    lanes: int | None = whole(None, 2, 64)
-    """Lanes of the loop, an even number; 2 goes around the rectangle. None is described in `patrol_loop`."""
+    lanes: int | None = whole(None, 2, 64, "even")
+    """Lanes of the loop; 2 goes around the rectangle. None is described in `patrol_loop`."""
     corner: float | None = number(None, 1e-3, 1e4, "m")
     """Radius of the loop's corners [m]; None is `corner_radius`."""
     bow: float = number(0.0, 0, 1e4, "m")
@@ -192,9 +198,6 @@ class SweepParameters(Checked):
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
     """Distance of the goal ahead of a car's place [m]; None is the distance that the patrol drives in
     0.3 s, in the time scale of the paper's experiment, and at least 4 wheelbases."""
-
-    def _check_together(self) -> None:
-        self._require(self.lanes is None or self.lanes % 2 == 0, "lanes", "must be even")
 
 
 def fastest_speed(scenario: Scenario) -> float:

@@ -146,18 +146,18 @@ class Rows:
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario, self._places = _decoded(named.build(scenario))
+        self.scenario, self._indices = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
-        if self.values.shape[-1:] != (len(self._places),):
-            rule = f"observation must have rows of {len(self._places)} numbers for {self.scenario.name}"
+        if self.values.shape[-1:] != (len(self._indices),):
+            rule = f"observation must have rows of {len(self._indices)} numbers for {self.scenario.name}"
             raise ValueError(f"{rule}, got shape {self.values.shape}")
         self._half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
 
     def entry(self, name: str) -> np.ndarray:
         """Return the raw values (W, N) of an entry, by its name in the layout of the observation."""
-        rule = f"must be one of the {len(self._places)} of the layout of the observation of {self.scenario.name}"
-        require(name in self._places, "entry", rule, name, self._places)
-        return self.values[..., self._places[name]]
+        rule = f"must be one of the {len(self._indices)} of the layout of the observation of {self.scenario.name}"
+        require(name in self._indices, "entry", rule, name, self._indices)
+        return self.values[..., self._indices[name]]
 
     @cached_property
     def position(self) -> np.ndarray:
@@ -293,8 +293,8 @@ class Rows:
     def _of(self, kind: str, name: str) -> np.ndarray:
         """Return an entry of each of the K things of a kind (W, N, K)."""
         count = 2 if kind == "neighbour" else getattr(self.scenario.sensing, f"{kind}s_seen")
-        places = np.array([self._places[f"{kind}_{k}_{name}"] for k in range(count)], dtype=int)
-        return self.values.take(places, axis=-1)
+        indices = np.array([self._indices[f"{kind}_{k}_{name}"] for k in range(count)], dtype=int)
+        return self.values.take(indices, axis=-1)
 
     def _pairs(self, kind: str, x: str = "x", y: str = "y") -> np.ndarray:
         return np.stack([self._of(kind, x), self._of(kind, y)], axis=-1)

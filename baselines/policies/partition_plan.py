@@ -52,8 +52,8 @@ class PartitionParameters(Checked):
     """Extent of the loops along x: 0 is a turning circle, 1 the width of the cell."""
     extent_y: float | None = number(None, 0, 1)
     """Extent of the loops along y: 0 is a turning circle, 1 the height of the cell."""
-    lanes: int | None = whole(None, 2, 64)
-    """Lanes of a loop, an even number."""
+    lanes: int | None = whole(None, 2, 64, "even")
+    """Lanes of a loop."""
     turning: float | None = number(None, 1e-6, 1e4, "m")
     """Radius of the tightest turns of loops [m], if it is above that of the robots; None is that of the robots, or of
     differential drives that or twice that, whichever detects sooner."""
@@ -61,9 +61,6 @@ class PartitionParameters(Checked):
     """Least distance of two bodies on the loops [m]; None is the radius of a body."""
     in_phase: bool = flag(False)
     """True if all loops have the same direction and phase, so that cars on equal loops never come nearer."""
-
-    def _check_together(self) -> None:
-        self._require(self.lanes is None or self.lanes % 2 == 0, "lanes", "must be even")
 
 
 @dataclass(frozen=True)

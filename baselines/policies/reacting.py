@@ -3,7 +3,7 @@
 A rule chooses a velocity by the targets in sight and on tracks, and patrols in `Lanes` while there are none. `Lanes`
 observes no target, so the difference to it is the worth of reacting; `index_rule.Index` learns where targets appear.
 All of them avoid the robots in sight. Each robot uses its own row alone: where the robots of a team divide work, each
-computes the whole division from the places and tracks in its row, so all agree if they share both.
+computes the whole division from the places and tracks in its row, so all agree if they share both (`SentPlaces`).
 
 The settings of a rule have the unit that stands behind each in brackets: [sight] is `sensing.sight`.
 """
@@ -18,6 +18,7 @@ from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.loops import lane_corners
 from baselines.policies.own_row import Rows
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.selection import Remembering
 
 _APART = 6.25
 """Distance below which robots repel each other [body radius]."""
@@ -74,6 +75,32 @@ def known_places(rows: Rows) -> np.ndarray:
     exists, offset = others_heard(rows)
     offsets = [np.zeros_like(offset[:, :, :1]), np.where(exists[..., None], offset, np.nan)]
     return rows.position[:, :, None] + np.concatenate(offsets, axis=2)
+
+
+class SentPlaces(Remembering):
+    """Places of robots when the messages that arrive now were sent, for rules that divide work by them.
+
+    Robots that divide it each for themselves agree if all use places of one time, and so their own place of that time.
+    """
+
+    def __init__(self, scenario: Scenario, num_worlds: int):
+        self.num_worlds = num_worlds
+        delay = round(scenario.noise.message_delay / scenario.task.step)
+        self._own = np.zeros((num_worlds, scenario.num_robots, delay + 1, 2))
+        self._begins = np.ones(num_worlds, dtype=bool)
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Begin with the places of the next step."""
+        self._begins = self._begins | mask
+
+    def next(self, rows: Rows) -> np.ndarray:
+        """Return `known_places` (W, N, 1 + M, 2) of a step, with the own places of that time [m]."""
+        self._own = np.concatenate([rows.position[:, :, None], self._own[:, :, :-1]], axis=2)
+        self._own[self._begins] = rows.position[self._begins][:, :, None]
+        self._begins = np.zeros(self.num_worlds, dtype=bool)
+        places = known_places(rows)
+        places[:, :, 0] = self._own[:, :, -1]
+        return places
 
 
 def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -174,8 +201,7 @@ class Lanes(Reacting):
         self._spacing = self._along[-1] / self.num_robots
         longest = math.ceil(1.25 * self._spacing / (self.top * self.step))  # until robots are apart in their places
         self._delay, self._last_choice = delay, delay + (longest if noise.message_loss > 0 else 0)
-        self._earlier = np.zeros((*self.shape, delay + 1, 2))
-        """Own places in the latest steps, the earliest last: a choice uses places of one step for the whole team."""
+        self._sent = SentPlaces(self.scenario, self.num_worlds)
 
     def forget(self, mask: np.ndarray) -> None:
         """Begin the tour anew."""
@@ -187,12 +213,8 @@ class Lanes(Reacting):
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Follow the robot's place on the tour."""
-        starts, chooses = self._steps == 0, self._steps <= self._last_choice
-        self._earlier = np.concatenate([rows.position[:, :, None], self._earlier[:, :, :-1]], axis=2)
-        self._earlier[starts] = rows.position[starts][:, :, None]
+        chooses, places = self._steps <= self._last_choice, self._sent.next(rows)
         if chooses.any():
-            places = known_places(rows)
-            places[:, :, 0] = self._earlier[:, :, -1]
             then = self._way(np.maximum(self._steps - self._delay, 0))
             self._slot[chooses] = self._nearest_slots(places[chooses], then[chooses])
         way = self._way(self._steps)

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.policies.driving import slowest_top_speed
+from baselines.policies.driving import slowest_top_speed, weakest_top_speed
+from baselines.policies.loops import speed_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import largest_speed, turning_radius
@@ -87,8 +88,8 @@ class Car:
     """Largest speed [m/s]."""
     slowest: float
     """Smallest speed [m/s]."""
-    top_speed: float
-    """Steady speed at full throttle [m/s]."""
+    top_speeds: list[float]
+    """Steady speed of each robot at full throttle [m/s]; not below a given speed, at which slower cars fall behind."""
     drag: float
     """Damping of the speed [1/s]."""
     grip: float
@@ -101,10 +102,12 @@ class Car:
         """Return the limits of the cars of a scenario; the largest speed is that of `planned_limits` by default."""
         robot, turning, driven = scenario.robot, radius_for_all_cars(scenario), scenario.driven
         largest, grip = planned_limits(scenario)
+        given = min((speed or 0.0) / _SLOWEST_SHARE, weakest_top_speed(scenario))
+        top_speeds = [max(weakest_top_speed(scenario, factor), given) for factor in scenario.drive_factors]
         speed = speed_on_arc(turning, speed or largest, grip, scenario.task.step)
         slowest = max(1.02 * robot.idle_speed, _LEAST_SHARE * robot.top_speed)
         within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
-        return cls(turning, max(speed, slowest), slowest, slowest_top_speed(scenario), robot.drag, grip, within)
+        return cls(turning, max(speed, slowest), slowest, top_speeds, robot.drag, grip, within)
 
 
 def start_is_known(scenario: Scenario) -> bool:
@@ -126,12 +129,6 @@ def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray,
     pose = np.concatenate([closed_forms.curve_point(scenario.driven, gamma)[..., :2], heading[..., None]], axis=-1)
     pose[..., 2] = start_headings(scenario, pose, speed)
     return pose, speed
-
-
-def speed_of(loop: np.ndarray, step: float) -> float:
-    """Return the largest speed on loops (..., K, 2) [m], one place a control step [s], in m/s."""
-    pieces = np.linalg.norm(loop - np.roll(loop, 1, axis=-2), axis=-1)
-    return max(float(pieces.max()) / step, 1e-3)
 
 
 def arrival_steps(scenario: Scenario, loop: np.ndarray, speed: float) -> int:
@@ -233,7 +230,7 @@ class _Search:
             gain = (after - before + 6 * swell * (1 - 2 * share)) / duration
             possible &= speed >= np.minimum(car.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * car.speed
             possible &= speed <= np.maximum(car.speed, np.maximum(before, after)) * (1 + 1e-9)
-            possible &= (gain <= car.drag * (car.top_speed - speed)) & (gain >= -0.85 * car.drag * speed)
+            possible &= (gain <= car.drag * (car.top_speeds[robot] - speed)) & (gain >= -0.85 * car.drag * speed)
             if math.isfinite(fastest):
                 along = _distance(before, after, swell, duration, share)
                 is_straight = (along >= pieces[..., 0]) & (along <= lengths - pieces[..., 2]) & (TURNS[:, 1] == 0)

@@ -88,11 +88,6 @@ def _of(unit: str) -> str:
     return f" {unit}" if unit else ""
 
 
-def verdict(claim: Claim) -> str:
-    """Return yes, no, or a dash if there is nothing to compare with."""
-    return {True: "yes", False: "no", None: "-"}[claim.agrees]
-
-
 def print_claims(console: Console, claims: Sequence[Claim]) -> None:
     """Print the table, a rule between the parts."""
     rows: list[list[str | Text]] = []
@@ -107,7 +102,8 @@ def print_claims(console: Console, claims: Sequence[Claim]) -> None:
 
 def _cells(claim: Claim) -> list[str]:
     """Return the cells of a claim in the order of `_COLUMNS`."""
-    return [claim.part, claim.claim, claim.paper, claim.ours, claim.tolerance, verdict(claim), claim.why]
+    agrees = {True: "yes", False: "no", None: "-"}[claim.agrees]
+    return [claim.part, claim.claim, claim.paper, claim.ours, claim.tolerance, agrees, claim.why]
 
 
 def summary(claims: Sequence[Claim]) -> str:

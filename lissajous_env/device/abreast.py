@@ -24,14 +24,12 @@ Floats = wp.types.vector(length=_LENGTH, dtype=wp.float32)
 Doubles = wp.types.vector(length=_LENGTH, dtype=wp.float64)
 Ints = wp.types.vector(length=_LENGTH, dtype=wp.int32)
 
-_ON_CPU = int(ABREAST)
-
 
 @wp.func_native(f"""
 #if defined(__CUDA_ARCH__)
     return 1;
 #else
-    return {_ON_CPU};
+    return {_LENGTH};
 #endif
 """)
 def width() -> int:
@@ -41,7 +39,7 @@ def width() -> int:
 
 def width_on(device: Any) -> int:
     """Return `width()` of a device, for the host."""
-    return _ON_CPU if device.is_cpu else 1
+    return _LENGTH if device.is_cpu else 1
 
 
 @wp.struct

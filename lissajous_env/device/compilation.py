@@ -67,10 +67,8 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
     for module in new:
         if module.name.partition(".")[0] not in OWN_PACKAGES:
             module.mark_modified()  # its user may have loaded it with a frame for tiles
-    cache, folders = (
-        str(wp.config.kernel_cache_dir),
-        [folder_of(module, 1 if device.is_cpu else None) for module in new],
-    )
+    cache = str(wp.config.kernel_cache_dir)
+    folders = [folder_of(module, 1 if device.is_cpu else None) for module in new]
     if any(not Path(cache, folder).is_dir() for folder in folders):
         try:
             tempfile.TemporaryFile(dir=cache).close()

@@ -50,14 +50,14 @@ class Call:
         self._bounds, *values = launch.params
         self._arguments = _arguments_of(tuple(map(type, values)))(*values)
         self._function = launch.hooks.forward
-        self._places = ctypes.byref(self._bounds), ctypes.byref(self._arguments)
+        self._pointers = ctypes.byref(self._bounds), ctypes.byref(self._arguments)
 
     def __call__(self) -> None:
         """Make the launch."""
         if self._launch.device.is_capturing:  # by a user, whose graph is made of launches
             self._launch.launch()
         else:
-            self._function(*self._places)
+            self._function(*self._pointers)
 
     @functools.cached_property
     def addresses(self) -> tuple[int, int, int]:

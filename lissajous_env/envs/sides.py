@@ -14,6 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from lissajous_env.device.devices import is_torch
 from lissajous_env.parameters import named
+from lissajous_env.parameters.robot_models import REST_OR_DIRECTION
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import is_whole
@@ -214,8 +215,7 @@ def action_table(scenario: str | Scenario) -> np.ndarray:
 
 def rogue_table() -> np.ndarray:
     """Return the actions (9, 2) from which a rogue's discrete action selects: rest, and eight directions."""
-    angles = np.arange(8) * (np.pi / 4)
-    return np.vstack([np.zeros((1, 2)), np.stack([np.cos(angles), np.sin(angles)], axis=1)]).astype(np.float32)
+    return np.array(REST_OR_DIRECTION, dtype=np.float32)
 
 
 def on_host(actions: Any) -> Any:

@@ -137,14 +137,17 @@ def model_of(kind: str) -> RobotModel:
     return MODELS[kind]
 
 
+REST_OR_DIRECTION = (0.0, 0.0), *((math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8))
+"""Velocities from which a discrete action selects [top speed]: rest, and eight directions."""
+
+
 def driven_by_velocity(model: RobotModel) -> RobotModel:
     """Return a model of cars whose actions are velocities: `task.action` = `velocity`."""
-    directions = [(math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8)]
     axis = "velocity along {} that the driver steers to [top speed]"
     return dataclasses.replace(
         model,
         actions=("x_velocity", "y_velocity"),
-        table=((0.0, 0.0), *directions),
+        table=REST_OR_DIRECTION,
         meanings=(axis.format("x"), axis.format("y")),
         rest=None,
         driving=None,

@@ -28,6 +28,13 @@ PARTS = {
 }
 
 
+def read_only(array: np.ndarray) -> np.ndarray:
+    """Return a view of an array through which nothing can be written."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 @dataclass(frozen=True)
 class Scenario(BringsRogues):
     """All constants of an episode, in parts. Each part checks its own fields, `scenario_rules` those across parts."""
@@ -110,15 +117,12 @@ class Scenario(BringsRogues):
                 table[robot] = ring[place - 1], ring[(place + 1) % n]
             elif n == 2:
                 table[robot, 0] = ring[1 - place]
-        table.flags.writeable = False
-        return table
+        return read_only(table)
 
     @cached_property
     def equilibrium(self) -> np.ndarray:
         """(N,) phases of the equilibrium (2) with theta_0 = 0 [rad]."""
-        phases = closed_forms.equilibrium_phases(self.num_robots, self.p, self.ring)
-        phases.flags.writeable = False
-        return phases
+        return read_only(closed_forms.equilibrium_phases(self.num_robots, self.p, self.ring))
 
     @cached_property
     def displacements(self) -> np.ndarray:
@@ -126,8 +130,7 @@ class Scenario(BringsRogues):
         angles = np.zeros(self.num_robots)
         for robot, angle in self.formation.displaced:
             angles[robot] += angle
-        angles.flags.writeable = False
-        return angles
+        return read_only(angles)
 
     @cached_property
     def speed_unit(self) -> float:
@@ -150,8 +153,7 @@ class Scenario(BringsRogues):
         factors = np.ones(self.num_robots)
         for robot, factor in self.robot.factors.items():
             factors[robot] = factor
-        factors.flags.writeable = False
-        return factors
+        return read_only(factors)
 
     @cached_property
     def top_speeds(self) -> np.ndarray:

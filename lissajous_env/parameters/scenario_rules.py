@@ -57,6 +57,9 @@ def _of_robots(scenario: Any) -> Rules:
     is_ring = ring is None or sorted(ring) == list(range(n))
     yield is_ring, "formation.ring", f"must contain each of the {n} robots once"
     yield scenario.faults.lost <= n, "faults.lost", f"must be at most the {n} robots"
+    is_gradual = scenario.robot.yaw_acceleration_max not in (None, math.inf) and not scenario.robot.stands_for_drive
+    rule = "must be None or infinite for cars, which steer at once [rad/s^2]"
+    yield kind != "car" or not is_gradual, "robot.yaw_acceleration_max", rule
     yield scenario.faults.stop != "coast" or kind == "car", "faults.stop", f"must be dead for robots of kind {kind}"
 
 

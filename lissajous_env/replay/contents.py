@@ -59,12 +59,13 @@ _MOST_PLACES = 6_000_000
 def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue | None = None) -> dict[str, Any]:
     """Convert a recording, and a rogue that its policy misses, to JSON values."""
     scenario, every = recording.scenario, max(math.ceil(len(recording) / detail.moments), 1)
-    moments = slice(None, None, every)
+    moments, of_task = slice(None, None, every), task_score(scenario).name
+    names = sorted(recording.score, key=lambda name: name != of_task)
     return {
         "scenario": _about(recording),
         "policy": str(recording.score.get("policy", "")),
         "seed": recording.score["seed"],
-        "score": {str(name): _plain(recording.score[name]) for name in _score_names(recording)},
+        "score": {str(name): _plain(recording.score[name]) for name in names},
         "step": scenario.task.step,
         "every": every,
         "moments": len(recording.position[moments]),
@@ -80,12 +81,6 @@ def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue |
         },
         "rogue": None if missed is None else _rogue(missed),
     }
-
-
-def _score_names(recording: Recording) -> list[str]:
-    """Return the names of the score row, that of the scenario's task first."""
-    first = task_score(recording.scenario).name
-    return sorted(recording.score, key=lambda name: name != first)
 
 
 def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:

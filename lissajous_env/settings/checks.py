@@ -39,10 +39,11 @@ def number(
     return _checked(default, rule, holds, float, units=(unit,))
 
 
-def whole(default: int | None, low: int, high: int, odd: bool = False) -> Any:
-    """Declare a whole number from `low` to `high`, both included, and on request odd."""
-    rule = f"must be {'an odd' if odd else 'a'} whole number from {low} to {high}"
-    return _checked(default, rule, lambda v: is_whole(v) and low <= v <= high and (v % 2 or not odd), operator.index)
+def whole(default: int | None, low: int, high: int, parity: str = "") -> Any:
+    """Declare a whole number from `low` to `high`, both included, which may have to be `odd` or `even`."""
+    rule = f"must be {f'an {parity}' if parity else 'a'} whole number from {low} to {high}"
+    rests = {"odd": (1,), "even": (0,)}.get(parity, (0, 1))
+    return _checked(default, rule, lambda v: is_whole(v) and low <= v <= high and v % 2 in rests, operator.index)
 
 
 def choice(default: str | None, *options: str) -> Any:

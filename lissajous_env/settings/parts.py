@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -59,7 +59,7 @@ class Curve(Checked):
     """Half of the rectangle's width, A [m]."""
     half_height: float = number(0.8, 1e-3, 1e4, "m")
     """Half of the rectangle's height, B [m]."""
-    a: int = whole(3, 1, 1023, odd=True)
+    a: int = whole(3, 1, 1023, "odd")
     """Oscillations along x in one lap, a; odd."""
     b: int = whole(2, 1, 1023)
     """Oscillations along y in one lap, b; shares no factor with a."""
@@ -206,8 +206,10 @@ class Robot(Checked):
     car begins at full throttle."""
     yaw_acceleration_max: float | None = number(None, 1e-9, 1e13, "rad/s^2", or_infinite=True)
     """Largest change of the yaw rate of a differential drive per time [rad/s^2]; None means 2 `acceleration_max` /
-    `radius`, that of a uniform disc whose wheels push at its edge as much as for `acceleration_max`; infinite for cars,
-    unless they stand for such drives."""
+    `radius`, that of a uniform disc whose wheels push at its edge as much as for `acceleration_max`. That of cars is
+    infinite."""
+    stands_for_drive: ClassVar[bool] = False
+    """True for cars that stand for differential drives, with the `yaw_acceleration_max` of these."""
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
     """Damping of the speed, c [1/s].
 

@@ -24,20 +24,13 @@ from lissajous_env.parameters.extensions import (
     TargetMotion,
 )
 from lissajous_env.parameters.robot_models import MODELS, RobotModel, model_of
-from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario import Scenario, read_only
 from lissajous_env.wording import nearest, shown, where_raised
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.state import DETECTED, HIDDEN, PRESENT
 from lissajous_env.world.tally import TERMS
 from lissajous_env.world.targets.motion import CUSTOM, into_rectangle
-
-
-def read_only(array: np.ndarray) -> np.ndarray:
-    """Return a view of an array through which nothing can be written."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
 
 
 class _Fixed:

@@ -5,14 +5,12 @@ episodes, containment and finiteness are tested here.
 """
 
 import pickle
-import warnings
 
 import numpy as np
 import pytest
 from pettingzoo.test import api_test, parallel_api_test
 
 import lissajous_env
-from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.world.tally import TERMS
 
 SHORT = {"task.duration": 3.0}
@@ -30,12 +28,8 @@ def make(kind, **settings):
     return lissajous_env.parallel_env(**{**KINDS[kind], **settings})
 
 
-@pytest.fixture(autouse=True)
-def _warnings_are_errors():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.simplefilter("ignore", AssumptionWarning)  # bodies that are too large for (6), on purpose
-        yield
+# Bodies are too large for (6), on purpose.
+pytestmark = pytest.mark.filterwarnings("error", "ignore::lissajous_env.parameters.assumptions.AssumptionWarning")
 
 
 @EVERY_KIND

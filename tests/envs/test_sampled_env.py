@@ -1,7 +1,6 @@
 """Environments of a space of scenarios: each reset draws a scenario, and the spaces stay."""
 
 import itertools
-import warnings
 
 import gymnasium
 import numpy as np
@@ -23,13 +22,8 @@ DRAW = {
 SMALL = ScenarioSpace("small", scenario("evaders"), DRAW, shifts={"tall": {"curve": {"half_height": 3.0}}})
 
 
-@pytest.fixture(autouse=True)
-def _warnings_are_errors():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        # Few scenarios have the largest team.
-        warnings.filterwarnings("ignore", "No agents present but not all possible_agents")
-        yield
+# Few scenarios have the largest team.
+pytestmark = pytest.mark.filterwarnings("error", "ignore:No agents present but not all possible_agents")
 
 
 def make(**settings):

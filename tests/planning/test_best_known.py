@@ -13,7 +13,7 @@ from baselines.benchmark.bounds import Bounds, as_played, bounds_of
 from baselines.benchmark.shown import bounds_in_words, number
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex, table_of
-from baselines.planning.families import best_known as known_family
+from baselines.planning.families import as_family
 from baselines.planning.plans import Plan
 from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings
@@ -27,7 +27,7 @@ def test_the_stored_figures_are_those_of_the_episodes(name):
     (stored,) = (each for each in bounds.all_known() if each.name == name)
     task = as_played(name.removesuffix(f"-{known.SETTLED}"), {})
     assert task.digest() == stored.scenario.digest()
-    figures = play(known_family(task).plan({"stored": name}), Episodes()).figures
+    figures = play(as_family(task, bounds.known_plans(task)).plan({"stored": name}), Episodes()).figures
     assert figures.collisions == 0
     assert (figures.worst_case, figures.settled) == (pytest.approx(stored.worst_case), pytest.approx(stored.settled))
     assert stored.command.startswith(f"python benchmarks/known.py {name.removesuffix(f'-{known.SETTLED}')} --seconds ")
@@ -48,7 +48,7 @@ def test_a_changed_scenario_has_no_best_known_plan():
     for changed in ({"sensing.radius": 0.7}, {"task.duration": 50.0}, {"robot.count": 7}):
         made = lissajous_env.scenario("evaders", **changed)
         assert bounds.known_plans(made) == []
-        assert not known_family(made).first
+        assert not as_family(made, bounds.known_plans(made)).first
         assert math.isnan(bounds_of(made).best_known)
 
 

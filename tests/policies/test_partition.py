@@ -110,14 +110,15 @@ def worst_of(scenario, plan):
     return worst_undetected_time(plan.loop, half, scenario.sensing_radius, scenario.rogue_speed, scenario.task.step)
 
 
-@pytest.mark.parametrize(("name", "spread"), [("evaders", 0.05), ("team", 0.02)])
+@pytest.mark.parametrize(("name", "spread"), [("evaders", 0.05), ("team", 0.02), ("evaders-uneven", 0.02)])
 def test_a_plan_obeys_the_limits_of_the_cars(name, spread):
     scenario = lissajous_env.scenario(name, **{"noise.drive_spread": spread}).resolve()
     plan = partition_plans(scenario)[0]
     robot, step = scenario.robot, scenario.task.step
     away = np.diff(plan.loop, axis=1, append=plan.loop[:, :1])
     speed = np.linalg.norm(away, axis=2).max() / step
-    slowest = robot.steady_speed(robot.drive * (1 - 3 * spread))
+    weakest = min([factor for _, factor in robot.drive_factors], default=1.0)
+    slowest = robot.steady_speed(robot.drive * (1 - 3 * spread) * weakest)
     assert speed <= min(0.75 * robot.top_speed, 0.9 * slowest) * 1.001
     heading = np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=1)
     turn = np.abs(np.diff(heading, axis=1))
@@ -190,7 +191,7 @@ def test_the_speed_is_a_parameter():
      "rows must be at most the 5 robots, got 6"),
     (lambda: partition_plans(lissajous_env.scenario("evaders", **{"task.boundary": "wall", "curve.inset": 0.35})),
      r"got one of 0\.45 m to a side within an inset of 0\.35 m"),
-    (lambda: PartitionParameters(lanes=3), "lanes must be even, got 3"),
+    (lambda: PartitionParameters(lanes=3), "lanes must be an even whole number from 2 to 64, got 3"),
     (lambda: RepairParameters(patience=0), "patience must be a whole number from 1"),
     (lambda: PartitionRepair("evaders", parameters=PartitionParameters()),
      r"parameters of PartitionRepair must be RepairParameters, got PartitionParameters\("),

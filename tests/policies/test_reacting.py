@@ -93,6 +93,19 @@ def test_a_team_divides_the_targets_that_it_covers():
     assert abs(to_one[1]) > 0.4, "a smaller disc covers only one of the two"
 
 
+def test_a_team_divides_targets_by_places_of_one_time():
+    # Oracle: the places of all robots in the simulation two steps ago, when the messages that arrive now were sent.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("watch", **{"noise.message_delay": 2.0}), seed=1)
+    policy, places, used = Cover(simulation.scenario), [], []
+    divide = policy.division
+    policy.division = lambda robots, *rest: used.append(robots) or divide(robots, *rest)
+    for _ in range(8):
+        places.append(simulation.robots.position.numpy()[0, :, :2].copy())
+        simulation.step(policy.act(simulation.observation))
+    for known, true in zip(used[2:], places, strict=False):
+        np.testing.assert_allclose(np.sort(known[0], axis=1), np.sort([true] * 5, axis=1), atol=1e-4)
+
+
 def test_a_fleeing_target_is_driven_into_a_corner_before_which_a_robot_rests():
     # Story: a target flees from robot 4 to the upper right. Robot 4 drives to a point behind it, which is to the right
     # of its own way to the target, since the corner is farther up. Then the target stands in the corner.
@@ -181,9 +194,10 @@ def test_a_chase_with_a_lead_meets_a_target_that_crosses():
     assert (np.sign(known[1]) * np.diff([np.arctan2(*way) for way in chased]) > 0).all()
 
 
-def test_an_index_rule_learns_where_targets_appear():
+@pytest.mark.parametrize("delay", [0.0, 2.0])
+def test_an_index_rule_learns_where_targets_appear(delay):
     # Story: after an episode the cells near the hotspots have the highest rates.
-    scenario = lissajous_env.scenario("hotspots")
+    scenario = lissajous_env.scenario("hotspots", **{"noise.message_delay": delay})
     simulation, policy = lissajous_env.Simulation(scenario, 3, seed=1), Index(scenario, 3)
     while not simulation.over.all():
         simulation.step(policy.act(simulation.observation))
@@ -193,9 +207,10 @@ def test_an_index_rule_learns_where_targets_appear():
         gap = np.linalg.norm(policy.cells[:, None] - places[w, there[w]], axis=-1)
         near = np.bincount(gap.argmin(axis=0), minlength=len(policy.cells))
         assert np.corrcoef(policy.rates()[w, 0], near)[0, 1] > 0.7
-        counted = policy._detections[w].sum(axis=-1)
-        assert (counted == counted[0]).all(), "the whole team knows the same"
-        detected = (simulation.targets.found_at.numpy()[w] < 2**30).sum()
+        counted, found_at = policy._detections[w].sum(axis=-1), simulation.targets.found_at.numpy()[w]
+        detected, unheard = (found_at < 2**30).sum(), (abs(found_at - 300) <= delay).sum()
+        assert np.ptp(counted) <= unheard
+        assert (np.ptp(policy._idle[w], axis=0) == 0).all(), "the whole team knows the same"
         assert 0.9 * detected <= counted[0] <= detected
 
 

@@ -97,6 +97,7 @@ def test_limits_that_are_not_given_follow_from_the_others():
         ({"robot.yaw_rate_max": 90.0}, r"robot.yaw_rate_max must turn a drive by at most pi in an integration step of"),
         ({"curve.half_depth": 0.5}, r"curve.half_depth must be 0 for differential drives \[m\], got 0.5"),
         ({"faults.stop": "coast"}, r"faults.stop must be dead for robots of kind differential, got 'coast'"),
+        ({**LIMITS, "robot.kind": "car"}, r"robot.yaw_acceleration_max must be .* for cars, .* \[rad/s\^2\], got 4.0"),
     ],
 )
 def test_a_drive_that_cannot_be_simulated_is_refused_by_name(overrides, words):
