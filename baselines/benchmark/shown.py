@@ -93,13 +93,15 @@ def _entry(estimate: Estimate | None, best: str) -> Entry:
 def best_number(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
     """Return the best number of a column as a table shows it; "" if all policies have the same.
 
-    Only policies compete of which most episodes have a number, and whose estimate is not a lower bound.
+    Only policies compete of which most episodes have a number, and whose estimate is not a lower bound; by the share of
+    seeds on which they are better than the reference, only those that are better than it on more than half of them.
     """
     estimates = [of_policy[column.name] for of_policy in policies if column.name in of_policy]
     most = max((estimate.known / estimate.n for estimate in estimates), default=0)
     if not most or not column.better or len({in_words(estimate)[0] for estimate in estimates}) == 1:
         return ""
     fit = [estimate for estimate in estimates if estimate.known / estimate.n == most and not estimate.at_least]
+    fit = [estimate for estimate in fit if estimate.summary != SHARE_OF_SEEDS or estimate.value > 0.5]
     return in_words(max(fit, key=lambda estimate: column.better * estimate.value))[0] if fit else ""
 
 
