@@ -44,8 +44,13 @@ from lissajous_env.world.columns import (
 FORMAT = "lissajous report 3"
 MOST_EPISODES = 20_000
 """Largest number of episodes that are listed, the worst first."""
-_ROBOTS = {"car": "cars", "curve": "points on the curve", "differential": "differential drives"}
-"""Names of the robots by their kind."""
+_ROBOTS = {
+    "car": "cars",
+    "curve": "points on the curve",
+    "differential": "differential drives",
+    "velocity": "cars whose actions are velocities",
+}
+"""Names of the robots by their kind, or that of their actions."""
 _DIGITS = 5
 """Significant digits of the numbers in the page."""
 _EPISODES = "the episodes"
