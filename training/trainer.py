@@ -28,7 +28,7 @@ from lissajous_env.console.terminal import make_console, print_line
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import TeamNetwork
-from training.learned.perception import OWN, TOKEN
+from training.learned.perception import OWN, TOKEN, unread_entries
 from training.learned.policy import LearnedTeam
 from training.settings import TrainingSettings
 from training.validation import described, limit_of, mean_of, rating_of, validate
@@ -105,6 +105,8 @@ def _resume_or_begin(
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
         say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
+    if unread := unread_entries(settings.make_checkpoint_scenario()):
+        say(f"warning: the network does not read the entries of the observation by {', '.join(unread)}")
     first = _WARM_UP * settings.rollout * state.worlds.count
     if state.actor.corrects and settings.steps <= first:
         say(f"warning: only the critic learns in the first {first:,} steps: {settings.steps:,} do not change the rule")

@@ -93,13 +93,15 @@ def _entry(estimate: Estimate | None, best: str) -> Entry:
 def best_number(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
     """Return the best number of a column as a table shows it; "" if all policies have the same.
 
-    Only policies compete of which most episodes have a number, and whose estimate is not a lower bound.
+    Only policies compete of which most episodes have a number, and whose estimate is not a lower bound; by the share of
+    seeds on which they are better than the reference, only those that are better than it on more than half of them.
     """
     estimates = [of_policy[column.name] for of_policy in policies if column.name in of_policy]
     most = max((estimate.known / estimate.n for estimate in estimates), default=0)
     if not most or not column.better or len({in_words(estimate)[0] for estimate in estimates}) == 1:
         return ""
     fit = [estimate for estimate in estimates if estimate.known / estimate.n == most and not estimate.at_least]
+    fit = [estimate for estimate in fit if estimate.summary != SHARE_OF_SEEDS or estimate.value > 0.5]
     return in_words(max(fit, key=lambda estimate: column.better * estimate.value))[0] if fit else ""
 
 
@@ -242,7 +244,9 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
         counted += f", {estimate.open} open" if estimate.open else ""
         is_equal = estimate.n > 1 and estimate.min == estimate.max
         worst = DASH if estimate.worst is None or is_equal else str(estimate.worst)
-        spread = map(number, (estimate.median, estimate.min, estimate.max))
+        spread = [number(value) for value in (estimate.median, estimate.min, estimate.max)]
+        if estimate.summary == LARGEST:
+            spread = ["no bound" if words == "infinite" else words for words in spread]
         others = (between(estimate.low, estimate.high) or DASH, counted, worst, *spread)
         rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])
     print_table(console, [terminal.Column("score", left=True, style="cyan"), *names], rows)

@@ -40,13 +40,13 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
             (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(figures.worst_case, planned.rows)),
             (True, Column(f"second half [s]\n{episodes}"), settled),
             (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), _failed(planned)),
-            (True, Column("lower\nbound [s]", rank=1), number(bounds.get(robots, math.nan))),
+            (True, Column("lower\nbound [s]", rank=2), number(bounds.get(robots, math.nan))),
             (True, Column("mean detection\ntime [s]", rank=1), str(detection)),
             (True, Column("least gap\n[m]", rank=2), number(figures.clearance)),
             (is_open, Column("outside\n[m]", rank=1), number(figures.outside)),
-            (True, Column("driven\n[m/min]", rank=2), number(figures.distance)),
-            (True, Column("messages", left=True, rank=3), figures.messages),
-            (True, Column("details", prose=True, rank=4), planned.plan.about),
+            (True, Column("driven\n[m/min]", rank=3), number(figures.distance)),
+            (True, Column("messages", left=True, rank=4), figures.messages),
+            (True, Column("details", prose=True, rank=1), planned.plan.about),
         ]
 
     shown = [[(column, words) for is_shown, column, words in entries(planned) if is_shown] for planned in plans]

@@ -156,6 +156,12 @@ def speed_of(loop: np.ndarray, step: float) -> float:
     return max(float(pieces.max()) / step, 1e-3)
 
 
+def arrival_steps(scenario: Scenario, loop: np.ndarray, speed: float) -> int:
+    """Return the time that cars of a speed [m/s] need from any start to loops (..., K, 2) [control step]."""
+    time = 2 * (scenario.curve.half_width + scenario.curve.half_height) / speed
+    return math.ceil(time / scenario.task.step) + 2 * loop.shape[-2]
+
+
 def evenly_spaced(loop: np.ndarray, count: int) -> np.ndarray:
     """Return `count` points (count, 2) at even distances along a closed polygon, the first one its rightmost [m]."""
     loop = np.roll(loop, -int(np.argmax(loop[:, 0] - 1e-6 * np.abs(loop[:, 1]))), axis=0)

@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import UnsuitableScenarioError
-from baselines.policies.loops import tour
+from baselines.policies.loops import arrival_steps, tour
 from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, problem_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
@@ -26,7 +26,6 @@ from baselines.policies.taking_over import PLACES, WATCH_SIZE, Takeover, take_ov
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import (
     Transit,
-    arrival_steps,
     planned_transit,
     radius_for_all_cars,
     required_distance,

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.loops import speed_of
+from baselines.policies.loops import arrival_steps, speed_of
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import TimedPaths
-from baselines.policies.transit import arrival_steps, start_is_known
+from baselines.policies.transit import start_is_known
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, rows, whole
 from lissajous_env.theory import closed_forms

@@ -47,6 +47,8 @@ _PER_ROBOT = 60
 """Paths of a car that are tried in an order, the earliest first."""
 _FARTHEST = 3.0
 """Largest coordinate on a way, in half sides of the rectangle; a car observes its own up to 4."""
+_DEVIATION = 0.5
+"""Largest standard deviation of a start that is known, over the least distance of two starts."""
 _LONGEST = 6.0
 """Longest planned transit, in times in which a car drives a quarter of the rectangle's perimeter."""
 
@@ -111,9 +113,13 @@ class Car:
 
 
 def start_is_known(scenario: Scenario) -> bool:
-    """Return whether the scenario determines all starts, within a body's diameter at two deviations."""
-    formation, farthest = scenario.formation, scenario.alpha * largest_speed(scenario.driven)
-    return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
+    """Return whether the scenario determines all starts, but for deviations after which all cars reach their ways."""
+    if scenario.formation.start != "equilibrium":
+        return False
+    places = formation_starts(scenario)[0][:, :2]
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)[~np.eye(len(places), dtype=bool)].min(initial=math.inf)
+    deviation = scenario.formation.start_noise * scenario.alpha * largest_speed(scenario.driven)
+    return deviation <= max(_DEVIATION * apart, scenario.robot.radius)
 
 
 def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -129,12 +135,6 @@ def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray,
     pose = np.concatenate([closed_forms.curve_point(scenario.driven, gamma)[..., :2], heading[..., None]], axis=-1)
     pose[..., 2] = start_headings(scenario, pose, speed)
     return pose, speed
-
-
-def arrival_steps(scenario: Scenario, loop: np.ndarray, speed: float) -> int:
-    """Return the time that cars of a speed [m/s] need from any start to loops (..., K, 2) [control step]."""
-    time = 2 * (scenario.curve.half_width + scenario.curve.half_height) / speed
-    return math.ceil(time / scenario.task.step) + 2 * loop.shape[-2]
 
 
 class Transit(NamedTuple):

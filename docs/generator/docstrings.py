@@ -2,15 +2,27 @@
 
 from typing import Any
 
+from lissajous_env.world.state import Clock
+
 _SECTIONS = ("Args", "Attributes", "Raises", "Returns", "Yields")
 
 
 def as_restructured_text(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Convert indented blocks below a line that ends in a colon into literal blocks, in place."""
+    if isinstance(thing, type(Clock)):
+        lines += ["", *arrays_of(thing)]
     # In an attribute's first line Sphinx would read the text before a colon as its type; a comment first prevents it.
     lines[:] = (["..", ""] if what in ("attribute", "property") else []) + [
         without_substitutions(line) for line in with_literal_blocks(lines)
     ]
+
+
+def arrays_of(struct: Any) -> list[str]:
+    """Return an entry of a list for each array of a struct of the state, with the docstring that follows it."""
+    from sphinx.pycode import ModuleAnalyzer  # which only a build of the documentation requires
+
+    about = ModuleAnalyzer.for_module(struct.cls.__module__).find_attr_docs()
+    return [f"* `{name}`: {' '.join(about[struct.cls.__name__, name]).strip()}" for name in struct.vars]
 
 
 def with_literal_blocks(lines: list[str]) -> list[str]:

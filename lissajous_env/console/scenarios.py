@@ -71,10 +71,10 @@ def _print_designs(console: Console, resolved_scenarios: list[Scenario]) -> None
         ])  # fmt: skip
     print_table(console, columns, rows)
     words = (
-        "\nN: number of robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa): detection-time bound of the "
-        "undisturbed formation. -: no bound, because r_s does not satisfy (8) or N is not a + b. feedback: score of "
-        "the best rule that reacts to targets over that of the best patrol; 1 where no observation says where an "
-        "undetected target is."
+        "\nN: number of robots; series: a curve that is rounded within walls, or another one than Lissajous's; r_s: "
+        "sensing radius; T_max = (2 pi / omega) / (N / kappa): detection-time bound of the undisturbed formation. -: "
+        "no bound, because r_s does not satisfy (8) or N is not a + b. feedback: score of the best rule that reacts to "
+        "targets over that of the best patrol; 1 where no observation says where an undetected target is."
     )
     console.print(words, style="dim", highlight=False)
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.wording import require
+
 
 def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     """Return the first index of each run of True in a mask (K,), and the index after its last."""
@@ -44,6 +46,17 @@ class Track:
     """(K,) float64 headings, not wrapped [rad]; NaN where the log has none."""
     speed: np.ndarray
     """(K,) float64 speeds over the ground, forwards [m/s]; NaN where the log has none."""
+
+    def __post_init__(self) -> None:
+        count = np.size(self.time)
+        for name, shape in {"time": (count,), "position": (count, 3), "heading": (count,), "speed": (count,)}.items():
+            array = np.asarray(getattr(self, name), float)
+            require(array.shape == shape, f"{name} of a track", f"must have the shape {shape}", array.shape)
+            object.__setattr__(self, name, array)
+        width = np.diff(self.time)
+        require(count > 1, "a track", "must have two poses at least", count)
+        require((width > 0).all(), "time of a track", "must be finite and increase [s]", width.min())
+        require(np.isfinite(self.position).all(), "position of a track", "must be finite [m]", self.position.min())
 
     def __len__(self) -> int:
         return len(self.time)

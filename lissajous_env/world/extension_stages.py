@@ -107,10 +107,14 @@ class _Arrays(_Fixed):
     def __init__(self, struct: Any, name: str):
         self.__dict__.update({"_fields": fields_of(struct), "_name": name})
 
+    def __dir__(self) -> list[str]:
+        return list(self.__dict__["_fields"])
+
     def __getattr__(self, name: str) -> Any:
         fields = self.__dict__["_fields"]
         if name not in fields:
-            raise AttributeError(f"{self.__dict__['_name']} has no array {name}{nearest(name, fields)}")
+            own = self.__dict__["_name"]
+            raise AttributeError(f"{own} has no array {name}{nearest(name, fields)}; dir(world.{own}) lists them")
         array = fields[name]
         view = read_only(array.numpy())
         if array.device.is_cpu:

@@ -49,7 +49,9 @@ def test_an_entry_names_what_is_wrong(tmp_path, text, words):
         leaderboard.read(path)
 
 
-def test_an_unknown_entry_is_refused_with_those_that_there_are():
+def test_the_included_entries_can_be_read_and_an_unknown_one_is_refused_with_their_names():
+    entries = [leaderboard.read(path) for path in leaderboard.FOLDER.glob("*.toml")]
+    assert len(entries) >= 3
     with pytest.raises(ValueError, match=r"such as .*patrol, rules, got rule; did you mean rules\?"):
         leaderboard.read(leaderboard.FOLDER / "rule.toml")
 
@@ -62,8 +64,3 @@ def test_a_policy_that_fails_is_named_with_its_error(small, tmp_path):
     words = r"test_leaderboard:refusing must play every scenario of watch-v1, but on watch-v1-24: RuntimeError: no map"
     with pytest.raises(ValueError, match=words):
         leaderboard.play("watch-v1", "test_leaderboard:refusing", tmp_path)
-
-
-def test_the_included_entries_can_be_read():
-    entries = [leaderboard.read(path) for path in leaderboard.FOLDER.glob("*.toml")]
-    assert len(entries) >= 3

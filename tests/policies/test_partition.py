@@ -150,9 +150,10 @@ def test_ring_neighbours_have_neighbouring_cells():
     assert sum(kept) >= 28
 
 
-def test_the_ideal_guarantee_is_that_of_the_simulated_cars_and_nobody_collides():
+@pytest.mark.parametrize("fields", [{}, {"robot.radius": 0.1}, {"formation.start_noise": 0.06}])
+def test_the_ideal_guarantee_is_that_of_the_simulated_cars_and_nobody_collides(fields):
     """Oracle: the contamination field of the simulation, with the cars' real dynamics, from the start of an episode."""
-    times = played("partition", {"task.duration": 15.0}, worlds=8)
+    times = played("partition", {"task.duration": 15.0, **fields}, worlds=8)
     assert times.max() <= 4.0
     scenario = lissajous_env.scenario("evaders")
     assert times[50:].max() == pytest.approx(worst_of(scenario, partition_plans(scenario)[0]), abs=0.3)

@@ -129,6 +129,10 @@ def test_another_number_of_robots_and_a_short_log_are_refused():
         score(Log("few", circle(robots=4)), "experiment")
     with pytest.raises(ValueError, match="at least a control step of"):
         score(Log("short", tuple(dataclasses.replace(each, time=each.time / 1e3) for each in circle())), "experiment")
+    track, nan = circle(3)[0], np.full((3, 3), np.nan)
+    for field, wrong in {"time": track.time[::-1], "position": nan, "heading": nan, "speed": [0.3]}.items():
+        with pytest.raises(ValueError, match=f"{field} of a track must "):
+            dataclasses.replace(track, **{field: wrong})
 
 
 def test_interpolation_is_exact_for_a_cubic():
@@ -178,14 +182,11 @@ def test_a_speed_that_is_computed_is_negative_in_reverse():
 @pytest.mark.parametrize(
     "damage", [lambda data: data[: len(data) // 3], lambda data: data[:200] + b"\xff" * 4000, lambda data: b"no log"]
 )
-def test_a_damaged_log_is_refused_by_its_name(logged, tmp_path, damage):
+def test_a_damaged_or_missing_log_is_refused_by_its_name(logged, tmp_path, damage):
     bad = tmp_path / "bad.mcap"
     bad.write_bytes(damage(logged[1].read_bytes()))
     with pytest.raises(ValueError, match="bad"):
         read(bad)
-
-
-def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ValueError, match=r"logs must be existing files or folders, got .*none\.mcap"):
         read(tmp_path / "none.mcap")
 

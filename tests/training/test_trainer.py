@@ -45,7 +45,7 @@ def arrays_of(folder):
     ({}, "greedy-herd"),
     ({"scenario": "intercept", "memory": 8, "heads": 0}, "divided-pursuit"),
     ({"scenario": "hotspots"}, "index-learned"),
-    ({"scenario": "experiment", "overrides": {"task.duration": 2.0}}, "arc-mpcc"),
+    ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "messages.size": 1}}, "arc-mpcc"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "arc-mpcc"),
     ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-herd"),
     ({"base": "none", "critic": "own"}, "greedy-herd"),
@@ -53,6 +53,7 @@ def arrays_of(folder):
 def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     history = train(small(tmp_path, **changes), Console(file=(said := io.StringIO())))
     assert ("only the critic learns" in said.getvalue()) is ("base" not in changes), "in 25 rollouts of a rule"
+    assert ("does not read the entries" in said.getvalue()) is ("messages.size" in changes.get("overrides", {}))
     assert history["rival"] == base
     assert history["curve"][0]["steps"] == 0
     assert history["curve"][-1]["steps"] >= 640
@@ -281,7 +282,7 @@ def test_cars_rest_where_a_network_wishes_a_slow_velocity():
 
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_mirror_images_of_a_team_are_perceived_alike(axis):
-    simulation = lissajous_env.Simulation("watch", num_worlds=4)
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("watch", **{"sensing.cells_seen": (2, 2)}), 4)
     simulation.reset(seeds=np.arange(4))
     base = baselines.make("greedy-cover", simulation.scenario, 4)
     for _ in range(30):
@@ -290,6 +291,7 @@ def test_mirror_images_of_a_team_are_perceived_alike(axis):
     mirrored = {axis, {"x": "cos", "y": "sin"}[axis] + "_heading"}, (f"_{axis}", f"_{axis}_velocity")
     names = layout(scenario).names
     image = row * np.array([-1 if name in mirrored[0] or name.endswith(mirrored[1]) else 1 for name in names])
+    image[..., [name.startswith("cell_") for name in names]] = 0.5  # which no network reads
     wish, signs = base_action(base, row), np.where(np.array(["x", "y"]) == axis, -1, 1)
     one, other = perceive(row, scenario, wish), perceive(image.astype(np.float32), scenario, wish * signs)
     assert (axes_of(image, scenario) == signs * axes_of(row, scenario)).all()

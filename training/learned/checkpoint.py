@@ -222,8 +222,8 @@ def _brought(entry: Any, card: Card) -> Extension:
     module = str(place).partition(":")[0]
     if module not in sys.modules:
         raise ValueError(
-            f"scenario {card.scenario} uses {place}: import {module} before the policy is loaded, or give the "
-            "scenario; no module is imported because a folder names it"
+            f"scenario {card.scenario} uses {place}: import {module} before the policy is loaded (--import {module}), "
+            "or give the scenario; no module is imported because a folder names it"
         )
     extension = load_extension(str(place))
     return dataclasses.replace(extension, **{name: entry[name] for name in extension.settings if name in entry})

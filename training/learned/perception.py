@@ -17,6 +17,7 @@ import numpy as np
 from baselines.policies.base import Policy
 from baselines.policies.own_row import Rows
 from baselines.policies.reacting import Reacting, away_from_others
+from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import (
     NEIGHBOUR_ENTRIES,
@@ -72,6 +73,16 @@ class Perception(NamedTuple):
     """(W, N, K, F) numbers `TOKEN` of each token."""
     present: np.ndarray
     """(W, N, K) 1 where there is a token, else 0."""
+
+
+def unread_entries(scenario: Scenario) -> list[str]:
+    """Return what an observation contains that no network of `perceive` reads: messages, cells and own entries."""
+    included = {
+        "messages.size": scenario.messages.size > 0,
+        "sensing.cells_seen": scenario.sensing.cells_seen is not None,
+    }
+    own = [extension.name for extension in scenario.extensions if isinstance(extension, ObservationEntry)]
+    return [name for name, is_included in included.items() if is_included] + own
 
 
 def base_action(base: Policy, observation: np.ndarray) -> np.ndarray:
