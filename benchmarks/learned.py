@@ -141,10 +141,14 @@ def on_space(name: str, trainings: list[str]) -> figures.Table:
 
 
 def on_ablations(trainings: list[str]) -> figures.Table:
-    """Return the table of the policies after the last step, one row for trainings that differ only in their seeds."""
-    rules, rows, rule = {}, [], ""
-    for (_, options, steps), members in grouped(trainings).items():
-        settings, rule = members[0][1]["settings"], members[0][1]["training"]["rival"]
+    """Return the table of the policies after the last step, one row for trainings that differ only in their seeds.
+
+    They are compared with the rule with which the validations of the first training were compared.
+    """
+    rules, rows, groups = {}, [], grouped(trainings)
+    rule = next(iter(groups.values()))[0][1]["training"]["rival"]
+    for (_, options, steps), members in groups.items():
+        settings = members[0][1]["settings"]
         scenario = lissajous_env.scenario(settings["scenario"], **settings["overrides"])
         if scenario not in rules:
             rules[scenario] = play(baselines.make(rule, scenario, len(FEWER_SEEDS)), scenario, FEWER_SEEDS)
