@@ -59,8 +59,8 @@ def _theorem_of(cell: Cell, seeds: Sequence[int], device: Any) -> str:
     episodes = counted(len(seeds), "episode")
     if apart.all():
         return f"applies from the start of {episodes}: no robots collide"
-    rule = "robots start too close in the others, and may collide until all can come to rest apart"
-    return f"applies from the start of {apart.sum():,} of {episodes} only; 6: {rule}"
+    rule = "in the others robots start too close (condition 6), and may collide until all can come to rest apart"
+    return f"applies from the start of {apart.sum():,} of {episodes} only: {rule}"
 
 
 def compatible_starts(

@@ -67,7 +67,6 @@ def test_numbers_and_the_best_in_words():
     assert [number(value) for value in (99.97, -99.97, 9.999, 0.9996)] == ["100", "-100", "10.0", "1.00"]
     policies = [{DETECTION_TIME.name: summarize([time] * 15 + [math.nan] * 7)} for time in (2.0, 1.0)]
     assert best_number(policies, DETECTION_TIME) == "1"
-    # A policy that is better than the reference on at most half of the seeds is not the best.
     shares = [{IMPROVEMENT.name: summarize(won, SHARE_OF_SEEDS)} for won in ([0.0, 0.0], [1.0, 0.0], [1.0, 0.5])]
     assert [best_number(shares[:k], IMPROVEMENT) for k in (2, 3)] == ["", "75 %"]
 

@@ -210,6 +210,7 @@ def test_every_view_shows_the_largest_and_the_number_of_episodes(episodes):
     assert summary["at_least"] == any(is_open)
     scores = views.pop("scores")
     assert f"{LARGEST} " in scores
+    assert ("no bound" in scores) != math.isfinite(middle)
     assert f"{'> ' if any(is_open) else ''}{largest}" in scores
     for name, words in views.items():
         assert largest in words, name

@@ -55,7 +55,7 @@ def test_the_sentence_names_the_conditions_or_that_there_are_none():
     assert all(condition in words for condition in unmet_conditions(rough))
     assert len(unmet_conditions(rough)) == 5
     (some,) = said(made("experiment", **RANDOM), "sweep-proved")
-    assert "applies from the start of 3 of 8 episodes only; 6: robots start too close" in some
+    assert "applies from the start of 3 of 8 episodes only: in the others robots start too close (condition 6)" in some
 
 
 def test_policies_with_the_filter_are_found_by_name_and_by_kind():
