@@ -89,6 +89,7 @@ def train(
                 checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
                 log(point)
             if done:
+                say(f"{settings.out / checkpoint.BEST}: {described(history['best'], against)}")
                 return history
             diagnostics = state.update(state.collect())
 

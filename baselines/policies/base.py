@@ -78,12 +78,13 @@ class Filter(Copyable, Remembering):
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
         self.launch = launcher(self.device)
 
-    def __call__(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Return `action` (W, N, A), for observations (W, N, D) and wanted actions (W, N, A).
+    def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
+        """Return the actions (W, N, A) for observations (W, N, D) and wanted actions (W, N, A).
 
-        Messages, the entries after those of the motion, pass unchanged.
+        They are written to `out`, by default to `action`. Messages, the entries after those of the motion, pass
+        unchanged.
         """
-        raise NotImplementedError(f"{type(self).__name__} must have a method __call__(observation, wanted)")
+        raise NotImplementedError(f"{type(self).__name__} must have a method __call__(observation, wanted, out)")
 
 
 class Policy(Copyable, Remembering):
@@ -283,10 +284,9 @@ class Filtered(Policy):
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
         self.policy = policy
         self.filter = filter(self.scenario, self.num_worlds, self.device, parameters)
-        self.action = self.filter.action
         self.kind, self.communicates = "car", filter.communicates
         self.name = policy.name + filter.suffix
 
     def decide(self, observation: wp.array) -> None:
         """Let the policy act, and filter its actions."""
-        self.filter(observation, self.policy.act(observation))
+        self.filter(observation, self.policy.act(observation), self.action)

@@ -113,8 +113,7 @@ class _Arrays(_Fixed):
     def __getattr__(self, name: str) -> Any:
         fields = self.__dict__["_fields"]
         if name not in fields:
-            own = self.__dict__["_name"]
-            raise AttributeError(f"{own} has no array {name}{nearest(name, fields)}; dir(world.{own}) lists them")
+            raise AttributeError(f"{self._name} has no {name}{nearest(name, fields)}; see dir(world.{self._name})")
         array = fields[name]
         view = read_only(array.numpy())
         if array.device.is_cpu:

@@ -18,6 +18,7 @@ from lissajous_env.parameters.scenario import Curve
 from lissajous_env.storage.folder import LIST
 from lissajous_env.theory import closed_forms
 
+pytestmark = pytest.mark.filterwarnings("error:scenario ")  # the claims state which assumptions are violated
 NUMBER = re.compile(r"\d[\d,]*(\.\d+)?(e-?\d+)?")
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper.md"
 FIGURES = ("fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9")

@@ -106,10 +106,15 @@ def test_an_unknown_name_is_refused_with_what_there_is(name):
         training.load(name)
 
 
-def test_no_torch_is_needed(monkeypatch):
-    monkeypatch.setitem(sys.modules, "torch", None)
+def test_no_torch_is_needed_and_a_missing_library_is_named_with_its_extra(monkeypatch):
+    for name in ("torch", "stable_baselines3"):
+        monkeypatch.setitem(sys.modules, name, None)
     policy = training.load("learned-watch", num_worlds=3)
     assert policy.act(Simulation("watch", 3).observation.numpy()).shape == (3, 5, 2)
+    for name in [name for name in sys.modules if name.startswith("training.sb3")]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(ImportError, match=r"training\.sb3 requires the libraries of the extra train "):
+        __import__("training.sb3")
 
 
 @pytest.mark.parametrize("base", ["learned-watch", "nothing", "folder"])

@@ -3,9 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ray.rllib.env.multi_agent_env import MultiAgentEnv
-
 from lissajous_env import LissajousParallelEnv, Scenario
+from lissajous_env.plugins import missing
+
+try:
+    from ray.rllib.env.multi_agent_env import MultiAgentEnv
+except ImportError as error:
+    raise missing("training.rllib", "cluster", error) from error
 
 __all__ = ["LissajousMultiAgentEnv"]
 

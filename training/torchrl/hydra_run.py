@@ -1,9 +1,10 @@
 """BenchMARL's command for the scenarios, with its algorithms, models and settings by Hydra.
 
-    python -m training.torchrl.hydra_run task=lissajous/intruders algorithm=mappo experiment.max_n_iters=50
+    python -m training.torchrl.hydra_run task=lissajous/intruders algorithm=mappo "experiment.loggers=[csv]"
     python -m training.torchrl.hydra_run task=lissajous/rough algorithm=ippo +task.targets.count=5 seed=1
 
-Fields of the scenario are `+task.PART.FIELD`; with `task.state=true` central critics read the true state.
+Fields of the scenario are `+task.PART.FIELD`; with `task.state=true` central critics read the true state. Without
+`experiment.loggers`, BenchMARL logs to Weights & Biases, too, which requires `wandb`.
 """
 
 from lissajous_env.plugins import missing

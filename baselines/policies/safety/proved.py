@@ -109,11 +109,11 @@ class Proved(Filter):
             if name != "plans":
                 clear_worlds(array, mask)
 
-    def __call__(self, observation: wp.array, wanted: wp.array) -> wp.array:
+    def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones; a robot whose wanted action is not finite continues its old tail."""
-        inputs = [self._bounds, self._curve, observation, wanted, self._memory]
-        self.launch(commit, self.num_worlds, inputs, [self.action])
-        return self.action
+        out = self.action if out is None else out
+        self.launch(commit, self.num_worlds, [self._bounds, self._curve, observation, wanted, self._memory], [out])
+        return out
 
 
 def bounds_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cpu") -> Any:

@@ -101,11 +101,12 @@ class Safe(Filter):
         self._paths = wp.zeros((*self.shape, *places), dtype=wp.vec2, device=self.device)
         self._rows = wp.zeros(others, dtype=wp.vec3, device=self.device)
 
-    def __call__(self, observation: wp.array, wanted: wp.array) -> wp.array:
+    def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones, from observations."""
+        out = self.action if out is None else out
         inputs = [self._constants, self._curve, self._memory, observation, wanted, self._others, self._paths]
-        self.launch(keep_clear, self.shape, [*inputs, self._rows], [self.action])
-        return self.action
+        self.launch(keep_clear, self.shape, [*inputs, self._rows], [out])
+        return out
 
 
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
