@@ -162,7 +162,7 @@ def on_ablations(trainings: list[str]) -> figures.Table:
 
 
 def on_curves(trainings: list[str], stores: bool) -> figures.Table:
-    """Return the table of the validations of trainings, relative to the rule, one row for those of several seeds.
+    """Return the table of the validations of trainings, relative to a rule, one row for those of several seeds.
 
     They are those of `CURVES` and those in the folders of complete trainings, which are added to it if `stores`.
     """
@@ -175,16 +175,17 @@ def on_curves(trainings: list[str], stores: bool) -> figures.Table:
             entries.append(entry | {"curve": curve})
     rows = defaultdict(dict)
     for entry in entries:  # a training that was repeated replaces the earlier one
-        rows[entry["scenario"], entry["options"], entry["steps"]][entry["seed"]] = entry
+        rows[entry["scenario"], entry["options"], entry["rival"], entry["steps"]][entry["seed"]] = entry
     if stores:
         lines = (json.dumps(entry) for members in rows.values() for _, entry in sorted(members.items()))
         CURVES.write_text("\n".join(lines) + "\n", encoding="utf-8")
     cells = [_curve_row(*key, [entry["curve"] for entry in members.values()]) for key, members in rows.items()]
     at = [f"at {share:.1%}".replace(".0%", "%").replace("%", " %") for share in SHARES]
-    return {"columns": ["trainings on", "million steps", "seeds", *at, "minutes each"], "rows": cells}
+    columns = ["trainings on", "relative to", "million steps", "seeds", *at, "minutes each"]
+    return {"columns": columns, "rows": cells}
 
 
-def _curve_row(scenario: str, options: str, steps: int, curves: list[list[list[float]]]) -> list[str]:
+def _curve_row(scenario: str, options: str, rival: str, steps: int, curves: list[list[list[float]]]) -> list[str]:
     """Return the row of some trainings from their curves, lists of points with the numbers `VALIDATED`."""
     shares, worth, minutes = [], VALIDATED.index("worth"), VALIDATED.index("seconds")
     for share in SHARES:
@@ -192,7 +193,7 @@ def _curve_row(scenario: str, options: str, steps: int, curves: list[list[list[f
         shares.append(f"{np.mean(worths):.3f} ({min(worths):.3f} to {max(worths):.3f})")
     name = f"`{scenario}`" + (f", `{options}`" if options else "")
     spent = np.mean([curve[-1][minutes] for curve in curves]) / 60
-    return [name, f"{steps / 1e6:g}", str(len(curves)), *shares, f"{spent:.0f}"]
+    return [name, f"`{rival}`", f"{steps / 1e6:g}", str(len(curves)), *shares, f"{spent:.0f}"]
 
 
 def grouped(trainings: list[str]) -> dict[tuple[str, str, int], list[tuple[str, dict[str, Any]]]]:
