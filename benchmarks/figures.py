@@ -150,9 +150,10 @@ def publish(name: str, title: str, table: Table, stores: bool) -> None:
 
 def merged(name: str, table: Table) -> Table:
     """Return a table with the stored rows of the table `name`; new rows replace those with the same first cell."""
-    new = {row[0]: row for row in table["rows"]}
-    stored = [new.pop(row[0], row) for row in load().get(name, {"rows": []})["rows"]]
-    return {"columns": table["columns"], "rows": [*stored, *new.values()]}
+    stored, new = load().get(name, table), {row[0]: row for row in table["rows"]}
+    if stored["columns"] != table["columns"]:
+        raise ValueError(f"columns of {name} must be the stored {stored['columns']}, got {table['columns']}")
+    return {"columns": table["columns"], "rows": [*(new.pop(row[0], row) for row in stored["rows"]), *new.values()]}
 
 
 def parser(about: str | None) -> argparse.ArgumentParser:

@@ -10,10 +10,12 @@ The first two commands add the best policies of some trainings to the comparison
 whose validation is best. The third one plays the scenarios of a space, in its split `test` and its shifts, with the
 best policy, its rival and some trainings. The fourth one compares complete trainings by the options in which they
 differ from the defaults, by their policies after the last step, with the rule on the same scenario. The last one has
-their validations. Rows of these two tables replace stored ones with the same options; the others remain.
+their validations, and those of earlier trainings, which `benchmarks/curves.jsonl` contains. Rows of these two tables
+replace stored ones with the same options; the others remain.
 """
 
 import itertools
+import json
 import warnings
 from collections import defaultdict
 from pathlib import Path
@@ -47,6 +49,10 @@ SPACES = {
     "hotspots-v1": ("index-learned", "lanes"),
 }
 """Policies that are compared on each space: the best one and its rival."""
+CURVES = Path(__file__).with_name("curves.jsonl")
+"""Validations of the trainings that were stored, a line each."""
+VALIDATED = "steps", "worth", "collisions", "seconds"
+"""Numbers of a point of a curve."""
 SHARES = 0.125, 0.25, 0.5, 0.75, 1.0
 """Shares of the steps of a training at which its validations are shown."""
 SCENARIOS, EPISODES = 24, 8
@@ -135,10 +141,14 @@ def on_space(name: str, trainings: list[str]) -> figures.Table:
 
 
 def on_ablations(trainings: list[str]) -> figures.Table:
-    """Return the table of the policies after the last step, one row for trainings that differ only in their seeds."""
-    rules, rows, rule = {}, [], ""
-    for (_, options, steps), members in grouped(trainings).items():
-        settings, rule = members[0][1]["settings"], members[0][1]["training"]["rival"]
+    """Return the table of the policies after the last step, one row for trainings that differ only in their seeds.
+
+    They are compared with the rule with which the validations of the first training were compared.
+    """
+    rules, rows, groups = {}, [], grouped(trainings)
+    rule = next(iter(groups.values()))[0][1]["training"]["rival"]
+    for (_, options, steps), members in groups.items():
+        settings = members[0][1]["settings"]
         scenario = lissajous_env.scenario(settings["scenario"], **settings["overrides"])
         if scenario not in rules:
             rules[scenario] = play(baselines.make(rule, scenario, len(FEWER_SEEDS)), scenario, FEWER_SEEDS)
@@ -151,20 +161,38 @@ def on_ablations(trainings: list[str]) -> figures.Table:
     return {"columns": [*columns, f"of `{rule}`"], "rows": rows}
 
 
-def on_curves(trainings: list[str]) -> figures.Table:
-    """Return the table of the validations of trainings, relative to the rule, one row for those of several seeds."""
-    rows = []
+def on_curves(trainings: list[str], stores: bool) -> figures.Table:
+    """Return the table of the validations of trainings, relative to the rule, one row for those of several seeds.
+
+    They are those of `CURVES` and those in the folders of complete trainings, which are added to it if `stores`.
+    """
+    entries = [json.loads(line) for line in CURVES.read_text(encoding="utf-8").splitlines()] if CURVES.exists() else []
     for (scenario, options, steps), members in grouped(trainings).items():
-        curves = [{point["steps"]: point["worth"] for point in text["training"]["curve"]} for _, text in members]
-        shares = []
-        for share in SHARES:
-            worths = [curve[min(curve, key=lambda at: abs(at - share * steps))] for curve in curves]
-            shares.append(f"{np.mean(worths):.3f} ({min(worths):.3f} to {max(worths):.3f})")
-        minutes = np.mean([text["training"]["curve"][-1]["seconds"] for _, text in members]) / 60
-        name = f"`{scenario}`" + (f", `{options}`" if options else "")
-        rows.append([name, f"{steps / 1e6:g}", str(len(members)), *shares, f"{minutes:.0f}"])
+        for _, text in members:
+            entry = {"scenario": scenario, "options": options, "steps": steps, "seed": text["settings"]["seed"]}
+            entry |= {"version": text["versions"]["lissajous-env"], "rival": text["training"]["rival"]}
+            curve = [[point[name] for name in VALIDATED] for point in text["training"]["curve"]]
+            entries.append(entry | {"curve": curve})
+    rows = defaultdict(dict)
+    for entry in entries:  # a training that was repeated replaces the earlier one
+        rows[entry["scenario"], entry["options"], entry["steps"]][entry["seed"]] = entry
+    if stores:
+        lines = (json.dumps(entry) for members in rows.values() for _, entry in sorted(members.items()))
+        CURVES.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    cells = [_curve_row(*key, [entry["curve"] for entry in members.values()]) for key, members in rows.items()]
     at = [f"at {share:.1%}".replace(".0%", "%").replace("%", " %") for share in SHARES]
-    return {"columns": ["trainings on", "million steps", "seeds", *at, "minutes each"], "rows": rows}
+    return {"columns": ["trainings on", "million steps", "seeds", *at, "minutes each"], "rows": cells}
+
+
+def _curve_row(scenario: str, options: str, steps: int, curves: list[list[list[float]]]) -> list[str]:
+    """Return the row of some trainings from their curves, lists of points with the numbers `VALIDATED`."""
+    shares, worth, minutes = [], VALIDATED.index("worth"), VALIDATED.index("seconds")
+    for share in SHARES:
+        worths = [min(curve, key=lambda point: abs(point[0] - share * steps))[worth] for curve in curves]
+        shares.append(f"{np.mean(worths):.3f} ({min(worths):.3f} to {max(worths):.3f})")
+    name = f"`{scenario}`" + (f", `{options}`" if options else "")
+    spent = np.mean([curve[-1][minutes] for curve in curves]) / 60
+    return [name, f"{steps / 1e6:g}", str(len(curves)), *shares, f"{spent:.0f}"]
 
 
 def grouped(trainings: list[str]) -> dict[tuple[str, str, int], list[tuple[str, dict[str, Any]]]]:
@@ -208,7 +236,8 @@ def main() -> None:
         table = figures.merged("ablations", on_ablations(options.ablations))
         figures.publish("ablations", f"{len(FEWER_SEEDS)} worlds", table, options.store)
     elif options.curves:
-        figures.publish("curves", "validations", figures.merged("curves", on_curves(options.curves)), options.store)
+        table = figures.merged("curves", on_curves(options.curves, options.store))
+        figures.publish("curves", "validations", table, options.store)
     elif options.space:
         figures.publish(options.space, "test and shifts", on_space(options.space, options.trainings), options.store)
     else:

@@ -108,8 +108,8 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     """Share of the reward for targets in sight that a robot receives for those that no other robot has in sight; the
     rest is the team's reward."""
     collisions: float | None = None
-    """Collisions per episode above which their cost rises, and below which it falls. By default four fifths of those of
-    the policy with which validations are compared, 0 without one."""
+    """Collisions per episode, with the noise of exploration, above which their cost rises, and below which it falls. By
+    default four fifths of those, without noise, of the policy with which validations are compared; 0 without one."""
     penalty: float = number(0.3, 0.01, 100)
     """Factor of the scenario's reward for collisions at the beginning."""
     evaluate_every: int = whole(250_000, 1, 10**15)

@@ -4,8 +4,9 @@ All robots share one network, which plays teams of any size. It reads the action
 it (residual learning: T. Johannink et al., ICRA 2019). It learns by PPO (J. Schulman et al., arXiv:1707.06347) with a
 central critic (C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games", NeurIPS 2022),
 which reads the true state of all robots and of up to 16 targets, or with a critic that reads what the robot perceives.
-The cost of collisions and near collisions rises while there are more collisions than a limit. The best policy is chosen
-by validation, in worlds that no update uses; the base alone is the first candidate.
+The cost of collisions and near collisions rises while there are more collisions than a limit, with the noise of
+exploration, so that without it there are fewer. The best policy is chosen by validation, in worlds that no update uses;
+the base alone is the first candidate.
 
 Differs from these papers: a time limit is not a terminal state, so the value of the last state stands for that of the
 next one; a robot is rewarded for the targets that it alone has in sight; the actor is not updated further with a
@@ -88,6 +89,7 @@ def train(
                 checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
                 log(point)
             if done:
+                say(f"{settings.out / checkpoint.BEST}: {described(history['best'], against)}")
                 return history
             diagnostics = state.update(state.collect())
 
@@ -106,7 +108,7 @@ def _resume_or_begin(
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
         say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
     if unread := unread_entries(settings.make_checkpoint_scenario()):
-        say(f"warning: the network does not read the entries of the observation by {', '.join(unread)}")
+        say(f"warning: the network does not read the entries that {', '.join(unread)} add to the observation")
     first = _WARM_UP * settings.rollout * state.worlds.count
     if state.actor.corrects and settings.steps <= first:
         say(f"warning: only the critic learns in the first {first:,} steps: {settings.steps:,} do not change the rule")
@@ -136,8 +138,8 @@ class Training:
             "counted": 0.0,
         }
         """`steps` of robots and `rollouts` so far; `penalty`, the factor of the costs of collisions; `variance` of the
-        returns over the last `counted` steps, at most 300; `collided`, a team's collisions per episode, averaged over
-        about 200 steps."""
+        returns over the last `counted` steps, at most 300; `collided`, a team's collisions per episode with the noise
+        of exploration, averaged over about 200 steps."""
         self.limit = settings.collisions or 0.0
         self._returns = np.zeros(self.worlds.count)
         self._memory = torch.zeros(self.worlds.count, settings.memory)

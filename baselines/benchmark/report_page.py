@@ -220,7 +220,7 @@ def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
     """Return the estimates over the scenarios of a kind of robots."""
     columns = with_numbers(overall.policies, OVERALL)
     return {
-        "kind": _ROBOTS.get(overall.kind, overall.kind),
+        "kind": _ROBOTS.get(overall.kind, "cars by their velocities" if overall.kind == "velocity" else overall.kind),
         "scenarios": list(overall.scenarios),
         "measures": [_described(column) for column in columns],
         "policies": [

@@ -244,9 +244,9 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
         counted += f", {estimate.open} open" if estimate.open else ""
         is_equal = estimate.n > 1 and estimate.min == estimate.max
         worst = DASH if estimate.worst is None or is_equal else str(estimate.worst)
-        spread = [number(value) for value in (estimate.median, estimate.min, estimate.max)]
-        if estimate.summary == LARGEST:
-            spread = ["no bound" if words == "infinite" else words for words in spread]
+        infinite = "no bound" if estimate.summary == LARGEST else "infinite"
+        order = estimate.median, estimate.min, estimate.max
+        spread = [number(value).replace("infinite", infinite) for value in order]
         others = (between(estimate.low, estimate.high) or DASH, counted, worst, *spread)
         rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])
     print_table(console, [terminal.Column("score", left=True, style="cyan"), *names], rows)

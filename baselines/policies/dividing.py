@@ -1,21 +1,9 @@
 """Policies that divide the known targets among the robots, for cars whose actions are velocities."""
 
-from typing import Any
-
 import numpy as np
 
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import (
-    Chase,
-    Searching,
-    SentPlaces,
-    distances,
-    greedy_division,
-    known_places,
-    towards,
-    unit,
-)
-from lissajous_env.parameters.scenario import Scenario
+from baselines.policies.reacting import Chase, Searching, distances, greedy_division, known_places, towards, unit
 
 _CORNERS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 """Corners of the rectangle, in units of its half width and half height."""
@@ -52,15 +40,11 @@ class Cover(Searching):
     margin: float = 0.7
     """Distance within which targets around a place count [sight]."""
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
-        super().__init__(scenario, num_worlds, device, **settings)
-        self._sent = SentPlaces(self.scenario, self.num_worlds)
-
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """React to the tracks, if rows have entries for them."""
         if rows.tracks.shape[2] == 0:
             return np.zeros_like(rows.position), np.zeros(self.shape, dtype=bool)
-        return self.react_to_tracks(rows, self._sent.next(rows))
+        return self.react_to_tracks(rows, self.sent.next(rows))
 
     def react_to_tracks(self, rows: Rows, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Drive to the robot's place, if it has one; `robots` are those of `SentPlaces`."""

@@ -206,12 +206,19 @@ class SweepParameters(Checked):
     0.3 s, in the time scale of the paper's experiment, and at least 4 wheelbases."""
 
 
+def speed_to_turn(scenario: Scenario) -> float:
+    """Return the speed v at which a car turns round in half of the rectangle, v^2 = a_lat min(A, B) / 2 [m/s]."""
+    driven = scenario.driven
+    return math.sqrt(scenario.robot.lateral_acceleration_max * min(driven.half_width, driven.half_height) / 2)
+
+
 def fastest_speed(scenario: Scenario) -> float:
-    """Return the formation's speed where the curve is fastest, or less where top speed or grip limits cars [m/s]."""
-    curve, robot = scenario.driven, scenario.robot
-    # At cruising speed v, a car must turn round in half of the rectangle's shorter side: v^2 <= a_lat min(A, B) / 2.
-    by_grip = math.sqrt(robot.lateral_acceleration_max * min(curve.half_width, curve.half_height) / 2) / _CRUISE
-    return min(robot.top_speed, top_speed(curve, scenario.formation.phase_rate), by_grip)
+    """Return the formation's speed where the curve is fastest, or less where top speed or grip limits cars [m/s].
+
+    Grip lets cars turn at cruising speed.
+    """
+    formation = top_speed(scenario.driven, scenario.formation.phase_rate)
+    return min(scenario.robot.top_speed, formation, speed_to_turn(scenario) / _CRUISE)
 
 
 def cruising_speed(scenario: Scenario) -> float:

@@ -16,6 +16,7 @@ from baselines.policies.loops import (
     loop_spacing,
     patrol_loop,
     slots_by_phase,
+    speed_to_turn,
 )
 from baselines.policies.own_row import Actions, Observation, own_key, own_phase, own_position
 from baselines.similarity import motion_scale
@@ -250,7 +251,7 @@ class Laps(_Patrol):
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
-        cruise = self.parameters.cruise or fastest_speed(self.scenario)
+        cruise = self.parameters.cruise or min(fastest_speed(self.scenario), speed_to_turn(self.scenario))
         loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=cruise))
         ahead = round(lookahead(self.scenario, cruise, self.parameters) / loop_spacing(loop))
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)

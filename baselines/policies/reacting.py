@@ -248,6 +248,7 @@ class Searching(Reacting):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device, **settings)
         self.patrol = Lanes(scenario, num_worlds, device, reach=self.scenario.sight)
+        self.sent = SentPlaces(self.scenario, self.num_worlds)
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Return the wished velocities (W, N, 2) [top speed], and whether a robot reacts to a target (W, N)."""

@@ -55,7 +55,7 @@ class Track:
             object.__setattr__(self, name, array)
         width = np.diff(self.time)
         require(count > 1, "a track", "must have two poses at least", count)
-        require((width > 0).all(), "time of a track", "must be finite and increase [s]", width.min())
+        require(np.isfinite(width).all() and width.min() > 0, "time of a track", "must increase [s]", width.min())
         require(np.isfinite(self.position).all(), "position of a track", "must be finite [m]", self.position.min())
 
     def __len__(self) -> int:

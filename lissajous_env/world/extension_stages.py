@@ -78,7 +78,7 @@ class WorldView(_Fixed):
         return self
 
     def random(self, *shape: int) -> np.ndarray:
-        """Draw uniform numbers (W, *shape) in [0, 1).
+        """Draw uniform numbers `(W, *shape)` in [0, 1).
 
         They depend on the seed of the world, the step, the name of the extension, and the number of earlier draws in
         this step, but not on the other worlds.
@@ -113,8 +113,7 @@ class _Arrays(_Fixed):
     def __getattr__(self, name: str) -> Any:
         fields = self.__dict__["_fields"]
         if name not in fields:
-            own = self.__dict__["_name"]
-            raise AttributeError(f"{own} has no array {name}{nearest(name, fields)}; dir(world.{own}) lists them")
+            raise AttributeError(f"{self._name} has no {name}{nearest(name, fields)}; see dir(world.{self._name})")
         array = fields[name]
         view = read_only(array.numpy())
         if array.device.is_cpu:

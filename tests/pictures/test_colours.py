@@ -118,3 +118,9 @@ def test_robots_and_marks_of_a_replay_page_are_told_apart_by_every_reader(seen):
         assert distance(from_hex(one), from_hex(other), seen) > APART, (one, other)
     for one, other in combinations(("target", "found", "failed", "touch", "unseen", "ground"), 2):
         assert distance(from_hex(others[one]), from_hex(others[other]), seen) > APART, (one, other)
+
+
+def test_every_colour_of_a_style_sheet_is_defined():
+    sheets = text_of("style.css") + text_of("report.css")
+    defined = {*re.findall(r"--([\w-]+):", sheets), *page_colours()[1]}
+    assert set(re.findall(r"var\(--([\w-]+)\)", sheets)) - defined == {"picture"}, "which a drawing sets"

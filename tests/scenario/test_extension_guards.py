@@ -58,7 +58,7 @@ def test_an_array_that_does_not_exist_is_named():
     def mistakes(world):
         return world.robots.positions[:, 0, 0]
 
-    with pytest.raises(ValueError, match=r"no array positions; did you mean position.*; dir\(world.robots\) "):
+    with pytest.raises(ValueError, match=r"robots has no positions; did you mean position.*; see dir\(world.robots\)"):
         stepped(mistakes)
 
 

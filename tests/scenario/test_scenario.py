@@ -195,8 +195,11 @@ FOLLOWING = ("sensing.sight", "targets.speed_min")
 """Fields that remain None, so that they follow an override of the radius, or of the speed."""
 
 
-def test_digests_of_what_ships():
+def test_digests_of_what_ships_and_the_printed_ring():
     assert {name: lissajous_env.scenario(name).digest() for name in lissajous_env.scenarios()} == DIGESTS
+    # Oracle: Section VII, R_1 = {2, 4}, R_2 = {1, 5}, R_3 = {4, 5}, R_4 = {1, 3}, R_5 = {2, 3}.
+    neighbours = lissajous_env.scenario("experiment").neighbours + 1
+    assert [set(pair) for pair in neighbours.tolist()] == [{2, 4}, {1, 5}, {4, 5}, {1, 3}, {2, 3}]
 
 
 @pytest.mark.parametrize("name", lissajous_env.scenarios())
@@ -244,12 +247,6 @@ def test_what_ships_is_a_formation_that_works(name):
     too_short = "intruders", "evaders", "hall", "watch", "intercept", "hotspots"
     if not name.startswith(too_short):  # their sensors are too short for (8) on purpose
         assert scenario.resolve().sensing.radius == pytest.approx(scenario.detection_radius)
-
-
-def test_ring_of_the_experiment_is_the_printed_one():
-    # Oracle: Section VII, R_1 = {2, 4}, R_2 = {1, 5}, R_3 = {4, 5}, R_4 = {1, 3}, R_5 = {2, 3}.
-    neighbours = lissajous_env.scenario("experiment").neighbours + 1
-    assert [set(pair) for pair in neighbours.tolist()] == [{2, 4}, {1, 5}, {4, 5}, {1, 3}, {2, 3}]
 
 
 @pytest.mark.parametrize("curve", [Curve(20, 12.5, 3, 2), Curve(20, 12.5, harmonics=((6, 0, 0, 4), (0, 2, 1, 0)))])

@@ -187,6 +187,9 @@ def test_trainings_that_differ_only_in_their_seeds_are_a_row_of_the_ablations(tm
     assert ["--base none" in row["options"] for row in of] == [False, True]
     assert float(of[0]["over `greedy-herd`"].split()[0]) == pytest.approx(1, abs=0.05)
     assert all(row["options"].endswith("--set task.duration=16.0`") for row in of)
+    monkeypatch.setattr(learned, "CURVES", tmp_path / "curves.jsonl")
+    learned.on_curves([str(folder) for folder in folders[:2]], stores=True)
+    assert [row[2] for row in learned.on_curves([str(folders[2])], stores=False)["rows"]] == ["2", "1"]
 
 
 @pytest.mark.parametrize("changes", [{}, {"memory": 4, "base": "none", "critic": "own"}], ids=["base", "none"])
