@@ -108,7 +108,7 @@ def _resume_or_begin(
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
         say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
     if unread := unread_entries(settings.make_checkpoint_scenario()):
-        say(f"warning: the network does not read the entries of the observation by {', '.join(unread)}")
+        say(f"warning: the network does not read the entries that {', '.join(unread)} add to the observation")
     first = _WARM_UP * settings.rollout * state.worlds.count
     if state.actor.corrects and settings.steps <= first:
         say(f"warning: only the critic learns in the first {first:,} steps: {settings.steps:,} do not change the rule")
