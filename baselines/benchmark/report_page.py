@@ -8,7 +8,7 @@ import numpy as np
 
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.plot_styles import COLOURS, styles_of
-from baselines.benchmark.shown import bounds_in_words, in_words
+from baselines.benchmark.shown import best_number, bounds_in_words, in_words
 from baselines.benchmark.statistics import (
     DERIVED,
     MAIN,
@@ -187,6 +187,7 @@ def _scenario(
         "tradeoff": [task_score(scenario).name, COLLISIONS.name],
         "measures": [
             _described(column)
+            | {"best": best_number([*cells.values()], column)}
             | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
             for column in shown
         ],
@@ -238,7 +239,6 @@ def _described(column: Column) -> dict[str, Any]:
     return {
         "column": column.name,
         "title": column.heading,
-        "better": column.better,
         "whole": column.rule is WHOLE,
         "about": f"{column.described}; the number is the {column.summary}",
         "strip": column.name not in DERIVED,

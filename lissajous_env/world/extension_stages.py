@@ -78,7 +78,7 @@ class WorldView(_Fixed):
         return self
 
     def random(self, *shape: int) -> np.ndarray:
-        """Draw uniform numbers (W, *shape) in [0, 1).
+        """Draw uniform numbers `(W, *shape)` in [0, 1).
 
         They depend on the seed of the world, the step, the name of the extension, and the number of earlier draws in
         this step, but not on the other worlds.

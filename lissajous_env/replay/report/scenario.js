@@ -55,7 +55,6 @@ function fillPolicies(report, scenario, s, table) {
         measure.lines.map(([value]) => value),
         measure.whole ? 1 : 0,
       ),
-      best: bestOf(scenario, measure),
     };
   });
   const top = columns.map(({ measure, scale }) => {
@@ -85,19 +84,10 @@ function failuresOf(report, policy) {
   return element("span", "row chips", ...chips);
 }
 
-function bestOf(scenario, measure) {
-  const cells = scenario.policies.map((policy) => policy.cells[measure.column]);
-  const most = Math.max(...cells.map((cell) => cell.known));
-  const fit = cells.filter((cell) => cell.known === most && cell.value !== null && !cell.words.startsWith(">"));
-  const words = new Set(cells.map((cell) => cell.words));
-  if (!measure.better || !fit.length || words.size < 2) return null;
-  return fit.reduce((a, b) => (measure.better * b.value > measure.better * a.value ? b : a)).words;
-}
-
-function measured(report, s, policy, { measure, scale, best }) {
+function measured(report, s, policy, { measure, scale }) {
   const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
-  const words = reading(of.words, of.between, of.words === best ? "best" : "");
+  const words = reading(of.words, of.between, of.words === measure.best ? "best" : "");
   if (of.known && of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const made = cell(measure.strip ? "wide" : "", value, words);
