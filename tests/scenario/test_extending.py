@@ -171,7 +171,7 @@ def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):
     with pytest.raises(SystemExit):
         cli.main(["scenarios", "corridor.toml"])
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    listed = {line[0] for line in lines if line and "." in line[0] and len(line) > 2}
+    listed = {line[0] for line in lines if line and "." in line[0].rstrip(".") and len(line) > 2}
     base = {"formation.p", "formation.start", "robot.kind", "targets.arrival_rate"}
     assert listed == base | {"curve.half_width", "faults.schedule", "task.duration"}
     assert ["curve.half_width", "2.4", "1.8"] in lines

@@ -111,7 +111,7 @@ def test_no_torch_is_needed_and_a_missing_library_is_named_with_its_extra(monkey
         monkeypatch.setitem(sys.modules, name, None)
     policy = training.load("learned-watch", num_worlds=3)
     assert policy.act(Simulation("watch", 3).observation.numpy()).shape == (3, 5, 2)
-    for name in [name for name in sys.modules if name.startswith("training.sb3")]:
+    for name in [name for name in sys.modules if name.startswith(("training.sb3", "stable_baselines3."))]:
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(ImportError, match=r"training\.sb3 requires the libraries of the extra train "):
         __import__("training.sb3")
