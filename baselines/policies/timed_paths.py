@@ -301,6 +301,9 @@ class TimedPaths(Policy):
 
     A robot that resumes after a failure is behind its reference: on the lead-in it follows the reference, on the loop
     it catches up or waits, whichever takes less time.
+
+    Raises:
+        ValueError: tables of another number of robots.
     """
 
     kind = "car"
@@ -312,6 +315,8 @@ class TimedPaths(Policy):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
         self.tables = tables = self.timed(plain_of(self.scenario))
+        if tables.pose.shape[1] != self.num_robots:
+            raise ValueError(f"tables must be of {self.num_robots} robots, got {tables.pose.shape[1]}")
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         step, robot, self._tracking = self.scenario.task.step, self.scenario.robot, Tracking()
