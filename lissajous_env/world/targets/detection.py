@@ -145,8 +145,6 @@ class TargetGroup:
     heading: Floats
     speed: Floats
     """Speed of a target while it does not flee [m/s]."""
-    flight: Floats
-    """Distance to a robot below which a target flees [m]; 0 for one that never flees."""
 
 
 @part
@@ -174,8 +172,6 @@ def gather(w, count: int, number: Ints, target, targets) -> TargetGroup:
         group.before_y[k] = before[1]
         if targets.status[w, t] == HIDDEN:
             group.motion[k] = STILL
-        if group.motion[k] == FLEEING:
-            group.flight[k] = target.flee_radius
     return group
 
 
@@ -201,7 +197,7 @@ def move_together(
             y[k] = wp.where(is_moved(motion[k]), moved[1], y[k])
             heading[k] = moved[2]
     for k in range(group.count):
-        if square[k] < group.flight[k] * group.flight[k]:
+        if square[k] < target.flee_radius * target.flee_radius and group.motion[k] == FLEEING:
             place = wp.vec2(group.x[k], group.y[k])
             away = place - robots.sensor[w, nearest[k]]
             if target.flight == _FROM_ALL:
