@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from test_sight import leap
 from test_stages import different
 
 import lissajous_env
@@ -26,6 +27,7 @@ CASES = {
     "large discs": ("intruders", {"targets.count": 200, "targets.leave": False, "sensing.radius": 2.0}),
     "seen from afar, anew": ("intruders", {"targets.count": 200, "targets.respawn": True, "sensing.sight": 1.5,
                                            "targets.flight": "all", "targets.entry": "hotspots"}),
+    "leaping": ("swarm", {"extensions": (leap,), "targets.custom": 0.5, "targets.wandering": 0.5}),
     "large bodies": ("swarm", {"sensing.radius": 0.1, "robot.radius": 0.2, "targets.count": 500}),
     "far apart": ("swarm", {"sensing.radius": 1e-3, "robot.radius": 1e-3, "curve.a": 5, "curve.b": 4}),
     "too fast for lists": ("swarm", {"robot.count": 301, "curve.a": 501, "curve.b": 500, "targets.count": 500}),
@@ -33,13 +35,6 @@ CASES = {
     "unseen, in a crowd": ("swarm", {**DENSE, "targets.count": 0, "targets.arrival_rate": 50.0,
                                      "targets.entry": "unseen", "task.duration": 2.0}),
 }  # fmt: skip
-
-
-@lissajous_env.target_motion
-def leap(world):
-    """Far off and back again, also beyond the rectangle."""
-    place = world.targets.position
-    return np.where(world.clock.step[:, None, None] % 2 == 1, -1.5 * place[..., ::-1], place[..., ::-1] / -1.5)
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.stage import OPTIONAL, TARGET, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.robots.nearby import Bins, bin_of, max_displacement, nearest_sensors
+from lissajous_env.world.robots.nearby import Bins, bin_of, max_displacement, nearest_listed, nearest_sensors
 from lissajous_env.world.state import DETECTED, GONE, HIDDEN, NOWHERE, PRESENT, planar
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
@@ -232,6 +232,31 @@ def detect(w, t, now, nearest: wp.vec2, first: wp.vec2, radius: float, targets, 
 
 
 @part
+def nearest_at_end(
+    w, count: int, x: Floats, y: Floats, square: Floats, near: Floats, margin: float, robots, bins
+) -> tuple[Ints, Floats]:
+    """Return the result of `nearest_sensors` for `count` targets at x, y [m] after they moved.
+
+    `square` are the squared distances before they moved [m^2]. They remain the result for a target that was not within
+    `near` + `margin` [m] of any sensor, because it cannot have come into sight.
+    """
+    nearest = Ints()
+    least = square
+    comes_near = bool(False)
+    for k in range(count):
+        reach = near[k] + margin
+        if square[k] < reach * reach:
+            comes_near = True
+            if bins.columns > 0:
+                listed = nearest_listed(w, wp.vec2(x[k], y[k]), robots, bins)
+                nearest[k] = int(listed[0])
+                least[k] = listed[1]
+    if comes_near and bins.columns == 0:
+        nearest, least = nearest_sensors(w, count, x, y, robots, bins)
+    return nearest, least
+
+
+@part
 def detect_together(
     w,
     now,
@@ -264,14 +289,7 @@ def detect_together(
             dx = x[k] - before_x[k]
             dy = y[k] - before_y[k]
             near[k] = radius + wp.sqrt(dx * dx + dy * dy)
-    comes_near = bool(False)
-    for k in range(group.count):
-        comes_near = comes_near or square[k] < (near[k] + margin) * (near[k] + margin)
-    # A target that was far from every sensor cannot have come into one's sight in this step.
-    nearest = Ints()
-    least = square
-    if comes_near:
-        nearest, least = nearest_sensors(w, group.count, x, y, robots, bins)
+    nearest, least = nearest_at_end(w, group.count, x, y, square, near, margin, robots, bins)
     waiting = int(0)
     sighted = int(0)
     status = group.status
