@@ -231,8 +231,9 @@ class Contamination:
     """(W, D, R) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint64)
     """(W, D, R) a bit for each cell that the disc of a robot that moved far has passed over since the tick before."""
-    settled: wp.array3d(dtype=wp.int32)
-    """(W, R, B) latest ticks after each of which all cells of a word had the label of the oldest target."""
+    settled: wp.array3d(dtype=wp.uint32)
+    """(W, R, B) four numbers of 8 bits, one for each 8 cells: latest ticks after which all of them had the label of the
+    oldest target."""
     row_oldest: wp.array2d(dtype=wp.int32)
     """(W, R) earliest introduction of a target that may be in this row now [step]; NEVER for none."""
     row_ages: wp.array2d(dtype=wp.int64)

@@ -101,27 +101,15 @@ def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
             sensed = half_of(contamination.sensed[w, word / 2, row], word)
             seen = sensed | half_of(contamination.swept[w, word / 2, row], word)
             todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed
-            contaminated = wp.uint32(0)
-            # Once all labels of a word have been those of the oldest target in every stored tick, they stay until a
-            # robot senses one of its cells.
-            settled = wp.where(seen == wp.uint32(0), contamination.settled[w, row, word], 0)
-            oldest_age = int(wp.bit_count(todo)) * (now.step - now.oldest)
-            if settled > hops.history_length:
-                row_oldest = now.oldest
-                ages += wp.int64(oldest_age)
-                contaminated = todo
-            elif todo != wp.uint32(0):
-                enter = entry_cells(target.entry, word, row, rows, hops.columns)
-                word_result = label_cells(
-                    contamination.labels, contamination.labelled, w, row, word, todo, ~seen, enter, now
-                )
-                row_oldest = wp.min(row_oldest, word_result[0])
-                ages += wp.int64(word_result[1])
-                contaminated = wp.uint32(word_result[2])
-                is_oldest = seen == wp.uint32(0) and contaminated == todo and word_result[1] == oldest_age
-                settled = wp.where(is_oldest, settled + wp.where(now.label_mask == -1, 0, 1), 0)
-            contamination.settled[w, row, word] = settled
-            contamination.labelled[w, row + MARGIN, word + 1, now.slot] = contaminated
+            enter = entry_cells(target.entry, word, row, rows, hops.columns)
+            settled = contamination.settled[w, row, word]
+            word_result = label_cells(
+                contamination.labels, contamination.labelled, w, row, word, todo, ~seen, enter, settled, now
+            )
+            row_oldest = wp.min(row_oldest, word_result[0])
+            ages += wp.int64(word_result[1])
+            contamination.settled[w, row, word] = wp.uint32(word_result[3])
+            contamination.labelled[w, row + MARGIN, word + 1, now.slot] = wp.uint32(word_result[2])
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages
 

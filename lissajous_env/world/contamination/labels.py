@@ -144,6 +144,15 @@ def clear_sensed(
     """Clear the cells of a row that were sensed in the tick before, except their labels in the slot `kept`."""
 
 
+_ONES = 0x01010101
+"""The number 1 in each of the four groups of 8 bits of a word."""
+
+
+def _empty_groups(bits: str) -> str:
+    """Return C++ for a mask of the groups of 8 bits of a word in which no bit is set."""
+    return f"(((((({bits}) & 0x7f7f7f7fu) + 0x7f7f7f7fu | ({bits})) >> 7 & {_ONES}) ^ {_ONES}) * 255)"
+
+
 _LABEL_CELLS = f"""
     const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, shares = {TICK_FRACTIONS}, none = {int(NONE)};
     const int columns[lengths] = {{{", ".join(str(hop[0]) for hop in HOPS)}}};
@@ -153,6 +162,21 @@ _LABEL_CELLS = f"""
     int* here = &wp::index(labels, w, 0, row + {int(MARGIN)}, 32 * word + {int(MARGIN)});
     unsigned int* bits = &wp::index(labelled, w, row + {int(MARGIN)}, word + 1, 0);
     const int bits_stride = labelled.strides[1] / sizeof(unsigned int);
+    const unsigned int cells = todo, all = (1u << lanes) - 1;
+    const int oldest_age = now.step - now.oldest;
+    int oldest = {int(NEVER)}, ages = 0;
+    // Once all labels of a group of cells have been those of the oldest target in every stored tick, they stay until a
+    // robot senses one of these cells.
+    const unsigned int is_new = {_empty_groups(f"settled + (127 - ring) * {_ONES} & {_ONES} << 7")};
+    const unsigned int settles = {_empty_groups("~unseen")} & ~is_new;
+    unsigned int contaminated = cells & settles, same = 0;
+    if (contaminated) {{
+        oldest = now.oldest;
+        ages = wp::bit_count(contaminated) * oldest_age;
+        todo &= ~contaminated;
+    }}
+    if (!todo)
+        return wp::vec_t<4, int>(oldest, ages, contaminated, settled & settles);
     // Cells from which a target may hop: a bit for each column from two before this word to two after it, for the rows
     // above and below, and for both slots.
     unsigned long long sources[lengths][2][2];
@@ -175,10 +199,7 @@ _LABEL_CELLS = f"""
                 can |= source >> (2 + columns[length]) | source >> (2 - columns[length]);
             }}
     todo &= can;
-    int oldest = {int(NEVER)}, ages = 0;
-    unsigned int contaminated = 0;
     for (int first = 0; first < 32; first += lanes, here += lanes) {{
-        const unsigned int all = (1u << lanes) - 1;
         if (!(todo >> first & all))
             continue;
 #if !defined(__CUDA_ARCH__)
@@ -230,12 +251,15 @@ _LABEL_CELLS = f"""
             oldest = known < oldest ? known : oldest;
             ages += counts ? now.step - since : 0;
             contaminated |= (unsigned int)counts << (first + l);
+            same |= (unsigned int)(since == now.oldest ? counts : 0) << (first + l);
             label[l] = found;
         }}
         for (int l = 0; l < lanes; ++l)
             here[now.slot * slot_stride + l] = label[l];
     }}
-    return wp::vec_t<3, int>(oldest, ages, contaminated);
+    const unsigned int differs = (cells ^ same) | ~unseen | settles, more = now.label_mask == -1 ? 0 : {_ONES};
+    const unsigned int counts = (settled & settles) | ((settled + more) & {_empty_groups("differs")});
+    return wp::vec_t<4, int>(oldest, ages, contaminated, counts);
 """
 
 
@@ -249,12 +273,14 @@ def label_cells(
     todo: wp.uint32,
     unseen: wp.uint32,
     enter: wp.uint32,
+    settled: wp.uint32,
     now: TickContext,
-) -> wp.vec3i:
+) -> wp.vec4i:
     """Label the cells `todo` of a word; targets stay in the cells `unseen`, and are introduced in the cells `enter`.
 
-    The three are bits. Returns the earliest introduction of any target in these cells [step], the time since then
-    summed over the cells [step], and the bits of the cells that have a target.
+    The three are bits, and `settled` is as in `Contamination`. Returns the earliest introduction of any target in these
+    cells [step], the time since then summed over the cells [step], the bits of the cells that have a target, and
+    `settled` after this tick.
     """
     ...
 
