@@ -13,6 +13,8 @@ from baselines.onboard.row import Row
 from baselines.onboard.signals import Actuation, Command, Message, Odometry, Twist, detection_rows
 from baselines.policies import factories
 from baselines.policies.base import Policy
+from baselines.policies.safety.proved import Proved
+from baselines.policies.safety.safe import Safe
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
@@ -101,7 +103,8 @@ class Onboard:
 
     Raises:
         ValueError: the policy or the scenario is unknown, its robots are neither cars nor differential drives, the
-            index is out of range, or the scenario has observation entries of extensions, which require a simulation.
+            index is out of range, the policy uses the proved filter, whose messages to all robots are not exchanged
+            here, or the scenario has observation entries of extensions, which require a simulation.
     """
 
     def __init__(
@@ -309,5 +312,13 @@ def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
     if isinstance(acting, Policy):
         if acting.kind not in (None, scenario.robot.kind):
             raise ValueError(f"policy must drive robots of kind {scenario.robot.kind}, got kind {acting.kind}")
+        if _is_proved(acting):
+            rule = f"policy must be without the filter {Proved.suffix} outside the simulation, where no tails are sent"
+            raise ValueError(f"{rule}, got {acting.name}; {Safe.suffix} uses messages of ring neighbours alone")
         acting.restrict(robot)
     return acting
+
+
+def _is_proved(part: Any) -> bool:
+    """Return whether a policy, or one in its attributes, uses the proved filter."""
+    return isinstance(part, Proved) or (isinstance(part, Policy) and any(map(_is_proved, vars(part).values())))
