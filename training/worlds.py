@@ -249,14 +249,14 @@ def _true_targets(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.nd
     The velocity (W, K, 2) [top speed] is 0 unless a target drifts or wanders.
     """
     status = simulation.targets.status.numpy()
-    there = (status != int(HIDDEN)) & (status != int(GONE))
+    there = (status != HIDDEN) & (status != GONE)
     first = np.argsort(~there, axis=1, kind="stable")[:, :MOST_TARGETS]
     arrays = (getattr(simulation.targets, name).numpy() for name in ("motion", "speed", "heading"))
     there, motion, speed, heading = (np.take_along_axis(array, first, 1) for array in (there, *arrays))
     positions = simulation.targets.position.numpy() / np.float32(simulation.scenario.sight)
-    pace = np.where((motion == int(DRIFTING)) | (motion == int(WANDERING)), speed / simulation.scenario.speed_unit, 0)
+    pace = np.where((motion == DRIFTING) | (motion == WANDERING), speed / simulation.scenario.speed_unit, 0)
     velocity = pace[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    return np.take_along_axis(positions, first[..., None], 1), there, motion == int(FLEEING), velocity
+    return np.take_along_axis(positions, first[..., None], 1), there, motion == FLEEING, velocity
 
 
 def _sightings(distance: np.ndarray, there: np.ndarray, works: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

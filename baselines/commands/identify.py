@@ -16,6 +16,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
 from lissajous_env.storage.files import write_atomically
+from lissajous_env.wording import require
 
 if TYPE_CHECKING:
     from lissajous_env.logs.identification import Identified
@@ -54,11 +55,10 @@ def identify(
     check_file(out, ".toml")
     log = read(logs, topics, commands)
     given = named.scenario(scenario) if scenario is not None else own_scenario(log) or named.scenario("experiment")
-    if given.robot.kind not in MODELS:
-        raise ValueError(f"scenario must be of robots of kind {' or '.join(MODELS)}, got {given.robot.kind}")
-    units = {name: unit for name, (unit, _) in MODELS[given.robot.kind].items()}
-    if not log.commands:
-        raise ValueError(f"log {log.name} must have commands on a topic {commands}, got none")
+    kind = given.robot.kind
+    require(kind in MODELS, "scenario", f"must be of robots of kind {' or '.join(MODELS)}", kind)
+    units = {name: unit for name, (unit, _) in MODELS[kind].items()}
+    require(log.commands, f"log {log.name}", f"must have commands on a topic {commands}", "none")
     cars = {}
     for robot, series in log.commands.items():
         try:

@@ -59,8 +59,8 @@ def score(
     for file in out:
         check_file(file, ".csv", *FORMATS)
     log = read(logs, topics, origin=origin)
-    given = named.scenario(scenario) if scenario is not None else own_scenario(log)
-    if given is not None and overrides:
+    given = scenario
+    if overrides and (given := scenario or own_scenario(log)) is not None:
         given = named.scenario(given, **parse_overrides(overrides))
     first = seed if seed is not None else int((log.episode or {}).get("seed", 0))
     with bar(output.progress()) as shown_bar:

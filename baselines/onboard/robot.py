@@ -16,11 +16,10 @@ from baselines.policies.base import Policy
 from baselines.policies.safety.proved import Proved
 from baselines.policies.safety.safe import Safe
 from lissajous_env import scenario as make_scenario
-from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole_number
-from lissajous_env.theory.geometry import turning_radius
-from lissajous_env.wording import shown
+from lissajous_env.wording import require, shown
 
 _MOST_STEPS = 10
 """Largest number of a policy's steps in one call."""
@@ -50,16 +49,13 @@ class Limits(Checked):
     """Age of the last message of a ring neighbour [s], for policies that use messages; 0 means the age from which
     policies ignore a message, `Scenario.time_unit`. From the first call on, a neighbour that was not heard yet counts
     as silent for the time since then."""
-    watchdog: float = number(0.0, 1e-3, _FOREVER, "s", or_zero=True)
+    watchdog: float = _limit("s")
     """Time for which a command is valid [s]; 0 means 2.5 control steps."""
 
     def of(self, scenario: Scenario) -> "Limits":
         """Return the limits of a scenario, in which none is 0."""
-        some, robot, as_car = 2.5 * scenario.task.step, scenario.robot, model_of(scenario.robot.kind).as_car
-        radius = turning_radius(robot.wheelbase, robot.steering_max) if as_car is None else as_car.turning_radius(robot)
-        derived = {
-            "pose_age": some, "fence": 2 * radius, "clock_jump": some, "silence": scenario.time_unit, "watchdog": some,
-        }  # fmt: skip
+        some, room = 2.5 * scenario.task.step, 2 * tightest_radius(scenario.robot)
+        derived = {"pose_age": some, "fence": room, "clock_jump": some, "silence": scenario.time_unit, "watchdog": some}
         return Limits(**{name: getattr(self, name) or value for name, value in derived.items()})
 
 
@@ -75,7 +71,7 @@ class Output(NamedTuple):
     action: np.ndarray
     """(A,) action of the policy in [-1, 1], also where the robot is stopped; zeros before the first valid pose."""
     row: np.ndarray
-    """(D,) observation row on which the policy decided."""
+    """(D,) latest observation row; after an early call, the policy decided on the one before."""
 
 
 class Onboard:
@@ -83,8 +79,10 @@ class Onboard:
 
     Call `act` once in each control step of the scenario (`scenario.task.step`), also while the robot is stopped. The
     policy's steps follow the clock: after a missed call it takes two steps, and a call more than half a step too early
-    repeats the last action. Send `command_at(now)` to the actuators, as often as they require it. All times are of one
-    clock that the robots share. Coordinates are those of the scenario: the origin is the middle of the rectangle.
+    repeats the last action. A policy that is more than ten steps behind, as after a long wait for the first pose, takes
+    ten in each call, and the robot is stopped meanwhile. Send `command_at(now)` to the actuators, as often as they
+    require it. All times are of one clock that the robots share. Coordinates are those of the scenario: the origin is
+    the middle of the rectangle.
 
     A robot stops if a limit of `Limits` is exceeded, if input is not finite, and after `stop()`; `Output.stopped`
     contains the reason. While it is stopped, its policy observes that the robot has failed, as in the simulation, and
@@ -118,7 +116,7 @@ class Onboard:
         n = self.scenario.num_robots
         self.robot = whole_number("robot", robot, 0, n - 1)
         self.neighbours = tuple(int(neighbour) for neighbour in self.scenario.neighbours[self.robot])
-        self.limits: Any = (limits or Limits()).of(self.scenario)
+        self.limits = (limits or Limits()).of(self.scenario)
         self._policy = _made(policy, self.scenario, self.robot)
         self.listens = getattr(self._policy, "communicates", "nothing") != "nothing"
         self._row = Row(self.scenario, self.robot)
@@ -203,18 +201,25 @@ class Onboard:
         """
         robots, targets = detection_rows("robots", robots, 4), detection_rows("targets", targets, 2)
         self._listen(now, heard)
-        pose = odometry if odometry is not None and odometry.is_finite else self._row.pose
-        reason = self._check_clock(now) or self._latched
-        reason = reason or self._check_odometry(now, odometry) or self._check_fence(pose) or self._check_silence(now)
-        if not all(np.isfinite(rows).all() for rows in (robots, targets) if len(rows)):
-            reason, robots, targets = reason or "a number of the sensor's data is not finite", robots[:0], targets[:0]
+        measured = odometry if odometry is not None and odometry.is_finite else None
+        clock_fault = self._clock_fault(now)
+        self._latched = self._latched or clock_fault or self._fence_fault(measured)
+        reason = self._latched or ("there is no pose" if odometry is None else "")
+        reason = reason or self._pose_fault(now, measured) or self._silence(now)
+        if not all(np.isfinite(numbers).all() for numbers in (robots, targets, () if phase is None else phase)):
+            reason = reason or "a number of the phase or of the sensor's data is not finite"
+            robots, targets, phase = robots[:0], targets[:0], None
         if not works:
             reason = reason or "the robot does not work"
+        pose = measured or self._row.pose
         if pose is None or not math.isfinite(now):
             return self._stopped(now, reason)
+        due = max(round((now - self._begun) / self.scenario.task.step) + 1 - self._steps, 0)
+        if due > _MOST_STEPS:
+            reason = reason or f"the policy is {due:,} steps behind the clock"
         self._row.place_detections(robots, targets)
         row = self._row.fill(pose, self._heard, not reason, phase if pose is odometry else None)
-        for _ in range(self._steps_due(now)):
+        for _ in range(min(due, _MOST_STEPS)):
             self._decide(row)
         if not np.isfinite(self._action).all():
             reason = reason or "the action of the policy is not finite"
@@ -227,8 +232,8 @@ class Onboard:
 
     def _listen(self, now: float, heard: Sequence[Message]) -> None:
         for message in heard:
-            if not isinstance(message, Message):
-                raise ValueError(f"heard must have messages of baselines.onboard.Message, got {shown(message)}")
+            rule = "must have messages of baselines.onboard.Message"
+            require(isinstance(message, Message), "heard", rule, message)
             if message.sender >= 0 and message.sender in self.neighbours and message.is_sound(self._size):
                 side = self.neighbours.index(message.sender)
                 known = self._heard[side]
@@ -236,8 +241,8 @@ class Onboard:
                 if comes_later and message.sent_at - now <= self.limits.clock_jump:
                     self._heard[side] = message
 
-    def _check_clock(self, now: float) -> str:
-        """Return what is wrong with the clock; a robot whose clock jumps stays stopped."""
+    def _clock_fault(self, now: float) -> str:
+        """Return a fault of the clock, after which the robot stays stopped; "" for none."""
         before, step, limit = self._now, self.scenario.task.step, self.limits.clock_jump
         if not math.isfinite(now):
             return "the clock is not finite"
@@ -245,48 +250,36 @@ class Onboard:
         if math.isnan(before):
             self._begun = now
         elif now <= before:
-            self.stop(f"the clock went back by {before - now:.3g} s")
+            return f"the clock went back by {before - now:.3g} s"
         elif abs(now - before - step) > limit:
-            self.stop(f"the clock jumped by {now - before:.3g} s, where a step of {step:g} s may be off by {limit:g} s")
+            return f"the clock jumped by {now - before:.3g} s, where a step of {step:g} s may be off by {limit:g} s"
         return ""
 
-    def _check_odometry(self, now: float, odometry: Odometry | None) -> str:
-        if odometry is None:
-            return "there is no pose"
-        if not odometry.is_finite:
+    def _fence_fault(self, pose: Odometry | None) -> str:
+        """Return by how much a pose is outside of the fence, after which the robot stays stopped; "" if it is not."""
+        curve, limit = self.scenario.curve, self.limits.fence
+        out = 0.0 if pose is None else max(abs(pose.x) - curve.half_width, abs(pose.y) - curve.half_height)
+        return f"the robot is {out:.3g} m outside of the rectangle, the limit is {limit:g} m" if out > limit else ""
+
+    def _pose_fault(self, now: float, pose: Odometry | None) -> str:
+        """Return a fault of the latest pose, which is None if it is not finite; "" for none."""
+        if pose is None:
             return "the pose is not finite"
-        age, limits = now - odometry.stamp, self.limits
+        age, limits = now - pose.stamp, self.limits
         if age > limits.pose_age:
             return f"the pose is {age:.3g} s old, the limit is {limits.pose_age:g} s"
-        if -age > limits.clock_jump:
-            return f"the pose is of {-age:.3g} s from now"
-        return ""
+        return f"the pose is of {-age:.3g} s from now" if -age > limits.clock_jump else ""
 
-    def _check_fence(self, pose: Odometry | None) -> str:
-        """Stop a robot outside of the fence, for good."""
-        curve = self.scenario.curve
-        if pose is not None:
-            out = max(abs(pose.x) - curve.half_width, abs(pose.y) - curve.half_height)
-            if out > self.limits.fence:
-                self.stop(f"the robot is {out:.3g} m outside of the rectangle, the limit is {self.limits.fence:g} m")
-        return self._latched
-
-    def _check_silence(self, now: float) -> str:
+    def _silence(self, now: float) -> str:
+        """Return which ring neighbour has been silent for too long; "" for none."""
         for neighbour, message in zip(self.neighbours, self._heard, strict=True):
             since = now - (self._begun if message is None else message.sent_at)
             if self.listens and neighbour >= 0 and since > self.limits.silence:
                 return f"robot {neighbour} has been silent for {since:.3g} s, the limit is {self.limits.silence:g} s"
         return ""
 
-    def _steps_due(self, now: float) -> int:
-        """Return how many steps the policy is behind the clock, which a call brings it up to: mostly one."""
-        now_done = round((now - self._begun) / self.scenario.task.step) + 1
-        due = min(max(now_done - self._steps, 0), _MOST_STEPS)
-        self._steps = max(now_done, self._steps)
-        return due
-
     def _decide(self, row: np.ndarray) -> None:
-        self._rows_host[:] = row
+        self._rows_host[:], self._steps = row, self._steps + 1
         if isinstance(self._policy, Policy):
             self._action[:] = self._policy.act(self._rows).numpy()[0, self.robot]
         else:
@@ -307,14 +300,11 @@ class Onboard:
 def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
     """Return the policy for one world, restricted to a robot."""
     acting: Any = factories.as_factory(policy, shown(policy))(scenario, 1, "cpu")
-    if acting.num_worlds != 1:
-        raise ValueError(f"policy must be for one world, got one for {acting.num_worlds}")
+    require(acting.num_worlds == 1, "num_worlds of the policy", "must be 1", acting.num_worlds)
     if isinstance(acting, Policy):
-        if acting.kind not in (None, scenario.robot.kind):
-            raise ValueError(f"policy must drive robots of kind {scenario.robot.kind}, got kind {acting.kind}")
-        if _is_proved(acting):
-            rule = f"policy must be without the filter {Proved.suffix} outside the simulation, where no tails are sent"
-            raise ValueError(f"{rule}, got {acting.name}; {Safe.suffix} uses messages of ring neighbours alone")
+        kind, filters = scenario.robot.kind, f"filter {Proved.suffix}, as no tails are sent here; use {Safe.suffix}"
+        require(acting.kind in (None, kind), "policy", f"must drive robots of kind {kind}", acting.kind)
+        require(not _is_proved(acting), "policy", f"must be without the {filters}", acting.name)
         acting.restrict(robot)
     return acting
 

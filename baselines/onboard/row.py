@@ -15,6 +15,7 @@ from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import locate
+from lissajous_env.wording import require
 from lissajous_env.world.observation import layout
 from lissajous_env.world.observing import observe
 from lissajous_env.world.robots.placing import follow_curve
@@ -108,7 +109,7 @@ class Row:
         if phase is not None:
             robots["phase"][0] = math.atan2(phase[1], phase[0]) % (2 * math.pi)
         elif self.pose is None:
-            robots["phase"][0] = locate(curve, alpha, pose.x, pose.y, pose.heading, self._near) % (2 * math.pi)
+            robots["phase"][0] = locate(curve, alpha, pose.x, pose.y, pose.heading, self._near)
         if phase is None and pose is not self.pose:
             self._follow()
         self._measure()
@@ -140,12 +141,8 @@ def _nearest(seen: np.ndarray, count: int) -> np.ndarray:
 def _check(scenario: Scenario) -> None:
     """Refuse a scenario whose rows or actions require a simulation."""
     names = [name for entry in scenario.extensions if isinstance(entry, ObservationEntry) for name in entry.entries]
-    rule = "for a robot outside the simulation"
-    if names:
-        raise ValueError(f"scenario must have no observation entries of extensions {rule}, got {', '.join(names)}")
-    if scenario.sensing.has_tracks:
-        raise ValueError(f"sensing.tracks_seen and sensing.teammates_seen must be 0 {rule}, got a scenario with tracks")
-    if scenario.sensing.cells_seen is not None:
-        raise ValueError(f"sensing.cells_seen must be None {rule}, got {scenario.sensing.cells_seen}")
-    if scenario.task.action != "control":
-        raise ValueError(f"task.action must be control {rule}, got {scenario.task.action}")
+    sensing, rule = scenario.sensing, "for a robot outside the simulation"
+    require(not names, "scenario", f"must have no observation entries of extensions {rule}", names)
+    require(not sensing.has_tracks, "sensing.tracks_seen and sensing.teammates_seen", f"must be 0 {rule}", "tracks")
+    require(sensing.cells_seen is None, "sensing.cells_seen", f"must be None {rule}", sensing.cells_seen)
+    require(scenario.task.action == "control", "task.action", f"must be control {rule}", scenario.task.action)

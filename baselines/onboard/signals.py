@@ -6,12 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.devices import as_device, compile_quietly
-from lissajous_env.device.structs import RobotStruct, to_struct
-from lissajous_env.logs.inputs import INPUTS, convert
+from lissajous_env.logs.commands import COMMAND_NAMES, conversion_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.wording import require, shown
 
 
 class Odometry(NamedTuple):
@@ -78,8 +76,8 @@ def detection_rows(name: str, given: Any, width: int) -> np.ndarray:
         raise ValueError(f"{name} must be rows of {width} numbers, got {shown(given)}") from None
     if rows.size == 0:
         return np.zeros((0, width), dtype=np.float32)
-    if rows.ndim != 2 or rows.shape[1] != width:
-        raise ValueError(f"{name} must be rows of {width} numbers, got shape {rows.shape}")
+    is_table = rows.ndim == 2 and rows.shape[1] == width
+    require(is_table, name, f"must be rows of {width} numbers", rows.shape)
     return rows
 
 
@@ -110,18 +108,16 @@ class Actuation:
 
     def __init__(self, scenario: Scenario):
         robot = scenario.robot
-        if robot.kind not in INPUTS:
-            raise ValueError(f"scenario must be of robots of kind {' or '.join(INPUTS)}, got {robot.kind}")
-        self._kind, device = Command if robot.kind == "car" else Twist, as_device("cpu")
-        action, command = (wp.zeros(1, dtype=wp.vec2, device=device) for _ in range(2))
+        kinds = " or ".join(COMMAND_NAMES)
+        require(robot.kind in COMMAND_NAMES, "scenario", f"must be of robots of kind {kinds}", robot.kind)
+        self._make = Command if robot.kind == "car" else Twist
+        action = wp.zeros(1, dtype=wp.vec2, device="cpu")
+        self._conversion, command = conversion_of(robot, action)
         self._action, self._command = action.numpy()[0], command.numpy()[0]
-        given = [to_struct(RobotStruct, robot), int(robot.kind == "car"), 1, action]
-        with compile_quietly():
-            self._work = wp.launch(convert, 1, given, [command], device=device, record_cmd=True)
         self.stop = self.command(np.array(model_of(robot.kind).rest_action(robot), dtype=np.float32))
 
     def command(self, action: np.ndarray) -> Command | Twist:
         """Return the command of an action, clipped to [-1, 1]."""
         self._action[:] = np.clip(action[:2], -1, 1)
-        self._work.launch()
-        return self._kind(*self._command.tolist())
+        self._conversion.launch()
+        return self._make(*self._command.tolist())

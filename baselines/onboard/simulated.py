@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.onboard.signals import Command, Message, Odometry, Twist
-from lissajous_env.logs.inputs import actions_of
+from lissajous_env.logs.commands import actions_of_commands
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
@@ -37,7 +37,7 @@ def inputs_of(simulation: Simulation, robot: int) -> Inputs:
     n, scenario, state = simulation.num_robots, simulation.scenario, simulation.robots
     whole_number("robot", robot, 0, n - 1)
     status = state.status.numpy()[0]
-    if status[robot] == int(REMOVED):
+    if status[robot] == REMOVED:
         raise ValueError(f"robot must not have been removed, got {robot}")
     faces, speeds = state.heading.numpy()[0], state.speed.numpy()[0]
     moves = np.column_stack([state.position.numpy()[0, :, :2], speeds * np.cos(faces), speeds * np.sin(faces)])
@@ -46,7 +46,7 @@ def inputs_of(simulation: Simulation, robot: int) -> Inputs:
     x, y, heading, speed = state.measured.numpy()[0, robot].tolist()
     step = scenario.task.step
     now = int(simulation.clock.step.numpy()[0]) * step
-    there = (np.arange(n) != robot) & (status != int(REMOVED)) & _is_near(others, scenario.sight)
+    there = (np.arange(n) != robot) & (status != REMOVED) & _is_near(others, scenario.sight)
     sighted = simulation.targets.in_sight.numpy()[0] == 1
     targets = simulation.targets.position.numpy()[0][sighted] - state.sensor.numpy()[0, robot]
     targets = targets[_is_near(targets, scenario.sight)]
@@ -57,12 +57,12 @@ def inputs_of(simulation: Simulation, robot: int) -> Inputs:
         others[there],
         targets,
         (cos_phase, sin_phase),
-        bool(status[robot] == int(WORKING)),
+        bool(status[robot] == WORKING),
     )
 
 
 def _is_near(away: np.ndarray, radius: float) -> np.ndarray:
-    """Return whether places are in sight, within rounding; the row decides."""
+    """Return whether places are in sight or, because of rounding, just outside; the row leaves the latter out."""
     return np.hypot(away[:, 0], away[:, 1]) < radius * (1 + 1e-5)
 
 
@@ -93,7 +93,7 @@ class Vehicle:
         self._robot, self._size, self._watchdog = scenario.resolve().robot, scenario.action_size, watchdog
         self._taken_at, self._command = -math.inf, Command(0.0, 0.0)
         self._steering = 0.0
-        actions_of(self._robot, np.zeros(2, dtype=np.float32))  # compiles and loads the kernel
+        actions_of_commands(self._robot, np.zeros(2, dtype=np.float32))  # compiles and loads the kernel
 
     def take(self, now: float, command: Command | Twist) -> None:
         """Store a command that arrived now; one that is not finite is ignored."""
@@ -117,8 +117,7 @@ class Vehicle:
     def action(self, now: float) -> np.ndarray:
         """Return the action (A,) in force now; without a valid command that of rest."""
         action = np.zeros(self._size, dtype=np.float32)
-        if now - self._taken_at <= self._watchdog:
-            action[:2] = actions_of(self._robot, np.array(self._command, dtype=np.float32))
-        else:
-            action[:2] = model_of(self._robot.kind).rest_action(self._robot)
+        is_valid, command = now - self._taken_at <= self._watchdog, np.array(self._command, dtype=np.float32)
+        rest = model_of(self._robot.kind).rest_action(self._robot)
+        action[:2] = actions_of_commands(self._robot, command) if is_valid else rest
         return action

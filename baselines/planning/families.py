@@ -16,11 +16,12 @@ import numpy as np
 
 from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
 from baselines.planning.plans import Choices, Family, Plan, Settings, absolute, robots_top_speed
-from baselines.planning.request import paper_design, tightest_radius
+from baselines.planning.request import paper_design
 from baselines.policies import registry
 from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters import named
+from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry

@@ -17,14 +17,14 @@ from baselines.similarity import motion_scale
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
-from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, whole
 from lissajous_env.settings.parts import Formation, Robot
 from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.design import Design, best_design
-from lissajous_env.theory.geometry import curve_length, largest_speed, turning_radius
+from lissajous_env.theory.geometry import curve_length, largest_speed
 from lissajous_env.wording import few_of, outside
 
 _SWEEPS = 12
@@ -270,14 +270,6 @@ def paper_design(
     if closed_forms.cluster_size(num_robots, best.p, best.alpha) > 1:
         return dataclasses.replace(best, p=1, alpha=1)
     return best
-
-
-def tightest_radius(robot: Robot) -> float:
-    """Return the radius of the tightest circle of a car, or of one that a robot moves like [m]; 0 for points."""
-    if robot.kind == "car":
-        return turning_radius(robot.wheelbase, robot.steering_max)
-    as_car = model_of(robot.kind).as_car
-    return 0.0 if as_car is None else as_car.turning_radius(robot)
 
 
 def _times(scenario: Scenario) -> dict[str, Any]:

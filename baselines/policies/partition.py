@@ -217,8 +217,8 @@ class PartitionRepair(TimedPaths):
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, drift = self.scenario, self.partition.speed * self.scenario.task.step
         self._watched = wp.zeros((*self.shape, 2, WATCH_SIZE), dtype=wp.float32, device=self.device)
-        self._stopped = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
-        self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
+        self._stopped = wp.zeros((*self.shape, PLACES), dtype=wp.vec3, device=self.device)
+        self._avoided = wp.zeros((*self.shape, PLACES), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._takeover = _constants_of(scenario, self.takeover_loops, self.tables, drift, self.device)

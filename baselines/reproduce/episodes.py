@@ -136,7 +136,7 @@ class Player:
         EpisodeRunner(acting, simulation).play(on_moment=record)
         phase, position, heading, status, deviation = (np.stack(array) for array in zip(*frames, strict=True))
         times, detected = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
-        failed = status == int(FAILED)
+        failed = status == FAILED
         arrays = phase, position, heading, failed, deviation, times, detected
         self._played[key] = PlayedEpisodes(task, simulation.score(), *arrays)
         return self._played[key]

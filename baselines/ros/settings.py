@@ -9,6 +9,7 @@ import tyro
 from baselines.onboard import Limits
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, number, rows, whole, word
+from lissajous_env.wording import require
 
 COMMANDS = {
     "car": {"car": {"command": "JointState"}, "dart": {"steering": "Float32", "throttle": "Float32"}},
@@ -83,8 +84,7 @@ def command_topics(scenario: Scenario, command: str) -> dict[str, str]:
         ValueError: they are neither cars nor differential drives, or understand another kind.
     """
     kind = scenario.robot.kind
-    if kind not in COMMANDS:
-        raise ValueError(f"scenario must be of robots of kind {' or '.join(COMMANDS)}, got {kind}")
-    if command not in COMMANDS[kind]:
-        raise ValueError(f"command must be {' or '.join(COMMANDS[kind])} for robots of kind {kind}, got {command}")
+    require(kind in COMMANDS, "scenario", f"must be of robots of kind {' or '.join(COMMANDS)}", kind)
+    known = " or ".join(COMMANDS[kind])
+    require(command in COMMANDS[kind], "command", f"must be {known} for robots of kind {kind}", command)
     return COMMANDS[kind][command]

@@ -26,9 +26,6 @@ from lissajous_env.world.state import REMOVED
 NAME = "world"
 _AGAIN = 0.25
 """Period in which a state is sent again while robots are waited for [s]."""
-DISCOVERY = 4.0
-"""Time after which a node has discovered everyone that was there before, such as a recorder [s]; participants of DDS
-announce themselves every 3 s."""
 
 
 class WorldNode(ros.Node):
@@ -53,7 +50,7 @@ class WorldNode(ros.Node):
     """
 
     loop: Any = None
-    discovery = DISCOVERY
+    discovery = 4.0  # participants of DDS announce themselves every 3 s
 
     def __init__(self, scenario: Scenario, settings: WorldSettings, **options: Any):
         self._command_topics = command_topics(scenario, settings.command)
@@ -161,7 +158,7 @@ class WorldNode(ros.Node):
 
         def missing() -> list[int]:
             late = [k for k, decided_at in enumerate(self._decided_at) if decided_at < self.now - 1e-6]
-            return [k for k in late if self.awaited[k] and self._status[k] != int(REMOVED)]
+            return [k for k in late if self.awaited[k] and self._status[k] != REMOVED]
 
         self._publish()
         if not self._spin_until(lambda: not missing(), self.settings.patience, self._publish):
@@ -186,7 +183,7 @@ class WorldNode(ros.Node):
 
     def _call(self, name: str, limit: float) -> bool:
         """Call a service of every robot that is there; return False if one does not answer within a time [s]."""
-        clients = [robot[name] for k, robot in enumerate(self._robots) if self._status[k] != int(REMOVED)]
+        clients = [robot[name] for k, robot in enumerate(self._robots) if self._status[k] != REMOVED]
         answers = [client.call_async(ros.Trigger.Request()) for client in clients if client.service_is_ready()]
         return self._spin_until(lambda: all(answer.done() for answer in answers), limit)
 
@@ -201,7 +198,7 @@ class WorldNode(ros.Node):
             if status != self._status[k]:
                 robot["status"](ros.UInt8(data=status))
                 self._status[k] = status
-            if status == int(REMOVED):
+            if status == REMOVED:
                 continue
             inputs = inputs_of(self.simulation, k)
             odometry = inputs.odometry._replace(stamp=time)

@@ -267,7 +267,7 @@ class Batch(Stateful):
     @property
     def over(self) -> np.ndarray:
         """(W,) bool on the host: worlds whose episode has ended or, if only rogues act, that have no rogue left."""
-        over = self._status() != int(RUNNING)
+        over = self._status() != RUNNING
         if self.robot_policy is not None:
             over = over | self.simulation.rogues.terminated.numpy().astype(bool).all(axis=1)
         return over
@@ -275,7 +275,7 @@ class Batch(Stateful):
     @property
     def just_ended(self) -> np.ndarray:
         """(W,) bool on the host: worlds whose episode the latest step ended."""
-        return self._status() == int(ENDED)
+        return self._status() == ENDED
 
     def _status(self) -> np.ndarray:
         return np.concatenate([simulation.clock.status.numpy() for simulation in self.simulations])

@@ -300,7 +300,7 @@ def _loaded(file: BinaryIO) -> Recording:
 
 def _check_arrays(recording: Recording) -> None:
     """Check the shapes and the numbers of a recording."""
-    scenario, latest, spreading = recording.scenario, int(NEVER), recording.scenario.spreading
+    scenario, latest, spreading = recording.scenario, NEVER, recording.scenario.spreading
     sizes = {"F": len(recording), "N": scenario.num_robots, "T": len(recording.motion), "M": len(recording.contact)}
     sizes["C"], sizes["R"] = scenario.task.grid or (1, 1)
     sizes |= {"P": spreading.rows, "Q": spreading.columns, "A": scenario.action_size}

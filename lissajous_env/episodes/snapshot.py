@@ -55,7 +55,7 @@ class Snapshot:
         sensed_at = last_sensed(of_world(cells.sensed_at, world), of_world(cells.in_discs, world), step)
         status = of_world(robots.status, world)
         # The contact of a pair with a removed robot is never reset, but it has ended.
-        there = status != int(REMOVED)
+        there = status != REMOVED
         names = ("motion", "appears_at", "found_at", "found_early")
         constant: dict[str, Any] = {name: of_world(getattr(targets, name), world) for name in names}
         return cls(
@@ -84,7 +84,7 @@ class Snapshot:
 
     def in_sight(self, sight: float) -> np.ndarray:
         """Return (T,) bool: targets in the world that a working robot has within `sight` [m]."""
-        robots = self.position[self.status == int(WORKING), :2]
+        robots = self.position[self.status == WORKING, :2]
         nearest = np.full(len(self.target_position), np.inf)
         for place in robots:
             nearest = np.minimum(nearest, np.hypot(*(self.target_position - place).T))

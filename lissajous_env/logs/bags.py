@@ -7,7 +7,7 @@ frame of /tf, "2" for the third pose of an array.
 import contextlib
 import dataclasses
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +17,14 @@ import numpy as np
 
 from lissajous_env.logs.messages import rosbags, seconds, type_store
 from lissajous_env.storage.files import undamaged
-from lissajous_env.wording import few_of
+from lissajous_env.wording import counted, few_of, require
 
 _LOG = "rosbag2 file (.mcap) or folder"
 
 Sample = tuple[str, Any, tuple[str, ...], Sequence[Any]]
 """The part of a topic, the header or None, the names of some numbers, or (), and the numbers."""
 Decoder = Callable[[Any], list[Sample]]
-"""Function that returns the samples in a message, and raises a ValueError with the reason for one that says nothing."""
+"""Function that returns the samples in a message, and raises a ValueError with the reason for one without any."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Bags(contextlib.ExitStack):
     Attributes:
         kinds: Types of each topic's messages; a topic may have several. A type of another encoding than that of ROS 2
             has it in its name.
-        remarks: Number of messages of which something is to be said, by remark and topic.
+        remarks: Number of messages with a remark, by remark and topic.
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
@@ -80,32 +80,36 @@ class Bags(contextlib.ExitStack):
         self.paths = tuple(paths)
         self._store = type_store()  # of ROS alone: the types that a file defines are not compiled
         self.kinds: dict[str, set[str]] = {}
-        self.remarks: Counter[tuple[str, str]] = Counter()
-        self._readers = [(bag, reader) for bag, path in enumerate(paths) for reader in self._opened(path)]
+        self.remarks: dict[str, Counter[str]] = defaultdict(Counter)
+        try:
+            self._readers = [(bag, reader) for bag, path in enumerate(paths) for reader in self._opened(path)]
+        except BaseException:
+            self.close()
+            raise
         for connection in (connection for _, reader in self._readers for connection in reader.connections):
             kind = _kind_of(connection)
             self.kinds.setdefault(connection.topic, set()).add(kind)
             if kind != connection.msgtype and connection.msgcount:
-                self.ignore(connection.topic, f"type {kind} is not understood", connection.msgcount)
+                self.remark(connection.topic, f"ignored: type {kind} is not understood", connection.msgcount)
 
     def _opened(self, path: Path) -> list[Any]:
         """Return the readers of a file, or of those of a folder: its list of topics may have types that are refused."""
-        if not path.exists():
-            raise ValueError(f"logs must be existing files or folders, got {path}")
+        require(path.exists(), "logs", "must be existing files or folders", str(path))
         files = sorted(path.glob("*.mcap")) if path.is_dir() else []
         with undamaged(path, _LOG), _any_encoding():
             return [self.enter_context(rosbags().Reader(file)) for file in files or [path]]
 
-    def ignore(self, topic: str, reason: str, count: int = 1) -> None:
-        """Remark that messages of a topic are ignored."""
-        self.remarks[f"are ignored: {reason}", topic] += count
+    def remark(self, topic: str, words: str, count: int = 1) -> None:
+        """Note some messages of a topic, which are `words`."""
+        self.remarks[words][topic] += count
 
     def notes(self) -> list[str]:
-        """Return the remarks, one for all topics of which the same is said."""
-        remarks: dict[str, Counter[str]] = {}
-        for (remark, topic), count in sorted(self.remarks.items()):
-            remarks.setdefault(remark, Counter())[topic] += count
-        return [f"{topics.total()} messages of {few_of(topics)} {remark}" for remark, topics in remarks.items()]
+        """Return the remarks, those with the same words on several topics as one."""
+        notes = []
+        for remark, topics in sorted(self.remarks.items()):
+            messages, verb = counted(topics.total(), "message"), "is" if topics.total() == 1 else "are"
+            notes.append(f"{messages} of {few_of(sorted(topics))} {verb} {remark}")
+        return notes
 
     def files_with(self, topic: str) -> list[int]:
         """Return the numbers of the files that contain a topic."""
@@ -114,8 +118,8 @@ class Bags(contextlib.ExitStack):
     def samples(self, topic: str, decoders: dict[str, Decoder], bag: int | None = None) -> dict[str, Samples]:
         """Return the samples of a topic by part, file by file in the order of the recording.
 
-        Messages of other types, those that are damaged or say nothing, and samples with other names or another number
-        of numbers than the first, are ignored and counted in `remarks`.
+        Messages of other types, those that are damaged or without a sample, and samples with other names or another
+        number of numbers than the first, are ignored and counted in `remarks`.
 
         Args:
             topic: The topic.
@@ -127,7 +131,7 @@ class Bags(contextlib.ExitStack):
         for number, logged, (part, header, own_names, numbers) in self._decoded(topic, decoders, bag):
             own = rows.setdefault(part, [])
             if own and (own_names, len(numbers)) != (names[part], len(own[0][-1])):
-                self.ignore(topic, "they have other names or another length than the first")
+                self.remark(topic, "ignored: other names or another length than the first")
                 continue
             names[part] = own_names
             about = (math.nan, "") if header is None else (seconds(header.stamp), header.frame_id.strip("/"))
@@ -139,7 +143,7 @@ class Bags(contextlib.ExitStack):
         """Return the rows of a topic whose first numbers are finite, and remark that the others are ignored."""
         sound = np.isfinite(samples.numbers[:, :count]).all(axis=1)
         if not sound.all():
-            self.ignore(topic, "they have numbers that are not finite", int((~sound).sum()))
+            self.remark(topic, "ignored: numbers that are not finite", int((~sound).sum()))
         return samples.take(sound)
 
     def _decoded(
@@ -147,22 +151,24 @@ class Bags(contextlib.ExitStack):
     ) -> Iterator[tuple[int, float, Sample]]:
         """Yield the number of the file, the time of the recorder [s] and the sample of all that is understood."""
         for number, reader in self._readers:
+            if bag not in (None, number):
+                continue
             channels = [c for c in reader.connections if c.topic == topic and _kind_of(c) == c.msgtype and c.msgcount]
             for connection in channels:
-                if connection.msgtype not in decoders:
-                    self.ignore(topic, f"type {connection.msgtype} is not understood there", connection.msgcount)
-            known = [connection for connection in channels if connection.msgtype in decoders and bag in (None, number)]
+                if (kind := connection.msgtype) not in decoders:
+                    self.remark(topic, f"ignored: type {kind} is not understood there", connection.msgcount)
+            known = [connection for connection in channels if connection.msgtype in decoders]
             with undamaged(self.paths[number], _LOG):
                 for connection, logged, raw in reader.messages(known) if known else ():
                     try:
                         content = self._store.deserialize_cdr(raw, connection.msgtype)
                     except Exception:  # damaged bytes make the library raise almost any
-                        self.ignore(topic, f"they are cut off or damaged messages of type {connection.msgtype}")
+                        self.remark(topic, f"ignored: cut off or damaged, of type {connection.msgtype}")
                         continue
                     try:
                         samples = decoders[connection.msgtype](content)
                     except ValueError as error:
-                        self.ignore(topic, str(error))
+                        self.remark(topic, f"ignored: {error}")
                         continue
                     yield from ((number, logged / 1e9, sample) for sample in samples)
 

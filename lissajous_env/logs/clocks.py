@@ -16,15 +16,16 @@ import numpy as np
 
 from lissajous_env.logs.bags import Samples
 from lissajous_env.logs.log import Log, runs
+from lissajous_env.wording import counted
 
-SAME = 1e-4
+SAME_STAMP = 1e-4
 """Difference up to which two stamps of a robot's poses are the same [s]."""
 _DAY = 86_400.0
-"""Difference from the other stamps from which on a stamp counts as not set [s]."""
+"""Least difference from the other stamps at which a stamp counts as not set [s]."""
 _LAG = 1.0
-"""Difference of two clocks from which on a note names them [s]."""
+"""Least difference of two clocks that a note names [s]."""
 _LEAP = 10.0
-"""Time by which stamps jump ahead while the recorder's times do not [s], from which on the clock was set."""
+"""Least time by which stamps jump ahead of the recorder's times if the clock was set [s]."""
 _DETOUR = 1.5
 """Factor by which the way in the order of the stamps must exceed that in the order of the recording."""
 
@@ -34,7 +35,7 @@ class Clock:
 
     Args:
         poses: Poses of each robot.
-        log: Names of the robots.
+        log: A log without tracks, whose labels are the names of the robots in notes.
 
     Attributes:
         poses: The poses, in the order of their recording, all with stamps on this clock.
@@ -48,13 +49,13 @@ class Clock:
         self._log, self.poses = log, [own.take(np.lexsort((own.stamp, own.logged, own.bag))) for own in poses]
         lacks = [_lacks_stamps(own.stamp) for own in self.poses]
         self.notes = log.grouped([
-            (k, f"{int(lack.sum())} poses have no stamps; their times are the recorder's")
+            (k, f"times of {counted(int(lack.sum()), 'pose')} without a stamp are the recorder's")
             for k, lack in enumerate(lacks) if lack.any()
         ])  # fmt: skip
         if np.concatenate(lacks).all():
             self.poses = [dataclasses.replace(own, stamp=own.logged) for own in self.poses]
-            lacks = [~lack for lack in lacks]
-        self._pairs, counted = {}, []
+            lacks = [np.zeros_like(lack) for lack in lacks]
+        self._pairs, all_agreeing = {}, []
         for bag in np.unique(np.concatenate([own.bag for own in self.poses])).tolist():
             of_file = [own.take((own.bag == bag) & ~lack) for own, lack in zip(self.poses, lacks, strict=True)]
             stamped = {k: own for k, own in enumerate(of_file) if len(own)}
@@ -63,8 +64,8 @@ class Clock:
             deviating = self._deviating(stamped)
             if agreeing := [own for k, own in stamped.items() if k not in deviating]:
                 self._pairs[bag] = _pairs_of(agreeing)
-                counted += agreeing
-        self._common = _pairs_of(counted)
+                all_agreeing += agreeing
+        self._common = _pairs_of(all_agreeing)
         for k, own in enumerate(self.poses):
             stamp = np.where(lacks[k], self.times(own.bag, own.logged), own.stamp)
             self.poses[k] = dataclasses.replace(own, stamp=stamp)
@@ -76,12 +77,12 @@ class Clock:
             converted[bag == number] = _converted(logged[bag == number], *self._pairs.get(number, self._common))
         return converted
 
-    def differs(self, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> float:
-        """Return by how much stamps are ahead of this clock [s], 0 for less than a second; NaN if they do not rise."""
+    def lead_of(self, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> float:
+        """Return by how much stamps are ahead of this clock [s], 0 for less than a second; NaN if all are the same."""
         if len(stamp) > 1 and not np.ptp(stamp) > 0:
             return np.nan
-        ahead = float(np.median(stamp - self.times(bag, logged)))
-        return ahead if abs(ahead) > _LAG else 0.0
+        lead = float(np.median(stamp - self.times(bag, logged)))
+        return lead if abs(lead) > _LAG else 0.0
 
     def _refuse_breaks(self, robot: int, poses: Samples) -> None:
         """Refuse a log in which the clock of a robot's poses is set within a file.
@@ -104,7 +105,8 @@ class Clock:
             return set()
         pairs = _pairs_of([max(stamped.values(), key=len)])
         lags = {k: np.median(own.stamp - _converted(own.logged, *pairs)) for k, own in stamped.items()}
-        ahead = {k: lag - np.median(list(lags.values())) for k, lag in lags.items()}
+        middle = sorted(lags.values())[len(lags) // 2]  # that of a robot, also of an even number
+        ahead = {k: lag - middle for k, lag in lags.items()}
         deviating = {k for k, time in ahead.items() if abs(time) > _LAG}
         for k in deviating:
             got = f"{abs(ahead[k]):.3g} s {'ahead of' if ahead[k] > 0 else 'behind'} those of the others"
@@ -136,7 +138,7 @@ def _first_break(poses: Samples) -> int | None:
     stamp, place = poses.stamp, poses.numbers[:, :2]
     leaps = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1
     top = np.maximum.accumulate(stamp)
-    for begin, end in runs(stamp < top - SAME):
+    for begin, end in runs(stamp < top - SAME_STAMP):
         earlier = np.arange(np.searchsorted(top, stamp[begin]), begin)
         earlier = earlier[stamp[earlier] >= stamp[begin]]
         recorded = np.concatenate([earlier, np.arange(begin, end)])

@@ -19,10 +19,11 @@ from scipy.optimize import least_squares
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
-from lissajous_env.logs.inputs import INPUTS, commands_of
+from lissajous_env.logs.commands import COMMAND_NAMES, named_commands
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import local_deviations, motion_of
 from lissajous_env.settings.parts import Robot
+from lissajous_env.wording import require
 from lissajous_env.world.robots.car import car_step, motor_acceleration
 from lissajous_env.world.robots.differential import drive_step, ramp
 from lissajous_env.world.state import WORKING
@@ -167,7 +168,7 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
             steering angles are not in radians.
     """
     guess = guess or Robot()
-    given = commands_of(commands, INPUTS[guess.kind])
+    given = named_commands(commands, COMMAND_NAMES[guess.kind])
     return _Fit(track, Series(commands.time, given), guess, status).run()
 
 
@@ -177,7 +178,7 @@ class _Fit:
     def __init__(self, track: Track, commands: Series, guess: Robot, status: Series | None):
         model, is_car = MODELS[guess.kind], guess.kind == "car"
         self._names, self._least = tuple(model), np.array([least for _, least in model.values()][:5])
-        self._has_dead_zone = is_car
+        self._is_car = is_car
         self._free = 4 if is_car else 5  # number of entries of a state that the motion depends on
         # The last command counts for as long as any other one: later, the robot may have stopped without commands.
         until = commands.time[-1] + np.diff(commands.time).max(initial=0.0)
@@ -192,20 +193,20 @@ class _Fit:
         duration = max(_SEGMENT, _POSES * period)
         measured = np.stack([*track.position.T[:2], motion.track.heading, motion.track.speed], axis=1)[inside]
         turning = 0 if is_car else 1
-        if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, turning]) < 1e-3:
-            raise ValueError(f"log must be of a robot whose speed and {INPUTS[guess.kind][turning]} change")
+        changes = np.ptp(measured[:, 3]), np.ptp(commands.value[:, turning])
+        rule = f"must be of a robot whose speed and {COMMAND_NAMES[guess.kind][turning]} change"
+        require(min(changes) >= 1e-3, "log", rule, "changes of {:.3g} and {:.3g}".format(*changes))
         segment = ((time - time[0]) / duration).astype(int)
-        failed = np.zeros(count, bool) if status is None else status.before(time) != int(WORKING)
+        failed = np.zeros(count, bool) if status is None else status.before(time) != WORKING
         used = np.setdiff1d(segment, segment[failed])
-        if not len(used):
-            raise ValueError(f"log must have {duration:.3g} s in which the robot works, got none")
+        require(len(used), "log", f"must have {duration:.3g} s in which the robot works", "none")
         if len(used) > _MOST_SEGMENTS:
             used = used[np.linspace(0, len(used) - 1, _MOST_SEGMENTS).astype(int)]
         chosen = np.isin(segment, used)
         self._time, self._measured = time[chosen], measured[chosen]
         self._segment = np.searchsorted(used, segment[chosen])
         # A speed that was computed from positions is no second measurement, and lags behind the robot's.
-        self._is_known = np.array([True, True, True, not motion.derived])
+        self._is_known = np.array([True, True, True, not motion.why_derived])
         self._commands = commands
         self._first_pose = np.append(np.flatnonzero(np.diff(self._segment, prepend=-1)), len(self._segment))
         self._scale, rows = _FIRST_SCALE, self._first_pose[:-1]
@@ -213,12 +214,8 @@ class _Fit:
         limits = {"acceleration_max": guess.top_acceleration, "yaw_acceleration_max": guess.top_yaw_acceleration}
         given = limits | {"speed_factor": 1.0, "yaw_factor": 1.0, "delay": 0.0}
         self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model])
-        kinds = (
-            (self._first_pose, wp.int32),
-            (self._time, wp.float64),
-            (commands.time, wp.float64),
-            (commands.value, wp.vec2),
-        )
+        arrays = self._first_pose, self._time, commands.time, commands.value
+        kinds = zip(arrays, (wp.int32, wp.float64, wp.float64, wp.vec2), strict=True)
         self._data = [wp.array(values, dtype=kind, device="cpu") for values, kind in kinds]
         self._robot = to_struct(RobotStruct, guess), int(is_car)
         # Between two throttles of the log, of either direction, every value of the dead zone is as good.
@@ -230,7 +227,7 @@ class _Fit:
         """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
         limits = np.isin(self._names, _LIMITS)
         constants, zone_error = self._best_of(self._initial_constants(limits)), []
-        if self._has_dead_zone:
+        if self._is_car:
             constants, error = self._with_dead_zone(constants)
             zone_error.append(error)
         for _ in range(2):
@@ -250,7 +247,7 @@ class _Fit:
 
         `limits` is True for the constants that limit changes, which also begin with shares of the guess.
         """
-        initial, guesses = [], [self._guess, *([self._estimate()] if self._has_dead_zone else [])]
+        initial, guesses = [], [self._guess, *([self._estimate()] if self._is_car else [])]
         for guess, delay, share in product(guesses, _DELAYS, _LIMIT_SHARES if limits.any() else (1.0,)):
             initial.append(np.where(limits, share, 1.0) * guess)
             initial[-1][4:] = [delay, 0.0][: len(guess) - 4]

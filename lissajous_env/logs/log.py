@@ -26,11 +26,8 @@ class Series:
     names: tuple[str, ...] = ()
     """Names of the columns, where the messages have any."""
 
-    def __len__(self) -> int:
-        return len(self.time)
-
     def before(self, time: np.ndarray, late: float = 1e-6) -> np.ndarray:
-        """Return the latest values until some times [s], or up to `late` after; the first value before all times."""
+        """Return the value in force at each of some times [s]: the latest until `late` [s] after it, else the first."""
         return self.value[np.maximum(np.searchsorted(self.time, time + late, side="right") - 1, 0)]
 
 
@@ -71,7 +68,7 @@ class Log:
     tracks: tuple[Track, ...]
     """Path of each robot."""
     commands: dict[int, Series] = field(default_factory=dict)
-    """Commands (K, A) of the robots that have any: of a car, steering angle [rad] and throttle."""
+    """Commands (K, A) of the robots that have any, with the names of `lissajous_env.logs.commands.COMMAND_NAMES`."""
     phases: dict[int, Series] = field(default_factory=dict)
     """Phases (K,) of the robots that have any [rad]."""
     statuses: dict[int, Series] = field(default_factory=dict)
@@ -95,11 +92,11 @@ class Log:
         return f"robots {', '.join(others)} and {last}" if others else f"robot {last}"
 
     def grouped(self, words: Sequence[tuple[int, str]]) -> list[str]:
-        """Return one note for all robots of which the same is said."""
+        """Return the words on each robot as notes, one for all robots with the same words."""
         those: dict[str, list[int]] = {}
-        for robot, said in words:
-            those.setdefault(said, []).append(robot)
-        return [f"{self.called(robots)}: {said}" for said, robots in those.items()]
+        for robot, note in words:
+            those.setdefault(note, []).append(robot)
+        return [f"{self.called(robots)}: {note}" for note, robots in those.items()]
 
     @property
     def start(self) -> float:

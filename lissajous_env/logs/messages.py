@@ -1,4 +1,4 @@
-"""Messages of ROS 2, whose fields are filled alike in any library's."""
+"""Messages of ROS 2: blank ones, and functions that fill and read fields, for the classes of any library."""
 
 import functools
 import math
@@ -51,7 +51,7 @@ def seconds(stamp: Any) -> float:
 
 
 def set_pose(pose: Any, place: Place) -> None:
-    """Write a place into a pose; a quaternion of zeros says that the heading is unknown."""
+    """Write a place into a pose; a quaternion of zeros marks an unknown heading."""
     pose.position.x, pose.position.y, pose.position.z, heading = place
     turn = (math.sin(heading / 2), math.cos(heading / 2)) if math.isfinite(heading) else (0.0, 0.0)
     pose.orientation.z, pose.orientation.w = turn

@@ -17,8 +17,9 @@ import numpy as np
 
 from lissajous_env.logs.log import Track
 from lissajous_env.logs.samples import moved
+from lissajous_env.wording import counted
 
-SAME = 1e-6
+SAME_TIME = 1e-6
 """Difference up to which two times are the same [s]."""
 _WINDOWS = (5, 7, 11, 17, 25, 41, 61, 101, 161)
 """Numbers of neighbouring poses that a velocity is derived from."""
@@ -27,11 +28,11 @@ _PRECISE = 0.02
 _LONGEST = 1.0
 """Longest time over which a velocity is derived where fewer poses are less precise [s]."""
 _CONTRADICTING = 0.25
-"""Share of the poses of a moving robot, from which on logged speeds contradict them."""
+"""Share of the poses of a moving robot above which logged speeds that do not match contradict them."""
 _CHUNK = 4096
 _STOPS = 1 / 3
-"""Share of the way at the speeds of two poses by which theirs may differ; where more is missed, the robot stopped at
-once, and is slower before, so that it does not overshoot."""
+"""Share of the way at the speeds of two poses by which the way between them may differ. A robot that misses more of it
+stopped at once; before, it is slower, so that it does not overshoot."""
 _WITH_TURNS = 0.05
 """This share where whole turns are added between two poses."""
 _FASTER = 2.0
@@ -52,10 +53,10 @@ class Motion:
     """(K - 1,) True where the motion from a pose to the next is known."""
     jumps: np.ndarray
     """(J,) first poses of jumps."""
-    derived: str = ""
+    why_derived: str = ""
     """Reason for which speeds are derived from the poses; "" if they are those of the log."""
-    headless: bool = False
-    """True if headings are those of the direction of motion, because the log has none."""
+    has_headings: bool = True
+    """False if headings are those of the direction of motion, because the log has none."""
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return places (M, 3) [m], headings and speeds (M,) at some times [s]; where unknown, on straight lines.
@@ -63,13 +64,13 @@ class Motion:
         At the times of its poses they are those poses, to the last bit.
         """
         track, known = self.track, self.known
-        k = np.clip(np.searchsorted(track.time, times + SAME, side="right") - 1, 0, len(track) - 2)
+        k = np.clip(np.searchsorted(track.time, times + SAME_TIME, side="right") - 1, 0, len(track) - 2)
         width = np.diff(track.time)[k]
         share = np.clip((times - track.time[k]) / width, 0, 1)
-        share = np.where(np.abs(times - track.time[k]) < SAME, 0.0, share)
-        share = np.where(np.abs(times - track.time[k + 1]) < SAME, 1.0, share)
+        share = np.where(np.abs(times - track.time[k]) < SAME_TIME, 0.0, share)
+        share = np.where(np.abs(times - track.time[k + 1]) < SAME_TIME, 1.0, share)
         begin, end = width[:, None] * self.velocity[[k, k + 1]]
-        turn, way = np.diff(track.heading)[k] * (not self.derived), np.diff(track.position, axis=0)[k]
+        turn, way = np.diff(track.heading)[k] * (not self.why_derived), np.diff(track.position, axis=0)[k]
         whole = _driven(begin, end, turn)
         length = _length(begin, end)
         stops = np.linalg.norm(way - whole, axis=1) > _STOPS * length
@@ -89,8 +90,8 @@ class Motion:
         time = self.track.time
         first = np.concatenate([[-np.inf], time[:-1][~self.known], time[-1:]])
         last = np.concatenate([time[:1], time[1:][~self.known], [np.inf]])
-        k = np.searchsorted(last, begin + SAME, side="right")
-        return first[np.minimum(k, len(first) - 1)] < end - SAME
+        k = np.searchsorted(last, begin + SAME_TIME, side="right")
+        return first[np.minimum(k, len(first) - 1)] < end - SAME_TIME
 
     def remarks(self, first: float, last: float, was_removed: bool) -> list[str]:
         """Return remarks for readers of a score from a first to a last time [s]: what is not known, and what is odd."""
@@ -103,12 +104,12 @@ class Motion:
             words.append(f"gaps of {total:.3g} s in all, the first from {begin:.3f} to {end:.3f} s, count as failures")
         if len(jumps):
             way, at = np.linalg.norm(np.diff(self.track.position, axis=0)[jumps[0]]), time[jumps[0]]
-            rule = "jumps that no robot of the scenario can drive count as failures"
-            words.append(f"{len(jumps)} {rule}, the first of {way:.3g} m at {at:.3f} s")
-        if time[-1] < last - SAME and not was_removed:
+            rule = "that no robot of the scenario can drive, counted as failure"
+            words.append(f"{counted(len(jumps), 'jump')} {rule}, the first of {way:.3g} m at {at:.3f} s")
+        if time[-1] < last - SAME_TIME and not was_removed:
             words.append(f"no pose after {time[-1]:.3f} s, which counts as a failure from then on")
-        words += [f"the speeds {self.derived}; they are computed from the poses"] if self.derived else []
-        return words + (["the headings are unknown; they are those of the motion"] if self.headless else [])
+        words += [f"the speeds {self.why_derived}; they are computed from the poses"] if self.why_derived else []
+        return words + ([] if self.has_headings else ["the headings are unknown; they are those of the motion"])
 
 
 def motion_of(
@@ -126,10 +127,10 @@ def motion_of(
     width, way = np.diff(track.time), np.linalg.norm(np.diff(track.position, axis=0), axis=1)
     deviation = float(np.median(local_deviations(track.time, track.position[:, :2])))
     jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
-    known = (width <= gap + SAME) & ~jumps
+    known = (width <= gap + SAME_TIME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    velocity, error = _derived(track, edges, deviation)
-    heading, headless = _headings(track, velocity)
+    velocity, error = _velocities(track, edges, deviation)
+    heading, has_headings = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     length = np.linalg.norm(velocity[:, :2], axis=1)
     judged = np.repeat(np.diff(edges) >= _WINDOWS[0], np.diff(edges))
@@ -147,7 +148,7 @@ def motion_of(
     else:
         speed, velocity = track.speed, logged
     whole = Track(track.time, track.position, heading, speed)
-    return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, headless)
+    return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, has_headings)
 
 
 def _driven(begin: np.ndarray, end: np.ndarray, turn: np.ndarray, share: Any = 1.0) -> np.ndarray:
@@ -185,7 +186,7 @@ def _with_whole_turns(track: Track, begin: np.ndarray, end: np.ndarray, heading:
     return heading + 2 * np.pi * np.append(0, np.cumsum(turned * counts[missed.argmin(axis=0)]))
 
 
-def _contradict(track: Track, driven: np.ndarray, known: np.ndarray, deviation: float, derived: np.ndarray) -> bool:
+def _contradict(track: Track, driven: np.ndarray, known: np.ndarray, deviation: float, speeds: np.ndarray) -> bool:
     """Return whether the logged speeds along the headings do not lead from pose to pose.
 
     The ways that are compared are the shortest that are long beside the noise of the poses.
@@ -195,13 +196,13 @@ def _contradict(track: Track, driven: np.ndarray, known: np.ndarray, deviation: 
         driven: (K - 1, 3) ways from pose to pose at the logged speeds and headings [m].
         known: (K - 1,) True where the motion from a pose to the next is known.
         deviation: Standard deviation of a pose [m].
-        derived: (K,) speeds that are derived from the poses [m/s].
+        speeds: (K,) speeds that are derived from the poses [m/s].
     """
-    width, slack = np.diff(track.time), 4 * deviation + SAME
+    width, slack = np.diff(track.time), 4 * deviation + SAME_TIME
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(driven[:, :2], axis=0)])
     gaps = np.concatenate([[0], np.cumsum(~known)])
-    step = float(np.quantile(derived, 0.75) * np.median(width))
-    span = int(min(np.ceil(2 * slack / max(step, SAME)), len(track) - 1))
+    step = float(np.quantile(speeds, 0.75) * np.median(width))
+    span = int(min(np.ceil(2 * slack / max(step, SAME_TIME)), len(track) - 1))
     way = track.position[span:, :2] - track.position[:-span, :2]
     length = np.linalg.norm(way, axis=1)
     moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
@@ -213,16 +214,16 @@ def _contradict(track: Track, driven: np.ndarray, known: np.ndarray, deviation: 
 
 
 def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return a heading at every pose, and whether they are those of the motion because the log has none."""
+    """Return a heading at every pose, and False if they are those of the motion, because the log has none."""
     known = np.isfinite(track.heading)
     if known.all():
-        return track.heading, False
+        return track.heading, True
     if known.sum() > 1:
-        return np.interp(track.time, track.time[known], track.heading[known]), False
-    return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), True
+        return np.interp(track.time, track.time[known], track.heading[known]), True
+    return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), False
 
 
-def _derived(track: Track, edges: np.ndarray, deviation: float) -> tuple[np.ndarray, float]:
+def _velocities(track: Track, edges: np.ndarray, deviation: float) -> tuple[np.ndarray, float]:
     """Return velocities (K, 3) from the positions of each stretch between two edges, and their standard deviation.
 
     The number of poses of which each is computed is the least that is precise enough, for the whole track.

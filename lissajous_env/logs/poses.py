@@ -6,12 +6,13 @@ The poses of a robot have the name of their topic, or of a topic and a part of i
 
 import functools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 from typing import NamedTuple
 
 from lissajous_env.logs.bags import Bags, Samples
 from lissajous_env.logs.samples import ARRAY, POSES, TRANSFORMS, poses_of
-from lissajous_env.wording import few_of, nearest
+from lissajous_env.wording import few_of, nearest, require
 
 TOPICS = ("/robot_{}/odom",)
 """Topics of poses by default."""
@@ -20,6 +21,8 @@ FEWEST = 2
 SHARED = {ARRAY, TRANSFORMS}
 """Types of topics with the poses of several robots."""
 _BODIES = ("base_link", "base_footprint")
+Source = tuple[str, str, int | None]
+"""Number of a robot in the names of the log, name of its poses, and number of the only file with them; None for any."""
 
 
 class LoggedRobot(NamedTuple):
@@ -44,48 +47,57 @@ def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[LoggedRobot]:
     Raises:
         ValueError: a topic is missing, of another type, or named twice, or has too few poses.
     """
-    twice = [topic for k, topic in enumerate(topics) if topic in topics[:k]]
-    if twice:
-        raise ValueError(f"topics must name each topic once, got {twice[0]} twice")
-    if "{" in "".join(topics) and (len(topics) > 1 or topics[0].count("{}") != 1 or topics[0].count("{") != 1):
-        raise ValueError(f"topics must be names, or one name in which {{}} stands once for a number, got {topics}")
-    poses_of_topic = functools.cache(lambda topic: _poses_of(bags, log, topic))
+    require(0 < len(topics) == len(set(topics)), "topics", "must name at least one topic, each of them once", topics)
+    is_pattern = "{}" in "".join(topics)
+    is_clear = len(topics) == topics[0].count("{}") == topics[0].count("{") == 1
+    rule = "must be names, or one name in which {} stands once for a number"
+    require(is_clear or not is_pattern, "topics", rule, topics)
+    parts_of = functools.cache(functools.partial(_parts_of, bags, log))
+    sources = _numbered(bags, topics[0], parts_of) if is_pattern else _named(bags, topics, parts_of)
+    return [LoggedRobot(label, bag, _poses(bags, log, name, bag, parts_of)) for label, name, bag in sources]
 
-    def robot(label: str, name: str, bag: int | None = None) -> LoggedRobot:
-        topic, _, part = name.partition(":")
-        parts = poses_of_topic(topic)
-        if parts and part not in parts:
-            rule = f"topics must name poses of {log}, as in {topic}:car_{{}}, which has {topic} of {few_of(parts)}"
-            raise ValueError(f"{rule}, got {name}")
-        poses = parts.get(part)
-        if poses is not None and bag is not None:
-            poses = poses.take(poses.bag == bag)
-        if poses is None or len(poses) < FEWEST:
-            got = "; ".join([str(0 if poses is None else len(poses)), *bags.notes()])
-            raise ValueError(f"topic {name} of {log} must have at least {FEWEST} poses, got {got}")
-        return LoggedRobot(label, bag, poses)
 
+def _numbered(bags: Bags, pattern: str, parts_of: Callable[[str], dict[str, Samples]]) -> list[Source]:
+    """Return the robots whose numbers stand for {} in a name; of the default, else those of the one shared topic."""
+    topic, _, part = pattern.partition(":")
+    names = [f"{topic}:{part}" for part in parts_of(topic)] if part else list(bags.kinds)
+    number = re.compile(re.escape(pattern).replace(r"\{\}", r"(\d+)"))
+    matches = [(match[1], name, None) for name in names if (match := number.fullmatch(name))]
+    shared = [topic for topic, kinds in bags.kinds.items() if kinds & SHARED and not topic.endswith("_static")]
+    if not matches and pattern == TOPICS[0] and len(shared) == 1:
+        return _named(bags, shared, parts_of)
+    return sorted(matches, key=lambda match: int(match[0])) or [("0", pattern.replace("{}", "0"), None)]
+
+
+def _named(bags: Bags, topics: Sequence[str], parts_of: Callable[[str], dict[str, Samples]]) -> list[Source]:
+    """Return the robots with some names; of a single name without a part, those of its parts or of its files."""
     topic, _, part = topics[0].partition(":")
-    if "{}" in topics[0]:
-        names = [f"{topic}:{part}" for part in poses_of_topic(topic)] if part else list(bags.kinds)
-        number = re.compile(re.escape(topics[0]).replace(r"\{\}", r"(\d+)"))
-        matches = [(match[1], name) for name in names if (match := number.fullmatch(name))]
-        shared = [topic for topic, kinds in bags.kinds.items() if kinds & SHARED and not topic.endswith("_static")]
-        if not matches and tuple(topics) == TOPICS and len(shared) == 1:
-            return robots_of(bags, log, shared)
-        numbered = sorted(matches, key=lambda match: int(match[0])) or [("0", topics[0].replace("{}", "0"))]
-        return [robot(*match) for match in numbered]
-    sources: list[tuple[str, int | None]] = [(name, None) for name in topics]
+    files: list[int | None] = [None]
     if len(topics) == 1 and not part:
-        if SHARED & bags.kinds.get(topic, set()) and (pattern := _pattern(poses_of_topic(topic))):
-            return robots_of(bags, log, [f"{topic}:{pattern}"])
-        if len(files := bags.files_with(topic)) > 1:
-            sources = [(topic, bag) for bag in files]
+        if SHARED & bags.kinds.get(topic, set()) and (pattern := _pattern(parts_of(topic))):
+            return _numbered(bags, f"{topic}:{pattern}", parts_of)
+        files = [*bags.files_with(topic)] if len(bags.files_with(topic)) > 1 else files
+    sources = list(product(topics, files))
     first = [re.search(r"\d+", name.rpartition(":")[2]) for name, _ in sources]
     numbers = [match[0] for match in first if match]
     if len(set(numbers)) < len(sources):
         numbers = list(map(str, range(len(sources))))
-    return [robot(number, *source) for number, source in zip(numbers, sources, strict=True)]
+    return [(number, *source) for number, source in zip(numbers, sources, strict=True)]
+
+
+def _poses(bags: Bags, log: str, name: str, bag: int | None, parts_of: Callable[[str], dict[str, Samples]]) -> Samples:
+    """Return the poses of a robot, by the name of its topic, or of a topic and a part of it, and its file."""
+    topic, _, part = name.partition(":")
+    parts = parts_of(topic)
+    rule = f"must name poses of {log}, as in {topic}:car_{{}}, which has {topic} of {few_of(parts)}"
+    require(not parts or part in parts, "topics", rule, name)
+    poses = parts.get(part)
+    if poses is not None and bag is not None:
+        poses = poses.take(poses.bag == bag)
+    if poses is None or len(poses) < FEWEST:
+        got = "; ".join([str(0 if poses is None else len(poses)), *bags.notes()])
+        raise ValueError(f"topic {name} of {log} must have at least {FEWEST} poses, got {got}")
+    return poses
 
 
 def _pattern(parts: Iterable[str]) -> str:
@@ -95,13 +107,12 @@ def _pattern(parts: Iterable[str]) -> str:
     return likely.pop() if len(likely) == 1 else ""
 
 
-def _poses_of(bags: Bags, log: str, topic: str) -> dict[str, Samples]:
+def _parts_of(bags: Bags, log: str, topic: str) -> dict[str, Samples]:
     """Return the poses of a topic by their parts; a topic of one robot has the part ""."""
     kinds = bags.kinds.get(topic)
     if kinds is None:
         topics = sorted(topic for topic, kinds in bags.kinds.items() if kinds & POSES.keys())
         rule = f"topics must be topics of poses in {log}, which has {few_of(topics) or 'none'}"
         raise ValueError(f"{rule}, got {topic}{nearest(topic, topics)}")
-    if not kinds & POSES.keys():
-        raise ValueError(f"topic {topic} of {log} must be of type {', '.join(POSES)}, got {few_of(sorted(kinds))}")
+    require(kinds & POSES.keys(), f"topic {topic} of {log}", f"must be of type {', '.join(POSES)}", sorted(kinds))
     return poses_of(bags, topic)

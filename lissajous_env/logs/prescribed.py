@@ -42,14 +42,14 @@ class Paths:
 
 @stage(ROBOT, writes="robots: status")
 def hide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
-    """Take robots of which nothing is known for removed, so that none collides with them and no column counts them."""
+    """Mark robots of which nothing is known as removed, so that none collides with them and no column counts them."""
     if paths.event[clock.step[w], i] == HIDDEN:
         robots.status[w, i] = REMOVED
 
 
 @stage(ROBOT, writes="robots: status; tally: fault_end, faulted")
 def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: EpisodeTotals):
-    """Take them for failed again, unless they were removed."""
+    """Mark these robots as failed again, unless they were removed."""
     if paths.event[clock.step[w], i] == HIDDEN and robots.removed_at[w, i] >= clock.step[w]:
         robots.status[w, i] = FAILED
         tally.faulted[w] = 1
@@ -92,7 +92,7 @@ class PrescribedSimulation(Simulation):
     """A simulation whose robots follow given paths, whatever their actions are.
 
     Args:
-        scenario: The scenario, of at most M - 1 steps. Whatever collisions and the edge did to robots, `paths` has it.
+        scenario: The scenario, of at most M - 1 steps; `paths` has the effects of collisions and of the edge.
         paths: The fields of `Paths`.
         num_worlds: Number of worlds, which have the same paths and different targets.
     """
@@ -116,7 +116,7 @@ class PrescribedSimulation(Simulation):
         after["measurement"] = [Stage("hiding", hide, own=own)]
         after["score"] = [Stage("showing", unhide, own=own)]
         ends = {COLLISION: Stage("collided", end_paths, own=own | {"cause": COLLISION, "effect": self._collided})}
-        ends[EDGE] = Stage("outside", end_paths, own=own | {"cause": EDGE, "effect": int(REMOVED)})
+        ends[EDGE] = Stage("outside", end_paths, own=own | {"cause": EDGE, "effect": REMOVED})
         stages = super()._own_stages(begins)
         replaced["boundary"] = [ends[COLLISION], *(one for one in stages if one.name == "boundary"), ends[EDGE]]
         return [new for one in stages for new in (*replaced.get(one.name, [one]), *after.get(one.name, ()))]

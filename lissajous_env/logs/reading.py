@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.logs.bags import Bags, Decoder, Samples
-from lissajous_env.logs.clocks import SAME, Clock
+from lissajous_env.logs.clocks import SAME_STAMP, Clock
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.poses import FEWEST, TOPICS, robots_of
 from lissajous_env.logs.samples import COMMANDS, PHASES, STATUSES, TEXTS, relative
 from lissajous_env.settings.checks import is_finite, is_whole
-from lissajous_env.wording import shown
+from lissajous_env.wording import require, shown
 
 EPISODE = "/lissajous/episode"
 COMMAND, PHASE, STATUS = "/robot_{}/command", "/robot_{}/phase", "/robot_{}/status"
 _LATE = 1.0
-"""Time between the first poses of two robots from which on a note says that the episode begins late [s]."""
+"""Longest time between the first poses of two robots without a note that the episode begins late [s]."""
 
 
 def read(
     path: str | Path | Sequence[str | Path],
-    topics: Sequence[str] = TOPICS,
+    topics: str | Sequence[str] = TOPICS,
     commands: str = COMMAND,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Log:
@@ -49,14 +49,13 @@ def read(
             not overlap, or a clock was set while it was recorded.
         OSError: a file cannot be read.
     """
-    if len(origin) != 3 or not all(map(math.isfinite, origin)):
-        raise ValueError(f"origin must be three finite numbers, x, y [m] and heading [rad], got {shown(origin)}")
+    rule = "must be three finite numbers, x, y [m] and heading [rad]"
+    require(len(origin) == 3 and all(map(math.isfinite, origin)), "origin", rule, origin)
     paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(part) for part in path]
-    if not paths:
-        raise ValueError("path must name at least one log, got none")
+    require(paths, "path", "must name at least one log", path)
     name = paths[0].name if len(paths) == 1 else f"{paths[0].name} and {len(paths) - 1} more"
     with Bags(paths) as bags:
-        return _Reading(bags, name, tuple(topics)).log(commands, origin)
+        return _Reading(bags, name, (topics,) if isinstance(topics, str) else tuple(topics)).log(commands, origin)
 
 
 class _Reading:
@@ -74,7 +73,7 @@ class _Reading:
             got = [f"{frame or 'no name'} of {self._called(k)}" for frame, k in zip(frames, those, strict=True)]
             raise ValueError(f"the poses of {name} must be in one frame, got {'; '.join(got)}")
         self._clock = Clock(poses, self._blank)
-        self._notes = self._clock.notes
+        self._notes = list(self._clock.notes)
 
     def log(self, commands: str, origin: tuple[float, float, float]) -> Log:
         """Return the log, with commands of a topic, and with poses relative to an origin."""
@@ -89,10 +88,9 @@ class _Reading:
 
     def _track(self, robot: int, poses: Samples, origin: tuple[float, float, float]) -> Track:
         """Return a track in the frame of the rectangle."""
-        poses = poses.in_order(SAME)
-        if len(poses) < FEWEST:
-            rule = f"must have poses at {FEWEST} times at least in {self._name}"
-            raise ValueError(f"{self._called([robot])} {rule}, got {len(poses)}")
+        poses = poses.in_order(SAME_STAMP)
+        rule = f"must have poses at {FEWEST} times at least in {self._name}"
+        require(len(poses) >= FEWEST, self._called([robot]), rule, len(poses))
         position, (heading, speed) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
         if any(origin):
             position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
@@ -128,16 +126,17 @@ class _Reading:
     def _times(self, topic: str, samples: Samples) -> np.ndarray:
         """Return the times of messages: of their stamps if they have any on the clock of the poses."""
         if np.isfinite(samples.stamp).all():
-            ahead = self._clock.differs(samples.bag, samples.logged, samples.stamp)
-            if ahead == 0:
+            lead = self._clock.lead_of(samples.bag, samples.logged, samples.stamp)
+            if lead == 0:
                 return samples.stamp
-            if ahead and samples.stamp.any():
-                words = f"the stamps of {topic} differ by {abs(ahead):.3g} s from the clock of the poses"
-                self._notes.append(f"{words}; the recorder's times are used for them")
+            if samples.stamp.any():
+                words = f"differ by {abs(lead):.3g} s from the clock of the poses"
+                words = "are all the same" if math.isnan(lead) else words
+                self._notes.append(f"the stamps of {topic} {words}; the recorder's times are used for them")
         return self._clock.times(samples.bag, samples.logged)
 
     def _episode(self, tracks: Sequence[Track]) -> tuple[dict[str, Any] | None, float | None]:
-        """Return what a simulation wrote about its episode, and when it began: with a pose."""
+        """Return what a simulation wrote about its episode, and the time of its first pose [s]; None if unknown."""
         texts = self._bags.samples(EPISODE, TEXTS).get("")
         if texts is None:
             first = np.array([track.time[0] for track in tracks])
@@ -151,7 +150,7 @@ class _Reading:
         last = texts.take(slice(-1, None))
         episode = _checked_episode(str(last.numbers[0, 0]), self._name)
         time = float(self._clock.times(last.bag, last.logged)[0])
-        if "begin" in episode and self._clock.differs(last.bag, last.logged, np.array([episode["begin"]])) == 0:
+        if "begin" in episode and self._clock.lead_of(last.bag, last.logged, np.array([episode["begin"]])) == 0:
             time = float(episode["begin"])
         stamps = np.concatenate([track.time for track in tracks])
         return episode, float(stamps[np.argmin(np.abs(stamps - time))])

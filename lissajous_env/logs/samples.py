@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.logs.bags import Bags, Decoder, Sample, Samples
-from lissajous_env.logs.inputs import INPUTS
+from lissajous_env.logs.commands import COMMAND_NAMES
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 TRANSFORMS, ARRAY = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseArray"
@@ -37,7 +37,7 @@ def poses_of(bags: Bags, topic: str) -> dict[str, Samples]:
         own = bags.finite(topic, whole, 7)
         heading, square = heading_of(*own.numbers[:, 3:7].T)
         if odd := int((np.abs(square - 1) > _UNIT).sum()):
-            bags.remarks["have quaternions that are not of length 1", topic] += odd
+            bags.remark(topic, "accepted with quaternions that are not of length 1", odd)
         numbers = np.column_stack([own.numbers[:, :3], heading, own.numbers[:, 7:]])
         poses[part] = dataclasses.replace(own, numbers=numbers)
     return {part: _in_root(part, poses) for part in poses} if TRANSFORMS in bags.kinds[topic] else poses
@@ -51,14 +51,14 @@ def heading_of(x: Any, y: Any, z: Any, w: Any) -> tuple[Any, Any]:
 
 
 def moved(place: np.ndarray, origin: Iterable[Any]) -> np.ndarray:
-    """Return places (..., 2) in a frame, whose x, y [m] and heading [rad] in another frame are given, in that one."""
+    """Return places (..., 2) of a frame in another frame, in which its `origin` is x, y [m] and heading [rad]."""
     x, y, turn = origin
     cos, sin = np.cos(turn), np.sin(turn)
     return np.stack([x + cos * place[..., 0] - sin * place[..., 1], y + sin * place[..., 0] + cos * place[..., 1]], -1)
 
 
 def relative(place: np.ndarray, origin: tuple[float, float, float]) -> np.ndarray:
-    """Return places (..., 2) in the frame whose x, y [m] and heading [rad] are given: the inverse of `moved`."""
+    """Return places (..., 2) in the frame whose `origin` is x, y [m] and heading [rad]: the inverse of `moved`."""
     return moved(place - np.array(origin[:2]), (0.0, 0.0, -origin[2]))
 
 
@@ -85,18 +85,18 @@ def _joints(message: Any) -> list[Sample]:
     """Return the positions of joints in the order of their names."""
     names = list(message.name)
     if not len(message.position) == len(names) == len(set(names)):
-        raise ValueError("they do not have one position for each name")
+        raise ValueError("not one position for each name")
     order = sorted(range(len(names)), key=lambda k: names[k])
     return [("", message.header, tuple(names[k] for k in order), [message.position[k] for k in order])]
 
 
 def _twist(twist: Any, header: Any = None) -> list[Sample]:
-    return [("", header, INPUTS["differential"], [twist.linear.x, twist.angular.z])]
+    return [("", header, COMMAND_NAMES["differential"], [twist.linear.x, twist.angular.z])]
 
 
 def _status(message: Any) -> list[Sample]:
-    if message.data not in (int(WORKING), int(FAILED), int(REMOVED)):
-        raise ValueError(f"they have the unknown status {message.data}")
+    if message.data not in (WORKING, FAILED, REMOVED):
+        raise ValueError(f"unknown status {message.data}")
     return [("", None, (), [message.data])]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording
-from lissajous_env.logs.inputs import INPUTS, actions_of, commands_of
+from lissajous_env.logs.commands import COMMAND_NAMES, actions_of_commands, named_commands
 from lissajous_env.logs.log import Log, runs
 from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import COLLISION, EDGE, HIDDEN, PrescribedSimulation
@@ -20,7 +20,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import locate
-from lissajous_env.wording import shown
+from lissajous_env.wording import require
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
@@ -28,14 +28,14 @@ GAP = 0.5
 _MOST_STEPS = 200_000
 """Largest number of control steps of a log."""
 _FAR = 5.0
-"""Distance from the origin in sizes of the rectangle, from which on the log is in another frame."""
-_SAME = 1e-6
+"""Least distance from the origin, in sizes of the rectangle, at which a note says that an origin may be missing."""
+_SHORTER = 1e-6
 """Share of a step by which a log may be shorter than a number of them."""
 _REACHED = 0.02
 """Share of two radii by which the distance of robots that collide may exceed them, because ways are not straight."""
 _LATE_STATUS = 0.2
 """Share of a control step by which a status or a phase may be recorded after the pose that it belongs to."""
-OF_ACTIONS = ("return_mean", "smoothness", "blocked_time")
+_OF_ACTIONS = ("return_mean", "smoothness", "blocked_time")
 """Columns that cannot be computed without the commands."""
 
 
@@ -92,31 +92,29 @@ def score(
     Raises:
         ValueError: there is no scenario, or the log does not fit it: another number of robots, or too short or long.
     """
-    own = own_scenario(log)
-    given = named.scenario(scenario) if scenario is not None else own
+    given = named.scenario(scenario) if scenario is not None else own_scenario(log)
     if given is None:
         raise ValueError(f"scenario must be given, because the log {log.name} has none")
     scenario = given.resolve()
     if len(log.tracks) != scenario.num_robots:
-        got = f"{len(log.tracks)}: {log.called(range(len(log.tracks)))}"
-        got = "; ".join((got, *log.notes))
+        got = "; ".join((f"{len(log.tracks)}: {log.called(range(len(log.tracks)))}", *log.notes))
         raise ValueError(f"log {log.name} must have the {scenario.num_robots} robots of {scenario.name}, got {got}")
     gap = max(GAP, scenario.task.step) if gap is None else gap
-    if not gap >= scenario.task.step:
-        raise ValueError(f"gap must be at least the control step of {scenario.task.step:g} s, got {shown(gap)}")
-    times = _moments(log, scenario.task.step, gap, own)
+    require(gap >= scenario.task.step, "gap", f"must be at least the control step of {scenario.task.step:g} s", gap)
+    times = _moments(log, scenario.task.step, gap)
     motions = _motions(log, scenario, gap)
     before = np.maximum(times - scenario.task.step, times[0])
     hidden = np.stack([motion.unknown(before, times) for motion in motions], axis=1)
     status = _statuses(log, times, hidden)
-    places = np.stack([motion.at(times)[0] for motion in motions], axis=1)
+    poses = [motion.at(times) for motion in motions]
+    places = np.stack([place for place, _, _ in poses], axis=1)
     ended = _ended(scenario, places, status) * ~hidden
     scenario = _as_logged(scenario, times, status, ended, places)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    paths = _paths(log, scenario, motions, times, hidden) | {"event": np.where(hidden, HIDDEN, ended)}
+    paths = _paths(log, scenario, motions, poses, times, hidden) | {"event": np.where(hidden, HIDDEN, ended)}
     simulation = PrescribedSimulation(scenario, paths, len(seeds))
-    simulation.reset(seeds=np.array(list(seeds)))
+    simulation.reset(seeds=list(seeds))
     actions, refused = _actions(log, scenario, times)
     notes = [*log.notes, *_remarks(log, scenario, motions, times, status), *refused]
     recorder = Recorder(simulation)
@@ -130,37 +128,32 @@ def score(
         if simulation.over.all():  # every robot was removed
             break
     name = str((log.episode or {}).get("policy") or log.name)
-    unknown = dict.fromkeys(OF_ACTIONS, float("nan")) if actions is None else {}
+    unknown = dict.fromkeys(_OF_ACTIONS, float("nan")) if actions is None else {}
     if unknown:
-        notes.append(f"{', '.join(OF_ACTIONS[:-1])} and {OF_ACTIONS[-1]} are unknown without commands")
-    rows = [
-        {"policy": name, "episode": k} | row | unknown for k, row in enumerate(simulation.score(np.arange(len(seeds))))
-    ]
+        notes.append(f"{', '.join(_OF_ACTIONS[:-1])} and {_OF_ACTIONS[-1]} are unknown without commands")
+    rows = [{"policy": name, "episode": k} | row | unknown for k, row in enumerate(simulation.score())]
     recording = dataclasses.replace(recorder.recording(name), scenario=scenario, score=rows[0])
     episode = (log.episode or {"policy": ""}) | episode_of(scenario, int(seeds[0]))
     scored = dataclasses.replace(log, episode=episode, begin=log.start, commands={} if unknown else log.commands)
     return Scored(rows, recording, scored, tuple(notes))
 
 
-def _moments(log: Log, step: float, gap: float, own: Scenario | None) -> np.ndarray:
+def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     """Return the times at which the scenario's steps begin and end [s].
 
     They end with the last pose of a robot such that the poses of all others that ended before ended a gap before, or
-    with the episode of the log's own scenario if all robots were removed before.
+    with the episode of the log's own scenario if it has one and all robots were removed before.
     """
     lasts, steps = np.sort([track.time[-1] for track in log.tracks]), 0
     for k, last in enumerate(lasts.tolist()):
-        until = math.floor((last - log.start) / step + _SAME)
+        until = math.floor((last - log.start) / step + _SHORTER)
         if not k or (log.start + until * step - lasts[:k] > gap).all():
             steps = until
-    removed = [robot for robot, status in log.statuses.items() if int(REMOVED) in status.value]
-    if own is not None and len(removed) == len(log.tracks):
+    removed = [robot for robot, status in log.statuses.items() if REMOVED in status.value]
+    if len(removed) == len(log.tracks) and (own := own_scenario(log)) is not None:
         steps = max(steps, round(own.task.duration / step))
-    if steps < 1:
-        raise ValueError(
-            f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, "
-            f"got {max(float(lasts[0]) - log.start, 0):.3g} s"
-        )
+    rule = f"must have poses of all robots for at least a control step of {step:g} s"
+    require(steps >= 1, f"log {log.name}", rule, round(max(float(lasts[0]) - log.start, 0), 6))
     if steps > _MOST_STEPS:
         longest, robot = max((float(np.diff(track.time).max()), k) for k, track in enumerate(log.tracks))
         raise ValueError(
@@ -187,7 +180,7 @@ def _remarks(
     log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, status: np.ndarray
 ) -> list[str]:
     """Return remarks on the motion of the robots."""
-    removed = (status == int(REMOVED)).any(axis=0)
+    removed = (status == REMOVED).any(axis=0)
     words = [motion.remarks(times[0], times[-1], gone) for motion, gone in zip(motions, removed, strict=True)]
     notes = log.grouped([(robot, word) for robot, own in enumerate(words) for word in own])
     x, y = np.median([np.median(motion.track.position[:, :2], axis=0) for motion in motions], axis=0)
@@ -199,20 +192,21 @@ def _remarks(
 
 def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     """Return the status (M, N) of each robot at each moment; one of which nothing is known has failed."""
-    status = np.full(hidden.shape, int(WORKING))
+    status = np.full(hidden.shape, WORKING)
     for robot, series in log.statuses.items():
         status[:, robot] = series.before(times, _LATE_STATUS * (times[1] - times[0]))
-    status[hidden & (status == int(WORKING))] = int(FAILED)
+    status[hidden & (status == WORKING)] = FAILED
     return status
 
 
 def _ended(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Return (M, N) COLLISION or EDGE where one of them stops or removes a robot at the end of a step, else 0.
 
-    A robot does not move in a step at whose beginning a fault removes it, and a collision has another robot in reach.
+    A robot that was removed without another one in reach left at the edge if it moved in this step; otherwise a fault
+    removed it.
     """
     ended, reach = np.zeros(status.shape, int), 2 * (1 + _REACHED) * scenario.robot.radius
-    effect = {"stop": int(FAILED), "remove": int(REMOVED)}.get(scenario.task.on_collision)
+    effect = {"stop": FAILED, "remove": REMOVED}.get(scenario.task.on_collision)
     for last, robot in np.argwhere(status[1:] != status[:-1]):
         moment, (before, after) = last + 1, places[last : last + 2]
         now = status[moment, robot]
@@ -221,9 +215,9 @@ def _ended(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.nda
         share = np.clip(-(begin * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), 0, 1)
         near = np.linalg.norm(begin + share[:, None] * way, axis=1) < reach
         near[robot] = False
-        if now == effect and (near & (status[last] != int(REMOVED))).any():
-            ended[moment, robot] = COLLISION * bool((status[moment:, robot] != int(WORKING)).all())
-        elif now == int(REMOVED) and (before[robot] != after[robot]).any():
+        if now == effect and (near & (status[last] != REMOVED)).any():
+            ended[moment, robot] = COLLISION * bool((status[moment:, robot] != WORKING).all())
+        elif now == REMOVED and (before[robot] != after[robot]).any():
             ended[moment, robot] = EDGE
     return ended
 
@@ -234,10 +228,10 @@ def _as_logged(
     """Return a scenario with the duration of a log and with the faults of its robots, and no others."""
     step, schedule, removed = scenario.task.step, [], []
     stood = (places[1:] == places[:-1]).all(axis=2)
-    failed = status[1:] == int(FAILED)
-    failed |= stood & (ended[1:] == COLLISION) & (status[:-1] == int(FAILED))  # it was hit, and removed
+    failed = status[1:] == FAILED
+    failed |= stood & (ended[1:] == COLLISION) & (status[:-1] == FAILED)  # it was hit, and removed
     for robot in range(status.shape[1]):
-        gone = np.flatnonzero(status[:, robot] == int(REMOVED))
+        gone = np.flatnonzero(status[:, robot] == REMOVED)
         if len(gone):
             removed.append((robot, max(int(gone[0]) - (ended[gone[0], robot] == 0), 0) * step))
         faults = [(begin, end) for begin, end in runs(failed[:, robot]) if not ended[begin + 1, robot]]
@@ -247,17 +241,21 @@ def _as_logged(
     return dataclasses.replace(scenario, faults=faults, task=task)
 
 
-def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray, hidden: np.ndarray) -> Any:
-    """Return the fields of `lissajous_env.logs.prescribed.Paths` but the events: the motion of the robots."""
+def _paths(
+    log: Log, scenario: Scenario, motions: Sequence[Motion], poses: Sequence[Any], times: np.ndarray, hidden: np.ndarray
+) -> Any:
+    """Return the fields of `lissajous_env.logs.prescribed.Paths` but the events: the motion of the robots.
+
+    The poses are those of the motions at the times, as `Motion.at` returns them.
+    """
     shares, columns = np.linspace(0, 1, scenario.task.substeps + 1), []
     within = np.linspace(np.append(times[0], times[:-1]), times, len(shares), axis=1)
-    for robot, motion in enumerate(motions):
+    for robot, (motion, (_, heading, speed)) in enumerate(zip(motions, poses, strict=True)):
         places = motion.at(within.ravel())[0].reshape(*within.shape, 3)
         seen = ~motion.unknown(times, times)
         if seen.any():  # where a step is not wholly known, on straight lines between the moments around it
             lines = [np.interp(within, times[seen], places[seen, -1, axis]) for axis in range(3)]
             places = np.where(hidden[:, robot, None, None], np.stack(lines, axis=-1), places)
-        _, heading, speed = motion.at(times)
         pose = np.column_stack([places[:, -1, :2], heading])
         phase = _phases(log, scenario, robot, times, pose, hidden[:, robot])
         if model_of(scenario.robot.kind).keeps_to_curve and robot in log.phases:
@@ -278,9 +276,8 @@ def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: n
         return logged.before(times, _LATE_STATUS * scenario.task.step)
     for k in np.flatnonzero(np.append(True, hidden[:-1] & ~hidden[1:])):
         if logged is None:
-            x, y, heading = pose[k].tolist()
             near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
-            phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
+            phase[k] = locate(scenario.driven, scenario.alpha, *pose[k].tolist(), near)
         else:
             phase[k] = logged.before(times[k], _LATE_STATUS * scenario.task.step)
     return phase
@@ -293,12 +290,12 @@ def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> tuple[np.ndarra
     commands = []
     for robot, series in sorted(log.commands.items()):
         try:
-            own = dataclasses.replace(series, value=commands_of(series, scenario.action_names))
+            own = dataclasses.replace(series, value=named_commands(series, scenario.action_names))
         except ValueError as error:
             return None, [f"the commands are ignored, because of {log.called([robot])}: {error}"]
         # A command that arrives in the first half of a step is the one in force for most of it.
         commands.append(own.before(times[:-1], 0.499 * scenario.task.step))
     actions = np.stack(commands, axis=1)
-    if scenario.robot.kind in INPUTS:
-        actions[..., :2] = actions_of(scenario.robot, np.ascontiguousarray(actions[..., :2]))
+    if scenario.robot.kind in COMMAND_NAMES:
+        actions[..., :2] = actions_of_commands(scenario.robot, actions[..., :2])
     return np.clip(actions, -1, 1), []

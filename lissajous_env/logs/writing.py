@@ -1,14 +1,6 @@
 """Write a log as a rosbag2 file (MCAP), which tools of ROS 2 open.
 
-Topics, in the frame `map`, whose origin is the middle of the rectangle:
-
-| topic | type | content |
-|---|---|---|
-| `/robot_K/odom` | nav_msgs/Odometry | pose and speed; NaN for speeds that are unknown |
-| `/robot_K/command` | sensor_msgs/JointState | command from this time on, of a car steering [rad] and throttle |
-| `/robot_K/phase` | std_msgs/Float64 | phase theta of (1) [rad] |
-| `/robot_K/status` | std_msgs/UInt8 | 0 working, 1 failed, 2 removed |
-| `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy, begin [s] |
+The page "On robots" (docs/robots.md) lists the topics, whose frame has its origin in the middle of the rectangle.
 """
 
 import heapq
@@ -22,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.logs.inputs import INPUTS, inputs_of
+from lissajous_env.logs.commands import COMMAND_NAMES, commands_of_actions
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.messages import blank, rosbags, set_odometry, set_stamp, type_store
 from lissajous_env.logs.poses import TOPICS
@@ -63,15 +55,18 @@ def save_mcap(log: Log | Recording, path: str | Path) -> None:
 
 
 def log_of(recording: Recording) -> Log:
-    """Return the log of a recorded episode; without commands if the episode is itself a log that had none."""
+    """Return the log of a recorded episode, without commands where actions are velocities or the recording has none."""
     robots, names = range(recording.scenario.num_robots), recording.scenario.action_names
     time, score = START + recording.scenario.task.step * np.arange(len(recording)), recording.score
     arrays = recording.position, recording.heading, recording.speed
-    commands = _commands(recording)[1:] if np.isfinite(score["return_mean"]) else None
+    has_commands = recording.scenario.task.action == "control" and np.isfinite(score["return_mean"])
+    commands, robot = recording.action[1:].copy(), recording.scenario.resolve().robot
+    if robot.kind in COMMAND_NAMES:  # else they are the actions
+        commands[..., :2] = commands_of_actions(robot, commands[..., :2])
     return Log(
         "",
         tuple(Track(time, *(array[:, k] for array in arrays)) for k in robots),
-        {} if commands is None else {k: Series(time[:-1], commands[:, k], names) for k in robots},
+        {k: Series(time[:-1], commands[:, k], names) for k in robots if has_commands},
         {k: Series(time, recording.phase[:, k]) for k in robots},
         {k: Series(time, recording.status[:, k]) for k in robots},
         episode_of(recording.scenario, int(score["seed"])) | {"policy": str(score.get("policy", ""))},
@@ -114,13 +109,3 @@ def _of_topic(topic: str, kind: str, series: Series, later: float) -> Iterator[t
         else:
             message.data = value
         yield topic, time, message
-
-
-def _commands(recording: Recording) -> np.ndarray:
-    """Return the actions of a recording, those of cars and differential drives in physical units."""
-    if recording.scenario.task.action != "control":
-        raise ValueError(f"task.action must be control for a log, got {recording.scenario.task.action}")
-    commands = recording.action.copy()
-    if recording.scenario.robot.kind in INPUTS:
-        commands[..., :2] = inputs_of(recording.scenario.resolve().robot, np.ascontiguousarray(commands[..., :2]))
-    return commands

@@ -13,6 +13,7 @@ from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.plugins import Registry
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
+from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.wording import few_of, require
 
 
@@ -153,3 +154,11 @@ def driven_by_velocity(model: RobotModel) -> RobotModel:
         driving=None,
         as_car=None,
     )
+
+
+def tightest_radius(robot: Robot) -> float:
+    """Return the radius of the tightest circle of a car, or of one that a robot moves like [m]; 0 for points."""
+    if robot.kind == "car":
+        return turning_radius(robot.wheelbase, robot.steering_max)
+    as_car = model_of(robot.kind).as_car
+    return 0.0 if as_car is None else as_car.turning_radius(robot)

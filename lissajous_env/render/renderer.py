@@ -53,7 +53,7 @@ class Renderer:
         """
         snapshot = simulation if isinstance(simulation, Snapshot) else Snapshot.of(simulation, world)
         steps, trail = self._trail(snapshot)
-        sensing = snapshot.position[snapshot.status == int(WORKING), :2]
+        sensing = snapshot.position[snapshot.status == WORKING, :2]
         self._ground.draw(self._fine, snapshot.sensed_at, snapshot.step, sensing)
         self._fine.set_clip(self.view.plot())
         self._team.draw_links(self._fine, snapshot, steps, trail)

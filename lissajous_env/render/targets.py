@@ -45,7 +45,7 @@ class Targets:
         stays = not scenario.targets.leave
         present = snapshot.present | (detected & stays)
         seen = snapshot.in_sight(scenario.sight) if has_sightings(scenario) else present
-        flees = snapshot.motion == int(FLEEING)
+        flees = snapshot.motion == FLEEING
         colours = (palette.TARGET, palette.DETECTED) if stays else (palette.UNSEEN, palette.TARGET)
         for is_seen, colour in enumerate(colours):
             for has_core in (False, True):

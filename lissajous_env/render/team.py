@@ -13,7 +13,7 @@ from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 MOST_CONTACTS = 2000
 """Limit on the contacts that are ringed; a crowd in one heap has hundreds of thousands."""
-_COLOURS = {int(WORKING): palette.ROBOT, int(FAILED): palette.FAILED, int(REMOVED): palette.REMOVED}
+_COLOURS = {WORKING: palette.ROBOT, FAILED: palette.FAILED, REMOVED: palette.REMOVED}
 
 
 class Team:
@@ -38,7 +38,7 @@ class Team:
 
     def draw_links(self, surface: pygame.Surface, snapshot: Snapshot, steps: np.ndarray, trail: np.ndarray) -> None:
         """Draw the communication ring and the trails, positions (K, N, 2) at K steps, below the robots."""
-        soft, there = self._soft, snapshot.status != int(REMOVED)
+        soft, there = self._soft, snapshot.status != REMOVED
         soft.fill((0, 0, 0, 0))
         places = self.view.fine(snapshot.position[:, :2])
         for i, j in self._edges:
@@ -57,11 +57,11 @@ class Team:
         """Draw the robots, highest last, their numbers, and rings around colliding pairs."""
         places, status = self.view.fine(snapshot.position[:, :2]), snapshot.status
         inside = within(places, self._room)
-        order = sorted(range(len(places)), key=lambda i: (status[i] != int(REMOVED), snapshot.position[i, 2]))
+        order = sorted(range(len(places)), key=lambda i: (status[i] != REMOVED, snapshot.position[i, 2]))
         for i in order:
             if not inside[i]:
                 self._point_out(surface, places[i], _COLOURS[int(status[i])])
-            elif status[i] == int(REMOVED):
+            elif status[i] == REMOVED:
                 pygame.draw.circle(surface, palette.REMOVED, places[i], self.radius, 2 * FINE)
             else:
                 self._draw_body(surface, places[i], snapshot.heading[i], _COLOURS[int(status[i])])

@@ -217,7 +217,7 @@ def _pictures(cells: np.ndarray, stride: int, moments: int) -> dict[str, Any]:
 
 def _worst_and_mean(since: np.ndarray, every: int, step: float) -> list[dict[str, Any]]:
     """Return the largest and the mean age over all cells in the stored moments [s]."""
-    ages = [np.where(cells >= int(NEVER), 0, now - cells) for now, cells in list(enumerate(since))[::every]]
+    ages = [np.where(cells >= NEVER, 0, now - cells) for now, cells in list(enumerate(since))[::every]]
     worst, mean = (np.array([age.max() for age in ages]), np.array([age.mean() for age in ages]))
     return [quantised(step * worst), quantised(step * mean)]
 

@@ -21,8 +21,8 @@ INITIAL = {
     **dict.fromkeys(("robots.resumed_at", "links.heard_at", "tracks.mate_sent_at", "tracks.covered_at"), -1),
     **dict.fromkeys(("tracks.sighted_at", "tracks.own_sighted_at", "tracks.other_sighted_at", "tracks.left_at"), -1),
     **dict.fromkeys(("contamination.high_at", "tally.off_at", "tally.fault_end"), -1),
-    **dict.fromkeys(("targets.found_at", "contamination.row_oldest", "contamination.cleared_at"), int(NEVER)),
-    **dict.fromkeys(("tally.covered_at", "tally.covered_each_at"), int(NEVER)),
+    **dict.fromkeys(("targets.found_at", "contamination.row_oldest", "contamination.cleared_at"), NEVER),
+    **dict.fromkeys(("tally.covered_at", "tally.covered_each_at"), NEVER),
     "tally.min_separation": 1.0e30,
     "tally.driven_from": float(NOWHERE),
 }

@@ -101,13 +101,13 @@ class Episode:
     def is_open(self) -> bool:
         """Return whether the episode shows no bound of the worst-case undetected time: `is_open` of this module."""
         at_end = int(self.contamination["age"])
-        deserted = bool((self.state["robots.status"] == int(REMOVED)).all())
+        deserted = bool((self.state["robots.status"] == REMOVED).all())
         deserted = deserted and (at_end > 0 or self.scenario.targets.arrival_rate > 0)
         return is_open(int(self.contamination["age_max"]), at_end, self.steps, deserted)
 
     def reached(self, step: int) -> float:
         """Return the time of a step [s]; NaN for one that was never reached."""
-        return math.nan if step == int(NEVER) else step * self.step
+        return math.nan if step == NEVER else step * self.step
 
     def per_step(self, total: Any) -> Any:
         """Return the mean over the steps of a sum over them."""

@@ -204,7 +204,7 @@ class Simulation(Copyable):
     @property
     def over(self) -> np.ndarray:
         """(W,) bool on the host: worlds whose episode has ended."""
-        return self.clock.status.numpy() != int(RUNNING)
+        return self.clock.status.numpy() != RUNNING
 
     def _allocate(self) -> None:
         w, n, k = self.num_worlds, self.num_robots, self.scenario.messages.size

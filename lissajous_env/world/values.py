@@ -98,12 +98,12 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     words = (columns + 63) // 64
     delay = round(scenario.noise.message_delay / scenario.task.step)
     hops = scenario.spreading
-    labels = hops.history_length, hops.rows + 2 * int(MARGIN), label_row_length(hops.columns)
+    labels = hops.history_length, hops.rows + 2 * MARGIN, label_row_length(hops.columns)
     k = scenario.messages.size
     known = t if scenario.sensing.has_tracks else 0
     world, robot = (w,), (w, n)
     field_row = w, hops.rows
-    labelled = w, hops.rows + 2 * int(MARGIN), (hops.columns + 31) // 32 + 2, hops.history_length
+    labelled = w, hops.rows + 2 * MARGIN, (hops.columns + 31) // 32 + 2, hops.history_length
     mates = w, n, n if scenario.sensing.has_tracks else 0
     across_cells, down_cells = scenario.sensing.cells_seen or (0, 0)
     discs, swept = (w, words, rows), (w, (hops.columns + 63) // 64, hops.rows)

@@ -5,8 +5,8 @@ import pytest
 from log_messages import EPOCH, KINDS, circles, header, moments, write
 
 import lissajous_env
+from lissajous_env.logs.commands import COMMAND_NAMES, commands_of_actions, named_commands
 from lissajous_env.logs.identification import MODELS, identify
-from lissajous_env.logs.inputs import INPUTS, commands_of, inputs_of
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
@@ -26,7 +26,7 @@ def logs(robots, late=0, seed=1, same=4, share=1.0, scale=(1.0, 1.0), **fields):
         simulation.step(wanted[max(k - late, 0)][None].astype(np.float32))
         poses.append(simulation.robots.measured.numpy()[0].copy())
     poses, time = np.array(poses, dtype=float), np.arange(made.task.steps + 1) * made.task.step
-    given = inputs_of(made.robot, wanted[: made.task.steps].astype(np.float32))
+    given = commands_of_actions(made.robot, wanted[: made.task.steps].astype(np.float32))
     for i in robots:
         x, y, heading, speed = poses[:, i].T
         track = Track(time, np.stack([x, y, 0 * x], axis=1), np.unwrap(heading), speed)
@@ -104,7 +104,7 @@ def test_poses_that_are_most_of_a_second_apart_are_enough():
 def test_commands_in_another_order_are_matched_by_name_or_named_as_a_misfit():
     ((track, commands, _),) = logs([2], **{"task.duration": 12.0})
     named = Series(commands.time, commands.value[:, ::-1], ("throttle", "steering"))
-    np.testing.assert_array_equal(commands_of(named, INPUTS["car"]), commands.value)
+    np.testing.assert_array_equal(named_commands(named, COMMAND_NAMES["car"]), commands.value)
     swapped = identify(track, Series(commands.time, commands.value[:, ::-1]), Robot())
     assert swapped.misfits == ("position", "heading", "speed")
 
@@ -156,10 +156,10 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
     # Law: however fast a car turns between two poses, its speeds are used; no others are.
     noises = {"noise.position": 0.01 * noise, "noise.heading": 0.02 * noise, "noise.speed": 0.0}
     for track, *_ in logs([0, 1], seed=seed, same=1, **noises, **{"task.duration": 20.0}):
-        assert motion_of(track).derived == ""
+        assert motion_of(track).why_derived == ""
         for wrong in (0 * track.speed, 3 * track.speed, -track.speed):
             changed = Track(track.time, track.position, track.heading, wrong)
-            assert motion_of(changed).derived == "do not match the poses"
+            assert motion_of(changed).why_derived == "do not match the poses"
 
 
 DRIVE_CONSTANTS = tuple(MODELS["differential"])
@@ -199,5 +199,5 @@ def test_twists_of_a_log_are_commands(tmp_path, stamps):
         bag.append(("/robot_0/cmd_vel", message, EPOCH + t))
     log = read(write(tmp_path / "lab.mcap", bag), commands="/robot_{}/cmd_vel")
     np.testing.assert_allclose(log.commands[0].time - EPOCH, moments(5.0), atol=1e-6)
-    commands = commands_of(log.commands[0], ("yaw rate", "speed"))
+    commands = named_commands(log.commands[0], ("yaw rate", "speed"))
     np.testing.assert_allclose(commands, np.stack([-moments(5.0), 0.1 * moments(5.0)], axis=1), atol=1e-9)

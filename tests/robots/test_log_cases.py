@@ -3,6 +3,7 @@
 Oracle: five robots on circles at 0.5 m/s, whose way, speed and smallest distance are known in closed form.
 """
 
+import functools
 import json
 import math
 import re
@@ -40,8 +41,7 @@ def way(duration):
     return duration / CHORD * 2 * RADIUS * math.sin(SPEED / RADIUS * CHORD / 2)
 
 
-def shrunk(**how):
-    return circles(**({"times": TIMES} | how))
+shrunk = functools.partial(circles, times=TIMES)
 
 
 def scored(tmp_path, *bags, topics=TOPICS, scenario="evaders", **how):
@@ -74,6 +74,15 @@ def extra(topic, make, times=TIMES):
     return [(topic.format(k), make(t), EPOCH + t) for t in times for k in range(5)]
 
 
+DRIVEN = ("steering", "throttle")
+
+
+def commanded(names, numbers, pace=1):
+    """Messages of poses and of commands, whose names may change and whose stamps may stand still."""
+    of = names if callable(names) else lambda t: names
+    return shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + pace * t, of(t), numbers))
+
+
 def shifted(robot, t):
     """A pose of another robot, or of robot 3 with its clock an hour off."""
     return odometry(EPOCH + t + (3600 if robot == 3 else 0), *circle(robot, t))
@@ -92,9 +101,9 @@ def within(frame, place):
 
 
 FIXED = {
-    "stamps are never set": (of_robots(lambda k, t: odometry(0, *circle(k, t))), ("have no stamps",)),
+    "stamps are never set": (of_robots(lambda k, t: odometry(0, *circle(k, t))), ("41 poses without a stamp",)),
     "stamps are not set at first": (
-        of_robots(lambda k, t: odometry(0.0 if t < 0.25 else EPOCH + t, *circle(k, t))), ("3 poses have no stamps",)
+        of_robots(lambda k, t: odometry(0.0 if t < 0.25 else EPOCH + t, *circle(k, t))), ("3 poses without a stamp",)
     ),
     "a twist is never filled": (of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), 0.0)), ("computed from",)),
     "robots reverse": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h + math.pi, -SPEED)), ()),
@@ -115,20 +124,18 @@ FIXED = {
         shrunk() + extra("/robot_{}/status", lambda t: plain("UInt8", 3)), ("unknown status 3",)
     ),
     "commands with other names": (
-        shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["left", "right"], [0.1, 0.2])),
+        commanded(["left", "right"], [0.1, 0.2]),
         ("because of robot 0: commands must be steering [rad] and throttle, got left, right",),
     ),
     "commands whose names change": (
-        shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, "cd" if t > 2 else "ab", [0.1, 0.2])),
-        ("have other names or another length than the first",),
+        commanded(lambda t: "cd" if t > 2 else "ab", [0.1, 0.2]), ("other names or another length than the first",),
     ),
-    "commands in degrees": (
-        shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + t, ["steering", "throttle"], [20.0, 0.2])),
-        ("is it in degrees",),
+    "commands with one stamp": (commanded(DRIVEN, [0.1, 0.2], 0), ("stamps of /robot_0/command are all the same",)),
+    "commands in degrees": (commanded(DRIVEN, [20.0, 0.2]), ("is it in degrees",)),
+    "a scenario of another version": (
+        [*shrunk(), ("/lissajous/episode", plain("String", '{"scenario": {"later": 1}, "seed": 0}'), EPOCH)], ()
     ),
-    "numbers with a gap": (
-        [(topic.replace("4", "9"), *rest) for topic, *rest in shrunk()], ()
-    ),
+    "numbers with a gap": ([(topic.replace("4", "9"), *rest) for topic, *rest in shrunk()], ()),
     "frames": (
         [("/tf", transforms(transform(EPOCH + t, *circle(k, t), f"{name}_{k}")), EPOCH + t)
          for t in TIMES for k in range(5) for name in ("car", "goal")],
@@ -198,9 +205,7 @@ def test_messages_that_are_cut_off_are_left_out_with_a_note(tmp_path):
         return data[:60] if topic == "/robot_2/odom" and EPOCH + 1.95 < time < EPOCH + 2.25 else data
 
     write(tmp_path / "log", [*shrunk(), *extra("/robot_{}/status", lambda t: plain("UInt8", 0))], cut)
-    words = (
-        "3 messages of /robot_2/odom are ignored: they are cut off or damaged messages of type nav_msgs/msg/Odometry"
-    )
+    words = "3 messages of /robot_2/odom are ignored: cut off or damaged, of type nav_msgs/msg/Odometry"
     assert wrong(score(read(tmp_path / "log"), "evaders"), notes=(words,)) == []
     write(tmp_path / "all", shrunk(), lambda topic, _, data: data[:60] if topic == "/robot_2/odom" else data)
     with pytest.raises(ValueError, match="topic /robot_2/odom of all must have at least 2 poses, got 0") as raised:
@@ -228,27 +233,30 @@ def test_commands_have_the_times_of_their_stamps_and_are_of_the_robot_in_the_sam
         bags.append([("/odom", odometry(EPOCH + t, *circle(k, t)), EPOCH + t) for t in TIMES])
         for t in TIMES:
             message = joints(EPOCH + t + late, ["steering", "throttle"], [0.1 * k, 0.01 * t])
-            bags[-1].append(("/command", message, EPOCH + t + 0.3))
-    log = read([write(tmp_path / f"bag_{k}", bag) for k, bag in enumerate(bags)], ["/odom"], "/command")
+            bags[-1] += [("/command", message, EPOCH + t + 0.3), ("/command", plain("Bool", True), EPOCH + t)]
+    log = read([write(tmp_path / f"bag_{k}", bag) for k, bag in enumerate(bags)], "/odom", "/command")
     for k, track in enumerate(log.tracks):
         np.testing.assert_allclose(track.position[:, :2], [circle(k, t)[:2] for t in TIMES])
     np.testing.assert_allclose(log.commands[0].time - EPOCH, TIMES, atol=1e-6)
     np.testing.assert_allclose(log.commands[1].time - EPOCH, TIMES + 0.3, atol=1e-6)
     np.testing.assert_allclose(log.commands[1].value[:, 0], 0.1)
     assert any("the stamps of /command differ by 49.7 s" in note for note in log.notes)
+    assert any("82 messages of /command are ignored: type std_msgs/msg/Bool" in note for note in log.notes)
 
 
 def test_a_robot_whose_clock_differs_is_named(tmp_path):
-    ahead = of_robots(lambda k, t: odometry(EPOCH + t + 1.5 * (k == 3), *circle(k, t)))
-    log = read(write(tmp_path / "log", ahead + extra("/robot_{}/phase", lambda t: plain("Float64", t))))
-    assert any("the clock of robot 3 is 1.5 s ahead of those of the others" in note for note in log.notes)
-    np.testing.assert_allclose(log.phases[0].time - EPOCH, TIMES, atol=1e-6)
+    for n, ahead, words, now in ((5, (3,), "3 is 1.5 s ahead of", 0), (4, (0, 1), "2 is 1.5 s behind", 1.5)):
+        poses = of_robots(lambda k, t, ahead=ahead: odometry(EPOCH + t + 1.5 * (k in ahead), *circle(k, t)))
+        phases = extra("/robot_{}/phase", lambda t: plain("Float64", t))
+        log = read(write(tmp_path / str(n), [each for each in poses if int(each[0][7]) < n] + phases))
+        assert any(f"the clock of robot {words} those of the others" in note for note in log.notes)
+        np.testing.assert_allclose(log.phases[0].time - EPOCH, TIMES + now, atol=1e-6)
 
 
 def test_a_jump_is_named(tmp_path):
     jumping = of_robots(lambda k, t: odometry(EPOCH + t, circle(k, t)[0] + (k == 1 and t > 2), *circle(k, t)[1:]))
     result = scored(tmp_path, jumping)
-    assert any("robot 1: 1 jumps" in note and "1700000002.0" in note for note in result.notes)
+    assert any("robot 1: 1 jump that" in note and "1700000002.0" in note for note in result.notes)
     assert result.rows[0]["speed_max"] == pytest.approx(SPEED)
     failed = result.recording.status[:, 1]
     assert (failed.max(), failed[-1]) == (1, 0)
@@ -289,10 +297,11 @@ REFUSED = {
     ),
     "an hour": (of_robots(shifted), {}, "got those of robot 3 from 1700003600.000"),
     "a missing robot": ([each for each in shrunk() if each[0][7] != "2"], {}, "got 4: robots 0, 1, 3 and 4"),
-    "twice": (shrunk(), {"topics": ["/robot_0/odom"] * 2}, "must name each topic once, got /robot_0/odom twice"),
+    "twice": (shrunk(), {"topics": ["/robot_0/odom"] * 2}, "at least one topic, each of them once, got"),
     "braces": (shrunk(), {"topics": ["/robot_{}/{}"]}, "stands once for a number"),
     "unknown": (shrunk(), {"topics": ["/car_{}/odom"]}, "got /car_0/odom"),
     "type": (extra("/phase", lambda t: plain("Float64", t)), {"topics": ["/phase"]}, "must be of type nav_msgs"),
+    "no topic": (shrunk(), {"topics": ()}, "at least one topic, each of them once, got ()"),
     "origin": (shrunk(), {"origin": (math.nan, 0.0, 0.0)}, "origin must be three finite numbers"),
     "all NaN": (
         of_robots(lambda k, t: odometry(EPOCH + t, math.nan, 0.0, 0.0)), {},
@@ -310,7 +319,7 @@ REFUSED = {
     "no part": (
         [("/tf", transforms(*(transform(EPOCH + t, *circle(0, t), f"{name}_0") for name in ("car", "goal"))), EPOCH + t)
          for t in TIMES],
-        {}, "as in /tf:car_{}, which has /tf of car_0, goal_0, got /tf",
+        {}, "as in /tf:car_{}, which has /tf of car_0, goal_0, got '/tf'",
     ),
 }  # fmt: skip
 

@@ -34,14 +34,6 @@ def is_at_rest(output):
     return output.command == pytest.approx(REST)
 
 
-def test_a_robot_with_good_input_drives():
-    robot = Robot()
-    for _ in range(30):
-        output = robot.call()
-        assert output.stopped == ""
-        assert not is_at_rest(output)
-
-
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
@@ -52,6 +44,7 @@ def test_a_robot_with_good_input_drives():
         ({"pose": POSE._replace(speed=math.inf)}, "the pose is not finite"),
         ({"robots": [(0.1, math.nan, 0, 0)]}, "sensor's data is not finite"),
         ({"targets": [(math.inf, 0)]}, "sensor's data is not finite"),
+        ({"phase": (math.nan, 0.0)}, "the phase or of the sensor's data is not finite"),
         ({"works": False}, "does not work"),
     ],
 )
@@ -87,9 +80,12 @@ def test_some_faults_stop_a_robot_until_a_person_resumes_it(fault, words):
     assert robot.call().stopped == ""
 
 
-def test_a_robot_that_is_told_to_stop_stops_at_once_and_still_sends_its_phase():
+def test_a_robot_with_good_input_drives_until_it_is_told_to_stop_and_then_still_sends_its_phase():
     robot = Robot()
-    before = robot.call()
+    for _ in range(30):
+        before = robot.call()
+        assert before.stopped == ""
+        assert not is_at_rest(before)
     robot.onboard.stop()
     assert robot.onboard.command_at(robot.now) == pytest.approx(REST)
     output = robot.call()
@@ -107,12 +103,8 @@ def test_a_silent_neighbour_stops_a_robot_that_listens_from_the_first_call_on(wa
     stopped = [bool(robot.call(hears=False).stopped) for _ in range(6)]
     assert stopped == [False, False, False, True, True, True]
     assert robot.call().stopped == ""
-
-
-def test_a_policy_without_messages_needs_no_neighbour():
-    robot = Robot(silence=0.35)
     robot.onboard = baselines.Onboard("open-loop-mpcc", "experiment", 0, limits=Limits(silence=0.35))
-    assert [robot.call(hears=False).stopped for _ in range(8)] == [""] * 8
+    assert [robot.call(hears=False).stopped for _ in range(8)] == [""] * 8, "it does not listen"
 
 
 def test_an_action_that_is_not_finite_stops_a_robot():

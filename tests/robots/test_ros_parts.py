@@ -189,9 +189,8 @@ def test_old_detections_are_not_passed_on():
 def test_a_robot_that_announces_decides_as_one_that_does_not():
     # Oracle: the simulation; the phase follows each pose once, whether it was announced or not.
     simulation, policy = lissajous_env.Simulation(EXPERIMENT), baselines.make("kuramoto-mpcc", EXPERIMENT)
-    announces, other = (
-        baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 2, limits=Limits(*[math.inf] * 4)) for _ in range(2)
-    )
+    limits = Limits(*[math.inf] * 5)
+    announces, other = (baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 2, limits) for _ in range(2))
     for _ in range(40):
         inputs = inputs_of(simulation, 2)
         message = announces.announce(inputs.odometry)

@@ -16,7 +16,7 @@ from baselines.policies.safety.safe import Safe
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct
-from lissajous_env.logs.inputs import actions_of, inputs_of
+from lissajous_env.logs.commands import actions_of_commands, commands_of_actions
 from lissajous_env.parameters.scenario import Robot
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.observation import layout
@@ -43,7 +43,7 @@ def test_inputs_by_hand_and_there_and_back():
     # Oracle: full right, straight on at half throttle, full left at full throttle; what a car cannot do is clipped.
     robot = Robot(steering_max=0.35, throttle_min=0.1, throttle_max=0.25)
     actions, inputs = [[-1, -1], [0, 0], [1, 1]], [[-0.35, 0.1], [0, 0.175], [0.35, 0.25]]
-    np.testing.assert_allclose(inputs_of(robot, np.float32(actions)), inputs, atol=1e-7)
+    np.testing.assert_allclose(commands_of_actions(robot, np.float32(actions)), inputs, atol=1e-7)
     given = wp.array(np.float32([*inputs, [0.5, 0.0], [-0.5, 1.0]]), dtype=wp.vec2, device="cpu")
     out = wp.zeros_like(given)
     wp.launch(to_action, 5, [to_struct(RobotStruct, robot), given, out], device="cpu")
@@ -56,10 +56,11 @@ def test_the_throttle_of_cars_that_reverse_by_hand():
     full = (0.945 * 1.5 + 3.681) / 36.81
     actions = np.float32([[0, -1], [0, -0.5], [0, 0], [0, 0.5], [0, 1]])
     throttles = [-full, -(0.1 + full) / 2, 0.1, (0.1 + full) / 2, full]
-    np.testing.assert_allclose(inputs_of(robot, actions)[:, 1], throttles, atol=1e-7)
+    np.testing.assert_allclose(commands_of_actions(robot, actions)[:, 1], throttles, atol=1e-7)
     some = np.random.default_rng(0).uniform(-1, 1, (1000, 2)).astype(np.float32)
-    np.testing.assert_allclose(actions_of(robot, inputs_of(robot, some)), some, atol=2e-5)
-    assert actions_of(robot, np.float32([[0, 0.05], [0, -0.05], [0, 1], [0, -1]]))[:, 1].tolist() == [0, 0, 1, -1]
+    np.testing.assert_allclose(actions_of_commands(robot, commands_of_actions(robot, some)), some, atol=2e-5)
+    ends = np.float32([[0, 0.05], [0, -0.05], [0, 1], [0, -1]])
+    assert actions_of_commands(robot, ends)[:, 1].tolist() == [0, 0, 1, -1]
 
 
 # Closed forms.

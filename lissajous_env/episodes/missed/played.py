@@ -45,7 +45,7 @@ class PlayedEpisode:
 
     def oldest_rogues(self) -> list[tuple[int, int]]:
         """Return (introduction, last step at which it is undetected) of the stage's rogues, the longest first."""
-        last = {int(since): now for now, since in enumerate(self.introduced_at) if since < int(NEVER)}
+        last = {int(since): now for now, since in enumerate(self.introduced_at) if since < NEVER}
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
@@ -161,13 +161,13 @@ def _introduce(simulation: Simulation, path: Path) -> None:
     """Let the first target be a rogue, and no other target appear."""
     targets = simulation.targets
     shape = targets.status.shape
-    appears, status = np.full(shape, int(NEVER), dtype=np.int32), np.full(shape, int(HIDDEN), dtype=np.int32)
+    appears, status = np.full(shape, NEVER, dtype=np.int32), np.full(shape, HIDDEN, dtype=np.int32)
     appears[:, 0] = path.appears_at
     if path.appears_at == 0:
-        status[:, 0] = int(PRESENT)
+        status[:, 0] = PRESENT
     targets.appears_at.assign(appears)
     targets.status.assign(status)
-    targets.found_at.assign(np.full(shape, int(NEVER), dtype=np.int32))
+    targets.found_at.assign(np.full(shape, NEVER, dtype=np.int32))
     targets.found_early.zero_()
     targets.in_sight.zero_()
     position = targets.position.numpy().copy()

@@ -76,11 +76,11 @@ def schedule_steps(faults: Faults, step: float):
 
 def removal_steps(faults: Faults, num_robots: int, step: float) -> list[int]:
     """Return the step after which each robot is removed by schedule."""
-    removals = [int(NEVER)] * num_robots
+    removals = [NEVER] * num_robots
     for robot, time in faults.removed:
         removals[robot] = min(removals[robot], _steps(time, step))
     return removals
 
 
 def _steps(time: float, step: float) -> int:
-    return round(min(time / step, int(NEVER)))
+    return round(min(time / step, NEVER))

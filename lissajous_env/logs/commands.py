@@ -1,6 +1,7 @@
 """Commands of cars and differential drives in physical units: those of logs, and those of actions and the way back."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -16,7 +17,7 @@ from lissajous_env.world.robots.differential import commanded_speed, drive_actio
 
 wp.set_module_options(OPTIONS)
 
-INPUTS = {"car": ("steering", "throttle"), "differential": ("speed", "yaw rate")}
+COMMAND_NAMES = {"car": ("steering", "throttle"), "differential": ("speed", "yaw rate")}
 """Names of the commands by `robot.kind`: steering angle [rad] and throttle, or speed [m/s] and yaw rate [rad/s]."""
 _UNITS = {"steering": "rad", "speed": "m/s", "yaw rate": "rad/s"}
 
@@ -38,7 +39,7 @@ def convert(
         out[k] = drive_action(robot, value[0], value[1])
 
 
-def commands_of(series: Series, names: Sequence[str]) -> np.ndarray:
+def named_commands(series: Series, names: Sequence[str]) -> np.ndarray:
     """Return the commands (K, A) with some names, beside which there may be others; without names, all of their number.
 
     Raises:
@@ -56,20 +57,26 @@ def commands_of(series: Series, names: Sequence[str]) -> np.ndarray:
     return values
 
 
-def inputs_of(robot: Robot, actions: np.ndarray) -> np.ndarray:
-    """Return the commands (..., 2) of actions (..., 2), those of `INPUTS`."""
+def commands_of_actions(robot: Robot, actions: np.ndarray) -> np.ndarray:
+    """Return the commands (..., 2) of actions (..., 2), those of `COMMAND_NAMES`."""
     return _converted(robot, actions, 1)
 
 
-def actions_of(robot: Robot, inputs: np.ndarray) -> np.ndarray:
+def actions_of_commands(robot: Robot, commands: np.ndarray) -> np.ndarray:
     """Return the actions (..., 2) in [-1, 1] of commands (..., 2), clipped to what the robot can do."""
-    return _converted(robot, inputs, 0)
+    return _converted(robot, commands, 0)
 
 
 def _converted(robot: Robot, values: np.ndarray, is_action: int) -> np.ndarray:
     given = wp.array(values.reshape(-1, 2), dtype=wp.vec2, device=as_device("cpu"))
-    converted = wp.zeros_like(given)
-    settings = [to_struct(RobotStruct, robot), int(robot.kind == "car"), is_action]
-    with compile_quietly():
-        wp.launch(convert, len(given), [*settings, given], [converted], device="cpu")
+    conversion, converted = conversion_of(robot, given, is_action)
+    conversion.launch()
     return converted.numpy().reshape(values.shape)
+
+
+def conversion_of(robot: Robot, given: wp.array, is_action: int = 1) -> tuple[Any, wp.array]:
+    """Return a recorded launch that converts the present values of an array on the CPU, and the array of results."""
+    converted, settings = wp.zeros_like(given), [to_struct(RobotStruct, robot), int(robot.kind == "car"), is_action]
+    with compile_quietly():
+        launch = wp.launch(convert, len(given), [*settings, given], [converted], device="cpu", record_cmd=True)
+    return launch, converted
