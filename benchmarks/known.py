@@ -135,7 +135,7 @@ def measure_again(name: str) -> None:
     """Store the figures of the stored plans of a scenario, as they are now."""
     for each in bounds.all_known():
         if each.name in (name, f"{name}-{SETTLED}"):
-            task = as_played(name, {})
+            task = as_played(name)
             with quietly():
                 figures = play(Plan(bounds.BEST_KNOWN, task, each.settings, each.name), Episodes()).figures
             now = f"{figures.worst_case:.3g} s, {figures.collisions} collisions"
@@ -145,7 +145,7 @@ def measure_again(name: str) -> None:
 
 def row_of(name: str) -> list[str]:
     """Return the row of a scenario: its lower bound, and the stored plans beside the best default policies [s]."""
-    task = as_played(name, {})
+    task = as_played(name)
     family = defaults(task)
     played = []
     with quietly():
@@ -178,7 +178,7 @@ def main() -> None:
     for name in options.scenarios:
         if options.again:
             measure_again(name)
-        task = as_played(name, {})
+        task = as_played(name)
         families = [of(task) for of in (alike, partitions, lines, portfolios)]
         if options.filtered:
             families += [filtered(of(task), task) for of in (partitions, lines)]

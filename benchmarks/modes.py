@@ -53,7 +53,7 @@ def widest_gaps(settings: PolicySettings, scenario: Scenario, seeds: range) -> n
 def row_of(name: str, episodes: int) -> list[str]:
     """Return the cells of a case."""
     base, changes = CASES[name]
-    whole, seeds = as_played(base, {}), range(FIRST_SEED, FIRST_SEED + episodes)
+    whole, seeds = as_played(base), range(FIRST_SEED, FIRST_SEED + episodes)
     settings = LINES if base == "intruders" else baselines.chosen("portfolio-guarantee", whole)
     scenario = make_scenario(whole, **changes)
     times = worst_undetected_times(settings.make(scenario, episodes), scenario, seeds)

@@ -1,20 +1,16 @@
 """A scenario as a benchmark plays it, with bounds on its scores and the best known plans.
 
-The best known plans of the included scenarios, with robots that start as in the scenario, are folders in `known`. A
-folder is that of a plan, with the scenario as a benchmark plays it, and `found.toml`: the command that found the plan
-and its figures, those of its final episodes. The folder `NAME` contains the plan with the shortest known worst-case
-undetected time of whole episodes of the scenario NAME without collisions; `NAME-settled` has that of their second
-halves, if it is another plan. `benchmarks/known.py` writes them.
+The best known plans of the included scenarios are folders in `known`, whose README describes them;
+`benchmarks/known.py` writes them.
 """
 
 import math
 import tomllib
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from baselines.policies.settings import SCENARIO_FILE, PolicySettings
 from lissajous_env.episodes.guarantee import IdealFormation
@@ -38,10 +34,10 @@ FOLDER = Path(__file__).parent / "known"
 FOUND = "found.toml"
 
 
-def as_played(scenario: str, overrides: Mapping[str, Any]) -> Scenario:
-    """Make a scenario as a benchmark plays it: with the fields of the settings, and its grid."""
+def as_played(scenario: str) -> Scenario:
+    """Make a scenario as a benchmark plays it: with its grid."""
     grid = {"task.contamination": GRIDS[scenario]} if scenario in GRIDS else {}
-    return named.build(scenario, **grid | dict(overrides))
+    return named.build(scenario, **grid)
 
 
 @dataclass(frozen=True)

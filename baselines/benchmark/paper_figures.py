@@ -128,13 +128,12 @@ def _interval(axes: Axes, place: int, estimate: Estimate, style: PlotStyle, poli
 
 def _scale(axes: Axes, column: Column, values: np.ndarray) -> None:
     """Set the scale of an axis: logarithmic for positive numbers that differ widely, and above 1 for large counts."""
-    if column.summary == SHARE_OF_SEEDS or column.rule is SHARE:
+    if column.summary == SHARE_OF_SEEDS:
+        axes.set_xlim(-0.03, 1.03)
+        axes.axvline(0.5, color="#444444", lw=0.8, ls="--", zorder=1)
+    elif column.rule is SHARE:
         axes.set_xlim(min(0.5, values.min(initial=1.0)) - 0.03, 1.03)
-        if column.summary == SHARE_OF_SEEDS:
-            axes.set_xlim(-0.03, 1.03)
-            axes.axvline(0.5, color="#444444", lw=0.8, ls="--", zorder=1)
-        return
-    if len(values) and values.min() > 0 and values.max() > 30 * np.median(values):
+    elif len(values) and values.min() > 0 and values.max() > 30 * np.median(values):
         axes.set_xscale("log")
     elif len(values) and column.rule is WHOLE and values.max() > 20:
         axes.set_xscale("symlog", linthresh=1)

@@ -3,7 +3,7 @@
 The first six colours and the eighth are those of Okabe and Ito (Color Universal Design, 2008) without yellow, which is
 too pale for a line on white, and with a softer black; the other six were chosen to be as far from them, and from each
 other, as can be. No two of the thirteen are one to a reader without red, green or blue cones, and the first thirteen
-styles differ in their marks as well. More things than that share a colour or a mark, never both.
+styles differ in their marks as well. More things than that share a colour or a mark, and from 170 on both.
 """
 
 import io
@@ -18,7 +18,6 @@ SKY, DARK = "#56B4E9", "#333333"
 VIOLET, INDIGO, BROWN, OLIVE, PLUM, LILAC = "#962DFF", "#3C2DA5", "#692D00", "#B4B469", "#5A1E69", "#9678FF"
 COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY, VIOLET, DARK, INDIGO, BROWN, OLIVE, PLUM, LILAC)
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "p", ">", "h", "d")
-_STYLES = len(COLOURS) * len(MARKS)
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,
@@ -72,4 +71,4 @@ def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     plain = {policy: split_suffix(policy)[0] for policy in played}
     standard = dict.fromkeys(split_suffix(policy)[0] for policy in POLICIES)
     places = {name: place for place, name in enumerate([*standard, *sorted(set(plain.values()) - standard.keys())])}
-    return {policy: style_at(places[name] % _STYLES) for policy, name in plain.items()}
+    return {policy: style_at(places[name]) for policy, name in plain.items()}

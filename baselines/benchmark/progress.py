@@ -56,7 +56,8 @@ class Progress:
 
         The word states how it ended.
         """
-        ended = self._left[id(cell)] if episodes is None else episodes
+        left = self._left[id(cell)]
+        ended = left if episodes is None else min(episodes, left)  # none is left of a cell that failed
         self._left[id(cell)] -= ended
         self._bar.update(self._task, description=_name_of(cell), advance=ended)
         if not self._left[id(cell)] and not self._console.is_interactive:

@@ -44,8 +44,13 @@ from lissajous_env.world.columns import (
 FORMAT = "lissajous report 3"
 MOST_EPISODES = 20_000
 """Largest number of episodes that are listed, the worst first."""
-_ROBOTS = {"car": "cars", "curve": "points on the curve", "differential": "differential drives"}
-"""Names of the robots by their kind."""
+_ROBOTS = {
+    "car": "cars",
+    "curve": "points on the curve",
+    "differential": "differential drives",
+    "velocity": "cars by their velocities",
+}
+"""Names of the robots by their kind of actions."""
 _DIGITS = 5
 """Significant digits of the numbers in the page."""
 _EPISODES = "the episodes"
@@ -221,7 +226,7 @@ def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
     """Return the estimates over the scenarios of a kind of robots."""
     columns = with_numbers(overall.policies, OVERALL)
     return {
-        "kind": _ROBOTS.get(overall.kind, "cars by their velocities" if overall.kind == "velocity" else overall.kind),
+        "kind": _ROBOTS.get(overall.kind, overall.kind),
         "scenarios": list(overall.scenarios),
         "measures": [_described(column) for column in columns],
         "policies": [

@@ -56,7 +56,7 @@ def measure(
 ) -> BenchmarkOutcome:
     """Do the same as `run`, and return the whole outcome; `progress` is shown on a console of its own."""
     if scenarios is None:
-        scenarios = [as_played(name, settings.overrides) for name in settings.scenarios]
+        scenarios = [as_played(name) for name in settings.scenarios]
     cells = cells_of(settings, policies, scenarios)
     if settings.engine == "ray":
         cluster.check(settings.device)

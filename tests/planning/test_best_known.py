@@ -25,7 +25,7 @@ STORED = [each.name for each in bounds.all_known()]
 def test_the_stored_figures_are_those_of_the_episodes(name):
     """Oracle: the episodes, on the scenario as a benchmark plays it, with its own start."""
     (stored,) = (each for each in bounds.all_known() if each.name == name)
-    task = as_played(name.removesuffix(f"-{known.SETTLED}"), {})
+    task = as_played(name.removesuffix(f"-{known.SETTLED}"))
     assert task.digest() == stored.scenario.digest()
     figures = play(as_family(task, bounds.known_plans(task)).plan({"stored": name}), Episodes()).figures
     assert figures.collisions == 0
@@ -36,7 +36,7 @@ def test_the_stored_figures_are_those_of_the_episodes(name):
 def test_the_best_known_plans_are_better_than_the_best_default():
     """Oracle: `partition`, the best default on these scenarios, evaluated on the same seeds."""
     for name in ("evaders", "evaders-fast", "evaders-lost"):
-        task, bounds = as_played(name, {}), bounds_of(as_played(name, {}))
+        task, bounds = as_played(name), bounds_of(as_played(name))
         figures = play(Plan("defaults", task, PolicySettings("partition")), Episodes()).figures
         assert bounds.best_known < figures.worst_case
         assert bounds.best_known_settled <= figures.settled, "on `evaders` as good as that of `partition`"

@@ -1,1 +1,1 @@
-"""The collision filter under any car policy."""
+"""The filters of car policies: `-safe`, which avoids collisions, and `-proved`, which proves that there are none."""

@@ -34,8 +34,8 @@ from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.inside import Walls, walls_of
 from lissajous_env.world.selection import clear_worlds
 
-STEERING_CHANGES = (0.0, 0.06, 0.13, 0.22, 0.33, 0.47, 0.65, 0.9, 1.3, 2.0)
-THROTTLE_CHANGES = (0.0, 0.5, 2.0)
+_STEERING_CHANGES = (0.0, 0.06, 0.13, 0.22, 0.33, 0.47, 0.65, 0.9, 1.3, 2.0)
+_THROTTLE_CHANGES = (0.0, 0.5, 2.0)
 """Changes of the wanted action that are tried, to either side; each result is clipped to [-1, 1]."""
 
 _THROTTLE_WEIGHT = 0.1
@@ -169,7 +169,7 @@ def widest_of(scenario: Scenario) -> np.ndarray:
 
 def changes_of() -> np.ndarray:
     """Return the changes (K, 2) of an action that are tried, in order of size; the first is no change."""
-    signed = [(s * x, t * y) for x in STEERING_CHANGES for y in THROTTLE_CHANGES for s in (1, -1) for t in (1, -1)]
+    signed = [(s * x, t * y) for x in _STEERING_CHANGES for y in _THROTTLE_CHANGES for s in (1, -1) for t in (1, -1)]
 
     def cost(change: tuple[float, float]) -> tuple[float, ...]:
         steering, throttle = change
