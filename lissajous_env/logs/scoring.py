@@ -276,8 +276,9 @@ def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: n
         return logged.before(times, _LATE_STATUS * scenario.task.step)
     for k in np.flatnonzero(np.append(True, hidden[:-1] & ~hidden[1:])):
         if logged is None:
+            x, y, heading = pose[k].tolist()
             near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
-            phase[k] = locate(scenario.driven, scenario.alpha, *pose[k].tolist(), near)
+            phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
         else:
             phase[k] = logged.before(times[k], _LATE_STATUS * scenario.task.step)
     return phase
