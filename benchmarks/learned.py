@@ -5,13 +5,15 @@
     python benchmarks/learned.py --space watch-v1 --trainings runs/0 runs/1 runs/2 runs/3 runs/4 --store
     python benchmarks/learned.py --ablations runs/* --store
     python benchmarks/learned.py --curves runs/* --store
+    python benchmarks/learned.py --herding greedy-herd greedy-cover runs/5 runs/6 --store
 
 The first two commands add the best policies of some trainings to the comparison on a scenario, and name the training
 whose validation is best. The third one plays the scenarios of a space, in its split `test` and its shifts, with the
 best policy, its rival and some trainings. The fourth one compares complete trainings by the options in which they
-differ from the defaults, by their policies after the last step, with the rule on the same scenario. The last one has
+differ from the defaults, by their policies after the last step, with the rule on the same scenario. The fifth one has
 their validations, and those of earlier trainings, which `benchmarks/curves.jsonl` contains. Rows of these two tables
-replace stored ones with the same options; the others remain.
+replace stored ones with the same options; the others remain. The last one tells how policies keep targets that flee in
+sight on `watch`: a row for each of them, in the order of the command.
 """
 
 import itertools
@@ -28,6 +30,7 @@ import baselines
 import lissajous_env
 import training
 from lissajous_env.world.columns import task_score
+from lissajous_env.world.targets.motion import FLEEING
 from training.learned import checkpoint
 from training.learned.networks import TeamNetwork
 from training.learned.policy import LearnedTeam, find
@@ -43,6 +46,9 @@ TITLES = {"observed_fraction": "targets in sight", "detection_rate": "detections
 SEEDS = range(10_000, 11_024)
 FEWER_SEEDS = SEEDS[:256]
 """Seeds of the comparison of many trainings by their options."""
+HERDING_SEEDS = range(40_000, 40_128)
+CORNER = 2.0
+"""Distance from both walls below which a target is in a corner [m]."""
 SPACES = {
     "watch-v1": ("learned-watch", "greedy-herd"),
     "intercept-v1": ("learned-intercept", "divided-pursuit"),
@@ -196,6 +202,34 @@ def _curve_row(scenario: str, options: str, rival: str, steps: int, curves: list
     return [name, f"`{rival}`", f"{steps / 1e6:g}", str(len(curves)), *shares, f"{spent:.0f}"]
 
 
+def herding(policies: list[str]) -> figures.Table:
+    """Return shares of the fleeing targets of `watch` for each policy, means over the steps of the episodes."""
+    rows = []
+    for policy in policies:
+        scenario = lissajous_env.scenario("watch")
+        simulation = lissajous_env.Simulation(scenario, len(HERDING_SEEDS), seed=HERDING_SEEDS[0])
+        acting = baselines.make(policy, scenario, num_worlds=len(HERDING_SEEDS))
+        half = np.array([scenario.curve.half_width, scenario.curve.half_height])
+        shares = []
+        while not simulation.over.all():
+            simulation.step(acting.act(simulation.observation))
+            flees = simulation.targets.motion.numpy() == int(FLEEING)
+            is_in_corner = (half - np.abs(simulation.targets.position.numpy()) < CORNER).all(axis=-1)
+            in_sight = simulation.targets.in_sight.numpy() == 1
+            shares.append([of[flees].mean() for of in (is_in_corner, in_sight, is_in_corner & in_sight)])
+        name = f"`{policy}`" if not Path(policy).is_dir() else named_training(policy)
+        rows.append([name, *(f"{share:.3f}" for share in np.mean(shares, axis=0))])
+    columns = ["policy", "fleeing targets in corners", "in sight", "in sight in corners"]
+    return {"columns": columns, "rows": rows}
+
+
+def named_training(folder: str) -> str:
+    """Return the options of a training with its seed, in words."""
+    settings = checkpoint.read_contents(folder)["settings"]
+    words, steps = options_of(settings)
+    return f"`{words}`, {steps / 1e6:g} million steps, seed {settings['seed']}"
+
+
 def grouped(trainings: list[str]) -> dict[tuple[str, str, int], list[tuple[str, dict[str, Any]]]]:
     """Return the complete trainings, each with its checkpoint, by their scenario, options and steps."""
     groups = defaultdict(list)
@@ -229,6 +263,7 @@ def main() -> None:
     parser.add_argument("--space", choices=list(SPACES), help="play the splits of a space instead of a scenario")
     parser.add_argument("--ablations", nargs="+", metavar="FOLDER", help="folders of trainings to compare by settings")
     parser.add_argument("--curves", nargs="+", metavar="FOLDER", help="folders of trainings whose validations to show")
+    parser.add_argument("--herding", nargs="+", metavar="POLICY", help="policies whose targets that flee to describe")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     if options.trainings:
@@ -239,6 +274,8 @@ def main() -> None:
     elif options.curves:
         table = figures.merged("curves", on_curves(options.curves, options.store))
         figures.publish("curves", "validations", table, options.store)
+    elif options.herding:
+        figures.publish("herding", f"{len(HERDING_SEEDS)} worlds", herding(options.herding), options.store)
     elif options.space:
         figures.publish(options.space, "test and shifts", on_space(options.space, options.trainings), options.store)
     else:
