@@ -182,7 +182,7 @@ def test_parameters_namespaces_and_remapping():
     ("given", "words"),
     [
         ("robot:=two", "node.robot must be of type int"),
-        ("command:=twist", "command must be car or dart for robots of kind car, got twist"),
+        ("command:=twist", "command must be car or dart for robots of kind car, got 'twist'"),
     ],
 )
 def test_wrong_parameters_are_refused(given, words):

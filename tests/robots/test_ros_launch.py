@@ -50,7 +50,7 @@ def test_a_process_ends_although_ros_does_not():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("world", "--scenario", "failure"), "scenario must be of robots of kind car or differential, got curve"),
+        (("world", "--scenario", "failure"), "scenario must be of robots of kind car or differential, got 'curve'"),
         (("launch", "--policy", "nobody"), "got 'nobody'"),
     ],
 )
