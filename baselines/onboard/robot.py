@@ -19,7 +19,7 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole_number
-from lissajous_env.wording import require, shown
+from lissajous_env.wording import counted, require, shown
 
 _MOST_STEPS = 10
 """Largest number of a policy's steps in one call."""
@@ -80,9 +80,9 @@ class Onboard:
     Call `act` once in each control step of the scenario (`scenario.task.step`), also while the robot is stopped. The
     policy's steps follow the clock: after a missed call it takes two steps, and a call more than half a step too early
     repeats the last action. A policy that is more than ten steps behind, as after a long wait for the first pose, takes
-    ten in each call, and the robot is stopped meanwhile. Send `command_at(now)` to the actuators, as often as they
-    require it. All times are of one clock that the robots share. Coordinates are those of the scenario: the origin is
-    the middle of the rectangle.
+    ten in each call, and one that is ahead of a clock that went back takes none; the robot is stopped meanwhile. Send
+    `command_at(now)` to the actuators, as often as they require it. All times are of one clock that the robots share.
+    Coordinates are those of the scenario: the origin is the middle of the rectangle.
 
     A robot stops if a limit of `Limits` is exceeded, if input is not finite, and after `stop()`; `Output.stopped`
     contains the reason. While it is stopped, its policy observes that the robot has failed, as in the simulation, and
@@ -214,9 +214,11 @@ class Onboard:
         pose = measured or self._row.pose
         if pose is None or not math.isfinite(now):
             return self._stopped(now, reason)
-        due = max(round((now - self._begun) / self.scenario.task.step) + 1 - self._steps, 0)
-        if due > _MOST_STEPS:
-            reason = reason or f"the policy is {due:,} steps behind the clock"
+        due = round((now - self._begun) / self.scenario.task.step) + 1 - self._steps
+        if due < 0:
+            reason = reason or f"the policy is {counted(-due, 'step')} ahead of the clock"
+        elif due > _MOST_STEPS:
+            reason = reason or f"the policy is {counted(due, 'step')} behind the clock"
         self._row.place_detections(robots, targets)
         row = self._row.fill(pose, self._heard, not reason, phase if pose is odometry else None)
         for _ in range(min(due, _MOST_STEPS)):

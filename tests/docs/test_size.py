@@ -5,11 +5,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 42_324
+LINES = 42_326
 """Lines of the packages."""
 MODULES = 259
 """Files of the packages."""
-TESTS = 25_992
+TESTS = 26_000
 """Lines of the tests."""
 
 

@@ -80,6 +80,14 @@ def test_some_faults_stop_a_robot_until_a_person_resumes_it(fault, words):
     assert robot.call().stopped == ""
 
 
+def test_a_robot_whose_clock_went_back_rests_until_the_clock_has_caught_up():
+    robot = Robot()
+    assert [robot.call().stopped, robot.call(after=-0.4).stopped] == ["", "the clock went back by 0.4 s"]
+    robot.onboard.resume()
+    words = [robot.call().stopped.partition(" ahead")[0] for _ in range(5)]
+    assert words == ["the policy is 3 steps", "the policy is 2 steps", "the policy is 1 step", "", ""]
+
+
 def test_a_robot_with_good_input_drives_until_it_is_told_to_stop_and_then_still_sends_its_phase():
     robot = Robot()
     for _ in range(30):
