@@ -57,7 +57,9 @@ class Progress:
         The word states how it ended.
         """
         left = self._left[id(cell)]
-        ended = left if episodes is None else min(episodes, left)  # none is left of a cell that failed
+        if not left:  # the cell failed, and a batch of it that was being played has ended
+            return
+        ended = left if episodes is None else min(episodes, left)
         self._left[id(cell)] -= ended
         self._bar.update(self._task, description=_name_of(cell), advance=ended)
         if not self._left[id(cell)] and not self._console.is_interactive:
