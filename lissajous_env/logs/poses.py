@@ -48,7 +48,7 @@ def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[LoggedRobot]:
         ValueError: a topic is missing, of another type, or named twice, or has too few poses.
     """
     require(0 < len(topics) == len(set(topics)), "topics", "must name at least one topic, each of them once", topics)
-    is_pattern = "{}" in "".join(topics)
+    is_pattern = "{" in "".join(topics)
     is_clear = len(topics) == topics[0].count("{}") == topics[0].count("{") == 1
     rule = "must be names, or one name in which {} stands once for a number"
     require(is_clear or not is_pattern, "topics", rule, topics)
