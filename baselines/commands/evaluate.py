@@ -54,7 +54,7 @@ def evaluate(
                 for finished in play(cells[k], settings, numbers):
                     rows += finished
                     progress.finished(cell, len(finished))
-    table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
+    table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells})
     console = common.console()
     (policy,) = settings.policies
     of = {name: policies[policy] for name, policies in table.estimates.items()}

@@ -17,7 +17,7 @@ from rich.text import Text
 import baselines
 import lissajous_env
 from baselines.benchmark import bounds, shown, types
-from baselines.benchmark.bounds import Bounds, as_played, bounds_of
+from baselines.benchmark.bounds import as_played, bounds_of
 from baselines.benchmark.report_page import page as report_page
 from baselines.benchmark.shown import in_words, lines_of, number
 from baselines.benchmark.statistics import MAIN, OVER_LOWER_BOUND, SHOWN, with_numbers
@@ -73,8 +73,8 @@ def test_over_the_lower_bound_is_a_mean_and_a_bound_of_nothing_has_no_ratio():
 
 
 def derived(first, second):
-    """Derived rows of two policies of a scenario with bounds of 0.5 and 2 s, the first being the reference."""
-    of = with_derived({"a": [*first], "b": [*second]}, Bounds(0.5, 2.0, math.nan), DETECTION_TIME, "a")
+    """Derived rows of two policies of a scenario with a lower bound of 0.5 s, the first being the reference."""
+    of = with_derived({"a": [*first], "b": [*second]}, 0.5, DETECTION_TIME, "a")
     return [[[row[name] for name in RATIOS] for row in of[policy]] for policy in "ab"]
 
 
