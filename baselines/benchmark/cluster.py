@@ -114,11 +114,11 @@ def _remote(ray: Any, settings: Benchmark) -> Any:
     if gpus and not ray.cluster_resources().get("GPU"):
         raise ValueError("device must be one that the Ray cluster has, got cuda; none of its nodes has a GPU")
     needs = {"num_cpus": 1, "num_gpus": gpus, "scheduling_strategy": "SPREAD"}
-    remote = ray.remote(**needs, max_retries=_RETRIES)(_play)
+    remote = ray.remote(**needs, max_retries=_RETRIES)(_play_batch)
     return lambda packed, numbers: remote.remote(packed, numbers, versions())
 
 
-def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | Failure:
+def _play_batch(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | Failure:
     """Play one batch; this runs on a worker."""
     ray = _ray()
     if (here := versions()) != wanted:

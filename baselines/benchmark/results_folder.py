@@ -26,8 +26,9 @@ from lissajous_env.wording import outside, shown
 from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
 
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
-FILES = (SETTINGS, EPISODES)
-"""Files from which all others are derived."""
+CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
+FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
+"""Files of the folder, all of which are derived from the first two."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
@@ -50,12 +51,11 @@ class Results:
     def __init__(self, folder: Folder, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
         """Read a folder, and add the settings and cells of a call to it; without settings, nothing is added."""
         path = folder.path / SETTINGS
-        stored, wanted = None, None if settings is None else as_settings(settings, cells)
-        if path.exists():
-            stored = read_json(path)
-        elif (folder.path / EPISODES).exists():
-            raise ValueError(f"{folder.path} contains {EPISODES} but no {SETTINGS}; choose another --out")
-        self.stored: dict[str, Any] = stored or wanted or {}
+        wanted = None if settings is None else as_settings(settings, cells)
+        stored = read_json(path) if path.exists() else None
+        if stored is None and (wanted is None or (folder.path / EPISODES).exists()):
+            raise ValueError(f"{folder.path} must contain {SETTINGS} of a benchmark; choose another folder")
+        self.stored: Any = wanted if stored is None else stored
         self._rows: dict[_Key, dict[str, Any]] = {}
         if stored is None:
             self._write(folder)  # before the episodes, which are useless without it

@@ -17,7 +17,7 @@ from lissajous_env.wording import counted
 from lissajous_env.world.simulation import Simulation
 
 _MOST_SEEDS = 1024
-"""Limit on the episodes whose starts are checked."""
+"""Limit on the episodes whose starts are tested, all at once: a world of `hall` takes 0.8 MB and a millisecond."""
 
 
 def about_theorem(cells: Iterable[Cell], rows: Rows, device: Any = "cpu") -> dict[str, list[str]]:

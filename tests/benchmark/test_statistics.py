@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import bootstrap, trim_mean
 
-from baselines.benchmark.shown import best_number, in_words, number
+from baselines.benchmark.shown import best_value, in_words, number
 from baselines.benchmark.statistics import (
     IMPROVEMENT,
     SHARE_OF_SEEDS,
@@ -66,9 +66,9 @@ def test_numbers_and_the_best_in_words():
     # Oracle: by hand; (15 / 22) 22 is not 15 in float64.
     assert [number(value) for value in (99.97, -99.97, 9.999, 0.9996)] == ["100", "-100", "10.0", "1.00"]
     policies = [{DETECTION_TIME.name: summarize([time] * 15 + [math.nan] * 7)} for time in (2.0, 1.0)]
-    assert best_number(policies, DETECTION_TIME) == "1"
+    assert best_value(policies, DETECTION_TIME) == "1"
     shares = [{IMPROVEMENT.name: summarize(won, SHARE_OF_SEEDS)} for won in ([0.0, 0.0], [1.0, 0.0], [1.0, 0.5])]
-    assert [best_number(shares[:k], IMPROVEMENT) for k in (2, 3)] == ["", "75 %"]
+    assert [best_value(shares[:k], IMPROVEMENT) for k in (2, 3)] == ["", "75 %"]
 
 
 def test_largest_values_in_words():
