@@ -32,11 +32,11 @@ from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, SE
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
 
-EPISODES = 4
+FINAL_EPISODES = 4
 """Episodes of a plan that is played to the end."""
-CONFIRMED = 16
+CONFIRMING_EPISODES = 16
 """The same of the plans that no other dominates."""
-BEST = 64
+BEST_EPISODES = 64
 """The same of the first of these."""
 MOST_LOSSES = 64
 """Most episodes with failures."""
@@ -60,7 +60,7 @@ class Episodes:
     """Seed of the first episode without failures and of the first with failures."""
     failures: int = 0
     """Robots that fail for good in an episode with failures, besides those that the scenario removes."""
-    count: int = EPISODES
+    count: int = FINAL_EPISODES
     clearance: float = 0.0
     """Distance of two bodies below which a plan is ranked after all others [m]."""
 
