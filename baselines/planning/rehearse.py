@@ -35,9 +35,9 @@ from lissajous_env.world.simulation import Simulation
 FINAL_EPISODES = 4
 """Episodes of a plan that is played to the end."""
 CONFIRMING_EPISODES = 16
-"""The same of the plans that no other dominates."""
+"""Episodes of a plan that no other dominates."""
 BEST_EPISODES = 64
-"""The same of the first of these."""
+"""Episodes of the first of these plans."""
 MOST_LOSSES = 64
 """Most episodes with failures."""
 _SCREENED, _SCREENED_LOSSES = 2, 8

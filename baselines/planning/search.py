@@ -197,7 +197,8 @@ class Search:
         more = True
         while more:
             best = best_of(self.finals)
-            counts = [max(count, self.episodes.count) for count in (BEST_EPISODES, *[CONFIRMING_EPISODES] * (len(best) - 1))]
+            least = [BEST_EPISODES, *[CONFIRMING_EPISODES] * (len(best) - 1)]
+            counts = [max(count, self.episodes.count) for count in least]
             more = self._play(threads, [
                 (plan.plan, dataclasses.replace(self.episodes, count=count))
                 for plan, count in zip(best, counts, strict=False) if len(plan.rows) < count
