@@ -6,7 +6,7 @@ wastes half of the runs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -123,15 +123,16 @@ def summarize_largest(
     known = ~np.isnan(worst)
     is_open, last = (np.broadcast_to(flags, worst.shape)[known] for flags in (without_bound, growing))
     worst = worst[known]
-    is_open = is_open | np.isinf(worst)
-    estimate = Estimate(LARGEST, len(known), len(worst))
     if not len(worst):
-        return estimate
+        return Estimate(LARGEST, len(known), 0)
+    is_open = is_open | np.isinf(worst)
     finite = worst[np.isfinite(worst)]
     largest = float(finite.max()) if len(finite) else np.inf
-    return replace(
-        estimate,
-        value=largest,
+    return Estimate(
+        LARGEST,
+        len(known),
+        len(worst),
+        largest,
         min=float(worst.min()),
         median=float(np.median(np.where(is_open, np.inf, worst))),
         max=largest,
