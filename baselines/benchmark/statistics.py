@@ -141,20 +141,6 @@ def summarize_largest(
     )
 
 
-def wins(own: Values, other: Values) -> np.ndarray:
-    """Return for each seed 1 if a policy has a smaller number than another, 0 if it has not, 1/2 in a tie.
-
-    Both play the same seeds, so the difficulty of a seed cancels. The result is NaN where one of the two has no number.
-
-    Args:
-        own: Numbers of the policy, by seed.
-        other: Numbers of the other policy, in the same order of seeds.
-    """
-    own, other = np.asarray(own, dtype=float), np.asarray(other, dtype=float)
-    won = (own < other) + (own == other) / 2
-    return np.where(np.isnan(own) | np.isnan(other), np.nan, won)
-
-
 @lru_cache(maxsize=16)
 def draws(size: int, resamples: int) -> np.ndarray:
     """Return (resamples, size) how often each of `size` values is drawn, with replacement."""

@@ -23,7 +23,6 @@ from baselines.benchmark.statistics import (
     score_names,
     summarize,
     summarize_largest,
-    wins,
     with_numbers,
 )
 from lissajous_env.parameters.scenario import Scenario
@@ -137,17 +136,17 @@ def with_derived(
     others = {row["seed"]: row for row in policies[reference]} if reference is not None else {}
     derived: dict[str, Rows] = {}
     for policy, rows in policies.items():
-        compared = [{} if policy == reference else others.get(row["seed"], {}) for row in rows]
-        won = wins(-score.better * numbers(rows, score), -score.better * numbers(compared, score))
         derived[policy] = []
-        for row, is_better in zip(rows, won, strict=True):
+        for row in rows:
+            other = others.get(row["seed"], {}) if policy != reference else {}
+            ahead = score.better * (row[score.name] - other.get(score.name, math.nan))
             best_value, best_worst_case = best[row["seed"]]
             over_best = _ratio(row[score.name], best_value)
             derived[policy].append(row | {
                 OVER_LOWER_BOUND.name: row[DETECTION_TIME.name] / least_time,
                 SCORE_OVER_BEST.name: over_best if score.better < 0 else 1 / over_best if over_best else math.inf,
                 WORST_CASE_OVER_BEST.name: _ratio(_worst_case(row), best_worst_case),
-                IMPROVEMENT.name: float(is_better),
+                IMPROVEMENT.name: float(np.heaviside(ahead, 0.5)),
             })  # fmt: skip
     return derived
 
