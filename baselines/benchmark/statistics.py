@@ -47,7 +47,7 @@ class Estimate:
     n: int
     """Size of the sample."""
     known: int
-    """Episodes or scenarios of the sample that have a number; the others count in `n` alone."""
+    """Number of episodes or scenarios of the sample that have a number; the others count in `n` alone."""
     value: float = np.nan
     """Number that stands for the sample; it may be infinite."""
     low: float = np.nan
@@ -59,7 +59,7 @@ class Estimate:
     """Median; of largest values it counts open ones as infinite."""
     max: float = np.nan
     open: int = 0
-    """Episodes or scenarios of the sample that show no bound."""
+    """Number of those that show no bound."""
     at_least: bool = False
     """True if `value` is a lower bound of the largest value."""
     worst: int | None = None
