@@ -16,7 +16,7 @@ from baselines.benchmark.statistics import (
     SHOWN,
     Estimate,
     added_columns,
-    shown_columns,
+    columns_of,
     with_numbers,
 )
 from baselines.benchmark.table import Overall, Row, Rows, Table, grouped, numbers
@@ -181,7 +181,7 @@ def _scenario(
     table: Table, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows], notes: Sequence[str]
 ) -> dict[str, Any]:
     scenario, cells, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
-    columns = [column for column in shown_columns(scenario, cells) if column.page]
+    columns = [column for column in columns_of(scenario, cells) if column.page]
     reference = table.references.get(name)
     return {
         "name": name,
