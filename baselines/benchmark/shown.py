@@ -159,9 +159,9 @@ def bounds_in_words(bounds: Bounds) -> str:
 def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -> None:
     """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
     out, table = outcome.settings.out, outcome.table
-    where = f"They are in {out / SUMMARY}"
-    for name, scenario in table.scenarios.items():
-        policies, bounds = table.estimates.get(name, {}), table.bounds[name]
+    where = f"They are in {out}/{SUMMARY}"
+    for name, policies in table.estimates.items():
+        scenario, bounds = table.scenarios[name], table.bounds[name]
         columns = columns_of(scenario, policies)
         words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
         title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))

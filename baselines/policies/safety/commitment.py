@@ -27,7 +27,7 @@ from baselines.policies.safety.own_motion import (
     tail_from,
     within_limits,
 )
-from baselines.policies.safety.tails import POINTS, Course, Tail, gap_between, lay_out, place_on, roll_on, swept_gap
+from baselines.policies.safety.tails import POINTS, Course, Tail, gap_between, lay_out, place_on, roll_on
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
@@ -85,20 +85,18 @@ def gap_to_edge(course: Course, terms: Terms) -> float:
 def gap_to(w: int, i: int, which: int, j: int, enough: float, terms: Terms, memory: Memory) -> float:
     """Return the least distance of a course from those that robot j may follow in this step, less `required` [m].
 
-    `which` is OLD or NEW. A value below `enough` is only a bound. Distances are those at equal times, unless one of the
-    two can stop dead (condition 5). A robot that has decided follows its old tail if its motor fails in this step
-    (condition 5).
+    `which` is OLD or NEW. A value below `enough` is only a bound. A robot that has decided follows its old tail if its
+    motor fails in this step (condition 5); one that stops dead is on its new course then.
     """
     one = memory.courses[w, i, which]
+    stops = terms.stops[i] == 1
+    other_stops = terms.stops[j] == 1
     has_decided = memory.decided[w, j] == 1
-    if terms.stops[i] == 1 or terms.stops[j] == 1:
-        other = memory.courses[w, j, wp.where(has_decided, NEW, OLD)]
-        return swept_gap(one, other, terms.stops[i] == 1, terms.stops[j] == 1, terms.required, enough)
     least = float(wp.inf)
     if has_decided:
-        least = gap_between(one, memory.courses[w, j, NEW], terms.required, enough)
+        least = gap_between(one, memory.courses[w, j, NEW], stops, other_stops, terms.required, enough)
     if least >= enough and (not has_decided or terms.coasts == 1):
-        least = wp.min(least, gap_between(one, memory.courses[w, j, OLD], terms.required, enough))
+        least = wp.min(least, gap_between(one, memory.courses[w, j, OLD], stops, other_stops, terms.required, enough))
     return least
 
 
