@@ -8,7 +8,7 @@ import numpy as np
 
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.plot_styles import COLOURS, styles_of
-from baselines.benchmark.shown import best_number, bounds_in_words, in_words
+from baselines.benchmark.shown import best_value, bounds_in_words, in_words
 from baselines.benchmark.statistics import (
     DERIVED,
     MAIN,
@@ -181,7 +181,7 @@ def _scenario(
     table: Table, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows], notes: Sequence[str]
 ) -> dict[str, Any]:
     scenario, cells, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
-    shown = [column for column in shown_columns(scenario, cells) if column.page]
+    columns = [column for column in shown_columns(scenario, cells) if column.page]
     reference = table.references.get(name)
     return {
         "name": name,
@@ -192,9 +192,9 @@ def _scenario(
         "tradeoff": [task_score(scenario).name, COLLISIONS.name],
         "measures": [
             _described(column)
-            | {"best": best_number([*cells.values()], column)}
+            | {"best": best_value([*cells.values()], column)}
             | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
-            for column in shown
+            for column in columns
         ],
         "policies": [
             {
@@ -202,7 +202,7 @@ def _scenario(
                 "episodes": len(episodes),
                 "failed": np.sum([failed(row) for row in episodes], axis=0).tolist(),
                 "collisions": _rounded(float(numbers(episodes, COLLISIONS).mean())),
-                "cells": {column.name: _cell(cells[policy][column.name], column, episodes) for column in shown},
+                "cells": {column.name: _cell(cells[policy][column.name], column, episodes) for column in columns},
             }
             for policy, episodes in ((policy, rows[policy]) for policy in cells)
         ],

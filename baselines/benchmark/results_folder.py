@@ -23,14 +23,19 @@ from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import outside, shown
-from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
+from lissajous_env.world.columns import NAMES, WHOLE, Column, Rule
 
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
-FILES = (SETTINGS, EPISODES)
-"""Files from which all others are derived."""
+CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
+FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
+"""Files of the folder, all of which are derived from the first two."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
+
+_TEXT = Rule("a text", lambda value: isinstance(value, str))
+_IDENTITY = {"scenario": _TEXT, "policy": _TEXT, "episode": WHOLE, "seed": WHOLE}
+"""Rules of the entries of a score row that identify its episode."""
 
 _Key = tuple[str, str, int]
 
@@ -50,12 +55,11 @@ class Results:
     def __init__(self, folder: Folder, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
         """Read a folder, and add the settings and cells of a call to it; without settings, nothing is added."""
         path = folder.path / SETTINGS
-        stored, wanted = None, None if settings is None else as_settings(settings, cells)
-        if path.exists():
-            stored = read_json(path)
-        elif (folder.path / EPISODES).exists():
-            raise ValueError(f"{folder.path} contains {EPISODES} but no {SETTINGS}; choose another --out")
-        self.stored: dict[str, Any] = stored or wanted or {}
+        wanted = None if settings is None else as_settings(settings, cells)
+        stored = read_json(path) if path.exists() else None
+        if stored is None and (wanted is None or (folder.path / EPISODES).exists()):
+            raise ValueError(f"{folder.path} must contain {SETTINGS} of a benchmark; choose another folder")
+        self.stored: Any = wanted if stored is None else stored
         self._rows: dict[_Key, dict[str, Any]] = {}
         if stored is None:
             self._write(folder)  # before the episodes, which are useless without it
@@ -180,15 +184,10 @@ def refusal_of(row: Mapping[str, Any], added: Sequence[str] = ()) -> str | None:
     """
     if tuple(row) != (*NAMES, *added):
         return "must have the columns of a score row"
-    for name in ("scenario", "policy"):
-        if not isinstance(row[name], str):
-            return f"{name} must be a text, got {row[name]!r}"
-    for name in ("episode", "seed"):
-        if not WHOLE.accepts(row[name]):
-            return f"{name} must be {WHOLE.words}, got {shown(row[name])}"
-    for name in (*COLUMNS, *added):
-        if wrong := column_of(name).refusal(row[name]):
-            return f"{name} {wrong}, got {shown(row[name])}"
+    for name, value in row.items():
+        column = Column(name, "", rule=_IDENTITY[name]) if name in _IDENTITY else column_of(name)
+        if wrong := column.refusal(value):
+            return f"{name} {wrong}, got {shown(value)}"
     return None
 
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from baselines.benchmark.results_folder import CSV, MARKDOWN, SUMMARY
 from baselines.benchmark.shown import Entry, bounds_in_words, lines_of
 from baselines.benchmark.statistics import MAIN, added_columns, main_columns, with_numbers
 from baselines.benchmark.table import Table
@@ -17,9 +18,6 @@ from lissajous_env.identity import command, machine, versions
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import NAMES, task_score
 
-CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
-FILES = (CSV, SUMMARY, MARKDOWN, REPORT)
-"""Files that are derived from the episodes."""
 _SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$", "\N{EN DASH}": "--",

@@ -12,10 +12,8 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
-import numpy as np
-
 from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
-from baselines.planning.plans import Choices, Family, Plan, Settings, absolute, robots_top_speed
+from baselines.planning.plans import Choices, Family, Plan, Variables, absolute, robots_top_speed
 from baselines.planning.request import paper_design
 from baselines.policies import registry
 from baselines.policies.as_cars import like_cars
@@ -25,7 +23,7 @@ from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.design import HEADROOM, best_formation, largest_phase_rate
+from lissajous_env.theory.design import HEADROOM, best_formation, formation_fields, largest_phase_rate
 
 DEFAULTS, FORMATIONS = "defaults", "Lissajous"
 """Names of the families of the included policies and of formations."""
@@ -132,7 +130,7 @@ def with_parameters(
     scenario: Scenario,
     name: str,
     policies: Sequence[str],
-    first: Sequence[Settings],
+    first: Sequence[Variables],
     parameters: Mapping[str, Choices],
 ) -> Family:
     """Return a family of policies by their parameters, in the units of `baselines.planning.plans.UNITS`.
@@ -152,11 +150,11 @@ def with_parameters(
     return Family(name, partial(_plan_of, scenario, name), of_each, choices)
 
 
-def _plan_of(scenario: Scenario, name: str, settings: Settings) -> Plan:
-    """Return the plan of a policy with parameters, on the scenario or, if settings name a start, on one with that."""
-    shares = {key: value for key, value in settings.items() if key not in ("policy", "start")}
-    start = settings.get("start", 0.0) * robots_top_speed(scenario)
-    policy = absolute(PolicySettings(settings["policy"], shares), scenario, digits=4)
+def _plan_of(scenario: Scenario, name: str, given: Variables) -> Plan:
+    """Return the plan of a policy with parameters, on the scenario or, if `start` is given, on one with that start."""
+    shares = {key: value for key, value in given.items() if key not in ("policy", "start")}
+    start = given.get("start", 0.0) * robots_top_speed(scenario)
+    policy = absolute(PolicySettings(given["policy"], shares), scenario, digits=4)
     about = ", ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in policy.parameters.items())
     about += f", start on an ellipse at {start:.3g} m/s" if start else ""
     return Plan(name, on_ellipse(scenario, start) if start else scenario, policy, about)
@@ -194,16 +192,16 @@ def _violation(scenario: Scenario) -> str:
     return f"the paper's best curve is a = {best.curve.a}, b = {best.curve.b}: {'; '.join(violated)}"
 
 
-def _formation(scenario: Scenario, settings: Settings) -> Plan:
+def _formation(scenario: Scenario, given: Variables) -> Plan:
     """Return the formation at a share of the largest phase rate that its robots can drive, less the headroom."""
-    curve, policy = curves_of(scenario)[settings["curve"]], settings["policy"]
-    rate = float(f"{settings['rate'] * _largest_rate(scenario, curve):.6g}")
+    curve, policy = curves_of(scenario)[given["curve"]], given["policy"]
+    rate = float(f"{given['rate'] * _largest_rate(scenario, curve):.6g}")
     fields = formation_overrides(scenario, curve, rate)
-    if "coupling" in settings:
-        fields["formation.coupling"] = settings["coupling"] * rate / (0.3 * fields["formation.alpha"])
+    if "coupling" in given:
+        fields["formation.coupling"] = given["coupling"] * rate / (0.3 * fields["formation.alpha"])
     coordinator, pace = {}, f"omega = {rate:.3g} rad/s"
     if policy.startswith("arc"):
-        cruise = min(settings["rate"] * (1 - HEADROOM), 1.0) * robots_top_speed(scenario)
+        cruise = min(given["rate"] * (1 - HEADROOM), 1.0) * robots_top_speed(scenario)
         coordinator = {"speed": float(f"{cruise:.6g}")}
         pace = f"{coordinator['speed']:.3g} m/s"
     about = f"a:b = {curve.a}:{curve.b}, p = {fields['formation.p']}, {pace}"
@@ -235,11 +233,7 @@ def curves_of(scenario: Scenario) -> list[Curve]:
 def _may_work(scenario: Scenario, curve: Curve) -> bool:
     """Return whether the undisturbed formation neither collides nor leaves a gap, and cars can follow most of it."""
     n, robot = scenario.num_robots, (like_cars(scenario) or scenario).robot
-    apart, halves = 2 * robot.radius * _ROOM, np.pi * np.arange(1, n // 2 + 1) / n
-    # The distances at some phases refuse most curves, long before the smallest of all phases is known.
-    if geometry.chord_length(curve, geometry.lap_phases(curve, 1)[:, None], halves).min(initial=math.inf) < apart:
-        return False
-    if geometry.smallest_distance(curve, n) < apart:
+    if geometry.smallest_distance(curve, n) < 2 * robot.radius * _ROOM:
         return False
     if geometry.tight_share(curve, tightest_radius(robot)) > _TIGHT:
         return False
@@ -256,20 +250,14 @@ def _largest_rate(scenario: Scenario, curve: Curve) -> float:
 
 def formation_overrides(scenario: Scenario, curve: Curve, rate: float) -> dict[str, Any]:
     """Return the fields that put robots in formation on a curve, as it is driven, at a phase rate omega [rad/s]."""
-    n = scenario.num_robots
-    p, alpha = best_formation(curve, n)
-    if closed_forms.cluster_size(n, p, alpha) > 1:
-        p, alpha = 1, 1  # equally spaced, though no stable equilibrium of (1)
+    p, alpha = best_formation(curve, scenario.num_robots)
     there = scenario.alpha * geometry.curve_length(scenario.driven)
     noise = scenario.formation.start_noise * there / (alpha * geometry.curve_length(curve))
-    point = {"robot.phase_rate_max": robots_top_speed(scenario) / (alpha * geometry.largest_speed(curve))}
-    return {
-        "curve.a": curve.a, "curve.b": curve.b, "curve.harmonics": (), "curve.half_depth": 0.0,
-        "formation.phase_rate": rate, "formation.coupling": rate / (0.3 * alpha),
-        "formation.p": p, "formation.alpha": alpha, "formation.ring": tuple(range(n)), "formation.displaced": (),
-        "formation.start_noise": noise, "robot.count": n,
-        **(point if scenario.robot.kind == "curve" else {}),
-    }  # fmt: skip
+    fields = formation_fields(curve, rate, p, alpha)
+    fields |= {"formation.start_noise": noise, "robot.count": scenario.num_robots}
+    if scenario.robot.kind == "curve":
+        fields["robot.phase_rate_max"] = robots_top_speed(scenario) / (alpha * geometry.largest_speed(curve))
+    return fields
 
 
 def on_ellipse(scenario: Scenario, fastest: float) -> Scenario:

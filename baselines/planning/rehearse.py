@@ -6,16 +6,29 @@ A look at a plan plays a few short episodes on a coarse grid; the best plans are
 import dataclasses
 import itertools
 import math
+import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from baselines.planning.plans import BEYOND, GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
+from baselines.benchmark.statistics import bootstrap_interval
+from baselines.planning.plans import (
+    BEYOND,
+    GROWN,
+    LOST,
+    SETTLED_TIME,
+    Figures,
+    Plan,
+    Planned,
+    worst_case,
+    worst_cases,
+)
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, SEPARATION
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
 
@@ -172,8 +185,26 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
         lossy = _Run(plan, with_losses, episodes.seed, losses)
         lossy.play(scenario.task.steps)
         failed = lossy.rows()
-    duration = scenario.task.duration * (run.step / scenario.task.steps)
-    figures = figures_of(rows, failed, plan, duration, run.policy.communicates, episodes.clearance)
+    body, all_rows = 2 * plan.scenario.robot.radius, [*rows, *failed]
+    times = [row[DETECTION_TIME.name] for row in rows if not math.isnan(row[DETECTION_TIME.name])]
+    detection_low, detection_high = bootstrap_interval(np.array(times), cut=0.0)
+    collisions_failed = sum(row[COLLISIONS.name] for row in failed)
+    minutes = scenario.task.duration / 60 * run.step / scenario.task.steps
+    figures = Figures(
+        worst_case=worst_case(rows),
+        settled=max(worst_cases(rows, SETTLED_TIME)),
+        worst_case_failed=math.inf if collisions_failed else worst_case(failed),
+        detection_time=statistics.fmean(times) if times else math.nan,
+        collisions=run.collisions,
+        collisions_failed=collisions_failed,
+        clearance=min(row[SEPARATION.name] for row in rows) - body,
+        too_close=min(row[SEPARATION.name] for row in all_rows) - body < episodes.clearance,
+        outside=max(row[BEYOND] for row in rows),
+        distance=statistics.fmean(row[DISTANCE.name] for row in rows) / minutes,
+        messages=run.policy.communicates,
+        detection_low=detection_low,
+        detection_high=detection_high,
+    )
     return Planned(plan, figures, rows, failed)
 
 

@@ -22,7 +22,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, whole
 from lissajous_env.settings.parts import Formation, Robot
 from lissajous_env.settings.task import Targets, Task
-from lissajous_env.theory import closed_forms
 from lissajous_env.theory.design import Design, best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed
 from lissajous_env.wording import few_of, outside
@@ -261,15 +260,18 @@ def _robot(robot: Robot, request: Request) -> Robot:
 def paper_design(
     half: tuple[float, float], robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
 ) -> Design:
-    """Return the design of the paper's formation that meets the bounds best, with its own place for each robot.
+    """Return the design of the paper's formation that meets the bounds best for robots of a speed [m/s].
 
-    Four and six robots share places in every stable equilibrium (2) (Lemma 1). They begin equally spaced instead.
+    Args:
+        half: Half of the width and half of the height of the rectangle [m].
+        robot: The robots.
+        sensor: Their sensing radius [m].
+        speed: Their top speed [m/s].
+        num_robots: Their number.
+        inset: Width of the strip along the edge in which nothing is driven [m].
     """
     turning, grip = tightest_radius(robot), robot.lateral_acceleration_max
-    best = best_design(*half, num_robots, robot.radius, sensor, speed, turning, grip, inset)
-    if closed_forms.cluster_size(num_robots, best.p, best.alpha) > 1:
-        return dataclasses.replace(best, p=1, alpha=1)
-    return best
+    return best_design(*half, num_robots, robot.radius, sensor, speed, turning, grip, inset)
 
 
 def _times(scenario: Scenario) -> dict[str, Any]:

@@ -90,21 +90,19 @@ class EpisodeRunner:
         if self._invalid is not None or self._steps % self.EVERY == 0:
             self.check()
 
-    def play(self, seeds: Sequence[int] | None = None, on_moment: Callable[[int], None] | None = None) -> None:
+    def play(self, seeds: Sequence[int], on_moment: Callable[[int], None] | None = None) -> None:
         """Play an episode to its end in every world.
 
         Args:
-            seeds: Seeds of the worlds' new episodes, of which the last is repeated in surplus worlds; None requires a
-                new simulation and a new policy.
+            seeds: Seeds of the worlds' episodes, of which the last is repeated in surplus worlds.
             on_moment: Called with the number of steps taken, at the beginning and after each step.
 
         Raises:
             InvalidActionError: as `step`.
         """
-        if seeds is not None:
-            self.policy.reset()
-            surplus = self.simulation.num_worlds - len(seeds)
-            self.simulation.reset(seeds=[*seeds, *[*seeds[-1:]] * surplus])
+        self.policy.reset()
+        surplus = self.simulation.num_worlds - len(seeds)
+        self.simulation.reset(seeds=[*seeds, *[*seeds[-1:]] * surplus])
         for taken in range(self.simulation.scenario.task.steps + 1):
             if taken > 0:
                 self.step()

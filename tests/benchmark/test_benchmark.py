@@ -142,6 +142,9 @@ def test_settings_that_no_call_wrote_are_refused(copied, change, words):
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(ValueError, match=words):
         run(small(copied), console=QUIET)
+    path.unlink()
+    with pytest.raises(ValueError, match=r"must contain settings\.json"), Folder(copied, FILES) as folder:
+        Results(folder)
 
 
 def test_scenarios_policies_and_episodes_are_added_and_nothing_is_played_twice(whole, tmp_path):
@@ -164,7 +167,7 @@ def test_scenarios_policies_and_episodes_are_added_and_nothing_is_played_twice(w
 
 def test_fewer_episodes_are_the_first_of_those_there_and_another_reference_plays_nothing(whole, copied, monkeypatch):
     before = (copied / "episodes.csv").read_bytes()
-    monkeypatch.setattr(local, "play", None)
+    monkeypatch.setattr(local, "batches", None)
     outcome = measure(small(copied, policies=("kuramoto",), episodes=2), console=QUIET)
     assert str(outcome.rows) == str(whole[1][:2])
     assert (outcome.resumed, len(outcome.table.rows)) == (2, 10)

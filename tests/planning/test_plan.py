@@ -64,7 +64,7 @@ def planned(worst, settled=1.0, failed=math.nan, detection=1.0, distance=1.0, co
 def test_the_best_plan_is_no_worse_than_any_default(small):
     """Oracle: every included classical policy on the same scenario and seeds, evaluated apart."""
     task = lissajous_env.scenario(small)
-    search = Search(task, Episodes(), [defaults(task)])
+    search = Search(task, [defaults(task)])
     search.run()  # it ends when the defaults have been played
     best = pareto_optimal(search.finals)[0].figures
     assert best.collisions == 0
@@ -237,22 +237,22 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, h
 
 def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_every_start(small, monkeypatch, hours):
     monkeypatch.setattr("baselines.planning.search.cores", lambda: 64)
-    search = Search(lissajous_env.scenario(small), Episodes(), families_of(lissajous_env.scenario(small)))
-    search.run(seconds=1)
+    search = Search(lissajous_env.scenario(small), families_of(lissajous_env.scenario(small)), seconds=1)
+    search.run()
     assert len(search.looks) == AHEAD < sum(len(family.first) for family in search.families)
 
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):
     """Law: when a plan is changed for the first time, every start of every family was begun."""
     scenario, changed = lissajous_env.scenario(small), []
-    search = Search(scenario, Episodes(), families_of(scenario))
+    search = Search(scenario, families_of(scenario), plans=80)
 
     def recorded(family, *given):
         changed.append((search.untried(), sum(len(each.looks) + len(each.refused) for each in search.families)))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Family, "changed", recorded)
-    search.run(plans=80)
+    search.run()
     ((untried, looks),) = changed
     assert untried == []
     assert looks >= sum(len(family.first) for family in search.families) - AHEAD - 1
@@ -260,8 +260,8 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
 
 
 def test_a_family_without_a_plan_says_whether_its_plans_collide_when_they_are_played_to_the_end():
-    family = Family("hand", looks=[({}, planned(1.0)), ({}, planned(2.0))])
-    search = Search(family.looks[0][1].plan.scenario, Episodes(), [family])
+    family = Family("hand", looks=[planned(1.0), planned(2.0)])
+    search = Search(family.looks[0].plan.scenario, [family])
     assert search.refusals()["hand"].endswith("2 without collisions, but none was simulated to the end")
     search._finals = {0: planned(1.0, collisions=2)}
     assert search.refusals()["hand"].endswith("but 1 of them collided in simulations to the end")
