@@ -174,7 +174,8 @@ def row_of(kind: str, results: Sequence[Result]) -> list[str]:
     bound = [result for result in of if result.printed < math.inf]
     more = [result.computed / result.printed - 1 for result in bound]
     broken = [f"{result.hall.split(':')[0]} ({', '.join(result.violates)})" for result in of if result.violates]
-    return [kind, str(len(of)), str(BEST_EPISODES * len(of)), str(len(bound)), f"{min(result.wall for result in of):.2g}",
+    counts = str(len(of)), str(BEST_EPISODES * len(of)), str(len(bound))
+    return [kind, *counts, f"{min(result.wall for result in of):.2g}",
             f"{min(result.bodies for result in of):.2g}", f"{max(result.stands for result in of):.2g}",
             f"{min(more):+.0%} to {max(more):+.0%}", ", ".join(broken) or "none"]  # fmt: skip
 

@@ -161,10 +161,10 @@ class Prior:
         given = read_json(FOLDER / f"{name}.json")
         given["patrols"] = tuple(PolicySettings(**patrol) for patrol in given["patrols"])
         given |= {key: np.array(given[key]) for key in ("limits", "seen", "errors")}
-        given["layers"] = tuple(
-            Layer(**{part: np.float64(np.float32(array)) for part, array in layer.items()}) for layer in given["layers"]
+        layers = (
+            Layer(*(np.array(layer[part], np.float32).astype(float) for part in Layer._fields)) for layer in given["layers"]
         )
-        return Prior(**given)
+        return Prior(**given | {"layers": tuple(layers)})
 
     def predicted(self, scenario: Scenario) -> np.ndarray:
         """Return the predicted cost (K,) of each patrol.
