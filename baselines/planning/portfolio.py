@@ -162,7 +162,8 @@ class Prior:
         given["patrols"] = tuple(PolicySettings(**patrol) for patrol in given["patrols"])
         given |= {key: np.array(given[key]) for key in ("limits", "seen", "errors")}
         layers = (
-            Layer(*(np.array(layer[part], np.float32).astype(float) for part in Layer._fields)) for layer in given["layers"]
+            Layer(*(np.array(layer[part], np.float32).astype(float) for part in Layer._fields))
+            for layer in given["layers"]
         )
         return Prior(**given | {"layers": tuple(layers)})
 
