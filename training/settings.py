@@ -20,7 +20,7 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.named import scenario_space, space_and_split
 from lissajous_env.parameters.rogues import AGENTS
-from lissajous_env.settings.checks import Checked, is_whole, number, rows, whole
+from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.wording import require
 from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
@@ -218,10 +218,6 @@ class RogueTraining(SharedSettings, part="training"):
     """Rogues per episode on average, each with a start of its own; half of them are present from the beginning."""
     worlds: int = whole(8, 1, 65_536)
     """Environments that are stepped together."""
-    layers: tuple[int, ...] = rows(
-        (64, 64), "must be whole numbers of at least 1", lambda size: size if is_whole(size) and size >= 1 else None
-    )
-    """Sizes of the hidden layers."""
 
     def _check_together(self) -> None:
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:

@@ -17,11 +17,11 @@ def bar(console: Console, counts: str = "") -> bars.Progress:
         console: The console.
         counts: Format of the counts, such as "{task.completed} replays".
     """
-    shown: list[bars.ProgressColumn] = [bars.TextColumn("{task.description}")] if console.width >= 80 else []
-    shown += [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
-    shown += [bars.TextColumn(counts)] if counts else []
+    columns: list[bars.ProgressColumn] = [bars.TextColumn("{task.description}")] if console.width >= 80 else []
+    columns += [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
+    columns += [bars.TextColumn(counts)] if counts else []
     return bars.Progress(
-        *shown,
+        *columns,
         bars.TimeElapsedColumn(),
         bars.TimeRemainingColumn(),
         console=console,

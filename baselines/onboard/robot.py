@@ -80,9 +80,10 @@ class Onboard:
     Call `act` once in each control step of the scenario (`scenario.task.step`), also while the robot is stopped. The
     policy's steps follow the clock: after a missed call it takes two steps, and a call more than half a step too early
     repeats the last action. A policy that is more than ten steps behind, as after a long wait for the first pose, takes
-    ten in each call, and one that is ahead of a clock that went back takes none; the robot is stopped meanwhile. Send
-    `command_at(now)` to the actuators, as often as they require it. All times are of one clock that the robots share.
-    Coordinates are those of the scenario: the origin is the middle of the rectangle.
+    ten in each call, and one that is ahead of a clock that went back takes none; the robot is stopped meanwhile. If it
+    would have to make up for more than an episode, it begins anew. Send `command_at(now)` to the actuators, as often as
+    they require it. All times are of one clock that the robots share. Coordinates are those of the scenario: the origin
+    is the middle of the rectangle.
 
     A robot stops if a limit of `Limits` is exceeded, if input is not finite, and after `stop()`; `Output.stopped`
     contains the reason. While it is stopped, its policy observes that the robot has failed, as in the simulation, and
@@ -128,11 +129,9 @@ class Onboard:
 
     def reset(self) -> None:
         """Begin a new episode: reset all memory, and let a stopped robot drive again."""
-        self._policy.reset()
-        self._row.forget()
+        self._begin(math.nan)
         self._heard: list[Message | None] = [None, None]
-        self._begun = self._now = math.nan
-        self._latched, self._steps = "", 0
+        self._now, self._latched = math.nan, ""
         self._action = np.zeros(self.scenario.action_size, dtype=np.float32)
         self._numbers = (0.0,) * self._size
         self._command, self._since = self._actuation.stop, math.nan
@@ -215,10 +214,12 @@ class Onboard:
         if pose is None or not math.isfinite(now):
             return self._stopped(now, reason)
         due = round((now - self._begun) / self.scenario.task.step) + 1 - self._steps
-        if due < 0:
-            reason = reason or f"the policy is {counted(-due, 'step')} ahead of the clock"
-        elif due > _MOST_STEPS:
-            reason = reason or f"the policy is {counted(due, 'step')} behind the clock"
+        if not 0 <= due <= _MOST_STEPS:
+            off = f"the policy is {counted(abs(due), 'step')} {'behind' if due > 0 else 'ahead of'} the clock"
+            if abs(due) > self.scenario.task.steps:
+                off, due = f"{off}, so it begins anew", 1
+                self._begin(now)
+            reason = reason or off
         self._row.place_detections(robots, targets)
         row = self._row.fill(pose, self._heard, not reason, phase if pose is odometry else None)
         for _ in range(min(due, _MOST_STEPS)):
@@ -232,7 +233,16 @@ class Onboard:
         self._command, self._since = self._actuation.command(self._action), now
         return self._output("")
 
+    def _begin(self, now: float) -> None:
+        """Begin an episode of the policy at a time [s]; NaN for that of the next call."""
+        self._policy.reset()
+        self._row.forget()
+        self._begun, self._steps = now, 0
+
     def _listen(self, now: float, heard: Sequence[Message]) -> None:
+        """Store the latest message of each ring neighbour; after a clock went back, none of before is the latest."""
+        if now <= self._now:
+            self._heard = [None, None]
         for message in heard:
             rule = "must have messages of baselines.onboard.Message"
             require(isinstance(message, Message), "heard", rule, message)

@@ -10,9 +10,9 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.commands import COMMAND_NAMES, actions_of_commands, named_commands
-from lissajous_env.logs.log import Log, runs
+from lissajous_env.logs.log import Log
 from lissajous_env.logs.motion import Motion, motion_of
-from lissajous_env.logs.prescribed import COLLISION, EDGE, HIDDEN, PrescribedSimulation
+from lissajous_env.logs.prescribed import COLLISION, EDGE, FAULT, PrescribedSimulation
 from lissajous_env.logs.writing import episode_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
@@ -46,7 +46,7 @@ class Scored:
     rows: list[dict[str, Any]]
     """A score row for each seed of the virtual targets."""
     recording: Recording
-    """The episode of the first of these seeds, in the scenario with the faults and the duration of the log."""
+    """The episode of the first of these seeds, in the scenario with the duration of the log."""
     log: Log
     """The log with this scenario, and without commands that do not fit it."""
     notes: tuple[str, ...]
@@ -108,11 +108,13 @@ def score(
     status = _statuses(log, times, hidden)
     poses = [motion.at(times) for motion in motions]
     places = np.stack([place for place, _, _ in poses], axis=1)
-    ended = _ended(scenario, places, status) * ~hidden
-    scenario = _as_logged(scenario, times, status, ended, places)
+    cause = np.where(hidden, FAULT, _causes(scenario, places, status))
+    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * scenario.task.step)
+    scenario = dataclasses.replace(scenario, task=task)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    paths = _paths(log, scenario, motions, poses, times, hidden) | {"event": np.where(hidden, HIDDEN, ended)}
+    paths = _paths(log, scenario, motions, poses, times, hidden)
+    paths |= {"status": status, "cause": cause, "hidden": hidden}
     simulation = PrescribedSimulation(scenario, paths, len(seeds))
     simulation.reset(seeds=list(seeds))
     actions, refused = _actions(log, scenario, times)
@@ -191,21 +193,25 @@ def _remarks(
 
 
 def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """Return the status (M, N) of each robot at each moment; one of which nothing is known has failed."""
+    """Return the status (M, N) of each robot at each moment; one of which nothing is known has failed.
+
+    A robot that was removed remains so.
+    """
     status = np.full(hidden.shape, WORKING)
     for robot, series in log.statuses.items():
         status[:, robot] = series.before(times, _LATE_STATUS * (times[1] - times[0]))
     status[hidden & (status == WORKING)] = FAILED
+    status[np.logical_or.accumulate(status == REMOVED)] = REMOVED
     return status
 
 
-def _ended(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.ndarray:
-    """Return (M, N) COLLISION or EDGE where one of them stops or removes a robot at the end of a step, else 0.
+def _causes(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.ndarray:
+    """Return the causes (M, N) of the statuses: FAULT, COLLISION or EDGE.
 
-    A robot that was removed without another one in reach left at the edge if it moved in this step; otherwise a fault
-    removed it.
+    A collision is a cause if another robot is in reach and no later status is WORKING. A robot that was removed without
+    another one in reach left at the edge if it moved in this step; otherwise a fault removed it.
     """
-    ended, reach = np.zeros(status.shape, int), 2 * (1 + _REACHED) * scenario.robot.radius
+    cause, reach = np.full(status.shape, FAULT), 2 * (1 + _REACHED) * scenario.robot.radius
     effect = {"stop": FAILED, "remove": REMOVED}.get(scenario.task.on_collision)
     for last, robot in np.argwhere(status[1:] != status[:-1]):
         moment, (before, after) = last + 1, places[last : last + 2]
@@ -216,35 +222,16 @@ def _ended(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.nda
         near = np.linalg.norm(begin + share[:, None] * way, axis=1) < reach
         near[robot] = False
         if now == effect and (near & (status[last] != REMOVED)).any():
-            ended[moment, robot] = COLLISION * bool((status[moment:, robot] != WORKING).all())
+            cause[moment, robot] = COLLISION if (status[moment:, robot] != WORKING).all() else FAULT
         elif now == REMOVED and (before[robot] != after[robot]).any():
-            ended[moment, robot] = EDGE
-    return ended
-
-
-def _as_logged(
-    scenario: Scenario, times: np.ndarray, status: np.ndarray, ended: np.ndarray, places: np.ndarray
-) -> Scenario:
-    """Return a scenario with the duration of a log and with the faults of its robots, and no others."""
-    step, schedule, removed = scenario.task.step, [], []
-    stood = (places[1:] == places[:-1]).all(axis=2)
-    failed = status[1:] == FAILED
-    failed |= stood & (ended[1:] == COLLISION) & (status[:-1] == FAILED)  # it was hit, and removed
-    for robot in range(status.shape[1]):
-        gone = np.flatnonzero(status[:, robot] == REMOVED)
-        if len(gone):
-            removed.append((robot, max(int(gone[0]) - (ended[gone[0], robot] == 0), 0) * step))
-        faults = [(begin, end) for begin, end in runs(failed[:, robot]) if not ended[begin + 1, robot]]
-        schedule += [(robot, begin * step, end * step) for begin, end in faults]
-    faults = dataclasses.replace(scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0)
-    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * step)
-    return dataclasses.replace(scenario, faults=faults, task=task)
+            cause[moment, robot] = EDGE
+    return cause
 
 
 def _paths(
     log: Log, scenario: Scenario, motions: Sequence[Motion], poses: Sequence[Any], times: np.ndarray, hidden: np.ndarray
 ) -> Any:
-    """Return the fields of `lissajous_env.logs.prescribed.Paths` but the events: the motion of the robots.
+    """Return the fields of `lissajous_env.logs.prescribed.Paths` for the motion of the robots.
 
     The poses are those of the motions at the times, as `Motion.at` returns them.
     """

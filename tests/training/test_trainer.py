@@ -14,7 +14,7 @@ import lissajous_env
 import training
 from lissajous_env.world.observation import layout
 from training.learned import checkpoint
-from training.learned.perception import OWN, TOKEN, Perception, axes_of, base_action, commanded_velocity, perceive
+from training.learned.perception import OWN, TOKEN, Perception, actions_of, axes_of, base_action, perceive
 
 pytest.importorskip("torch")
 
@@ -280,7 +280,7 @@ def test_cars_rest_where_a_network_wishes_a_slow_velocity():
     scenario = lissajous_env.scenario("watch").resolve()
     alone = np.zeros((1, 3, len(layout(scenario).names)), np.float32)
     wish = np.array([[[0.2, -0.1], [0.26, 0.0], [0.6, -0.8]]], np.float32)
-    assert commanded_velocity(wish, alone, scenario) == pytest.approx(wish * np.array([[0], [1], [1]]))
+    assert actions_of(wish, alone, scenario) == pytest.approx(wish * np.array([[0], [1], [1]]))
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])

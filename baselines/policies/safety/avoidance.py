@@ -123,12 +123,12 @@ def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
     """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max."""
     robot = c.robot
     h = c.step
-    given = steering_and_throttle(robot, action)
-    steering = cos_sin(given[0])
-    curvature = steering[1] / (steering[0] * robot.wheelbase)
-    push = wp.max(robot.drive * given[1] - robot.offset, 0.0)
+    command = steering_and_throttle(robot, action)
+    wheels = cos_sin(command[0])
+    curvature = wheels[1] / (wheels[0] * robot.wheelbase)
+    push = wp.max(robot.drive * command[1] - robot.offset, 0.0)
     if robot.speed_min < 0.0:
-        push = motor_acceleration(robot, robot.drive, given[1])
+        push = motor_acceleration(robot, robot.drive, command[1])
     before = car[3]
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
     after = wp.clamp(after, speed_limit_below(robot), wp.max(before, c.safety.speed_max))
@@ -233,9 +233,7 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
     pair. `path` is working memory: places on the manoeuvres of this car, then on those of another.
     """
     lay_out_manoeuvres(c, car, 0, MANOEUVRES, True, path)
-    score = Scores()
-    for b in range(MANOEUVRES):
-        score[b] = wp.inf
+    score = Scores(wp.inf)
     for k in range(n):
         other = others[k]
         speed = wp.sqrt(other[2] * other[2] + other[3] * other[3])
