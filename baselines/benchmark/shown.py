@@ -16,8 +16,8 @@ from baselines.benchmark.statistics import (
     SHARE_OF_SEEDS,
     WORST_CASE_OVER_BEST,
     Estimate,
+    columns_of,
     score_names,
-    shown_columns,
     with_numbers,
 )
 from baselines.benchmark.table import Table
@@ -159,10 +159,10 @@ def bounds_in_words(bounds: Bounds) -> str:
 def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -> None:
     """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
     out, table = outcome.settings.out, outcome.table
-    where = f"They are in {out / SUMMARY}"
-    for name, scenario in table.scenarios.items():
-        policies, bounds = table.estimates.get(name, {}), table.bounds[name]
-        columns = shown_columns(scenario, policies)
+    where = f"They are in {out}/{SUMMARY}"
+    for name, policies in table.estimates.items():
+        scenario, bounds = table.scenarios[name], table.bounds[name]
+        columns = columns_of(scenario, policies)
         words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
         title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
         print_lines(console, title, columns, lines_of(policies, columns, bounds.best_known), where)

@@ -216,19 +216,16 @@ def added_columns(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
     return [column_of(name) for name in known if name not in (*NAMES, *DERIVED)]
 
 
-def main_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
-    """Return the columns with numbers that every table of a scenario shows: its score, the main ones, those it adds.
+def columns_of(
+    scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]], only_main: bool = False
+) -> list[Column]:
+    """Return the columns with numbers of a scenario's table: its score, the main ones, those it adds, all others.
 
-    `policies` has estimates by policy and column.
+    The recovery time is left out without a fault. `policies` has estimates by policy and column.
     """
-    columns = dict.fromkeys((task_score(scenario), *MAIN, *added_columns(policies.values())))
-    return with_numbers(policies, columns)
-
-
-def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
-    """Return the main columns and all others with numbers; the recovery time is left out without a fault."""
-    others = [column for column in SHOWN if column is not RECOVERY or scenario.faults != Faults()]
-    return list(dict.fromkeys([*main_columns(scenario, policies), *with_numbers(policies, others)]))
+    first = task_score(scenario), *MAIN, *added_columns(policies.values())
+    others = () if only_main else (c for c in SHOWN if c is not RECOVERY or scenario.faults != Faults())
+    return with_numbers(policies, dict.fromkeys((*first, *others)))
 
 
 def with_numbers(policies: Mapping[Any, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:

@@ -35,7 +35,7 @@ actions are velocities."""
 Row = Mapping[str, Any]
 Rows = list[dict[str, Any]]
 """Score rows of episodes."""
-Policies = dict[str, dict[str, Estimate]]
+Estimates = dict[str, dict[str, Estimate]]
 """Estimates by policy and column."""
 
 
@@ -45,7 +45,7 @@ class Overall:
 
     kind: str
     scenarios: tuple[str, ...]
-    policies: Policies
+    policies: Estimates
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Table:
     scenarios: dict[str, Scenario]
     references: dict[str, str]
     """Policy of each scenario with which the others are compared; no entry where there are no others."""
-    estimates: dict[str, Policies]
+    estimates: dict[str, Estimates]
     """Estimates by scenario, the policy with the best score of the task first."""
     overall: list[Overall]
     """Estimates over several scenarios, by kind of robots, the best policy first."""
@@ -75,7 +75,7 @@ class Table:
         """
         references: dict[str, str] = {}
         derived: dict[str, dict[str, Rows]] = {}
-        estimates: dict[str, Policies] = {}
+        estimates: dict[str, Estimates] = {}
         for name, policies in grouped(rows).items():
             if len(policies) > 1:
                 references[name] = next(policy for policy in (against, *_REFERENCES, *policies) if policy in policies)
@@ -104,7 +104,7 @@ def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, Rows]]:
     return by_scenario
 
 
-def ranked(policies: Policies, column: Column) -> Policies:
+def ranked(policies: Estimates, column: Column) -> Estimates:
     """Return estimates with the best policy by a column first; those without a number come last."""
 
     def place(policy: str) -> float:
