@@ -187,8 +187,8 @@ class _Fit:
         if count < 20 or last - first < 2 * _SEGMENT:
             rule = f"log must contain at least 20 poses over {2 * _SEGMENT:g} s with commands"
             raise ValueError(f"{rule}, got {count} over {max(last - first, 0.0):.3g} s")
-        period, has_speeds = float(np.median(np.diff(time))), np.isfinite(track.speed).all()
-        motion = motion_of(track, _GAP if has_speeds else max(_GAP, _PERIODS * period))
+        period = float(np.median(np.diff(time)))
+        motion = motion_of(track, max(_GAP, _PERIODS * period))
         duration = max(_SEGMENT, _POSES * period)
         measured = np.stack([*track.position.T[:2], motion.track.heading, motion.track.speed], axis=1)[inside]
         turning = 0 if is_car else 1
