@@ -252,16 +252,15 @@ def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: n
 
     The phase of a point is its place, so that all of its logged phases count.
     """
-    phase, logged = np.full(len(times), np.nan), log.phases.get(robot)
-    if logged is not None and model_of(scenario.robot.kind).keeps_to_curve:
-        return logged.before(times, _LATE_STATUS * scenario.task.step)
-    for k in np.flatnonzero(np.append(True, hidden[:-1] & ~hidden[1:])):
-        if logged is None:
-            x, y, heading = pose[k].tolist()
-            near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
-            phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
-        else:
-            phase[k] = logged.before(times[k], _LATE_STATUS * scenario.task.step)
+    begins, logged = np.append(True, hidden[:-1] & ~hidden[1:]), log.phases.get(robot)
+    if logged is not None:
+        counts = begins | model_of(scenario.robot.kind).keeps_to_curve
+        return np.where(counts, logged.before(times, _LATE_STATUS * scenario.task.step), np.nan)
+    phase = np.full(len(times), np.nan)
+    near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
+    for k in np.flatnonzero(begins):
+        x, y, heading = pose[k].tolist()
+        phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
     return phase
 
 
