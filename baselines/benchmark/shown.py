@@ -1,7 +1,7 @@
 """The results table in words, and in the terminal."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rich.console import Console
@@ -16,8 +16,8 @@ from baselines.benchmark.statistics import (
     SHARE_OF_SEEDS,
     WORST_CASE_OVER_BEST,
     Estimate,
+    columns_of,
     score_names,
-    shown_columns,
     with_numbers,
 )
 from baselines.benchmark.table import Table
@@ -51,14 +51,12 @@ class Line(NamedTuple):
     name: str
     entries: list[Entry]
     is_reference: bool = False
-    has_failed: bool = False
 
 
 def lines_of(
     policies: Mapping[str, Mapping[str, Estimate]],
     columns: Sequence[Column],
     best_known: float = math.nan,
-    failed: Iterable[str] = (),
 ) -> list[Line]:
     """Return the lines of a table: the policies, then the best known worst-case time [s].
 
@@ -66,17 +64,12 @@ def lines_of(
         policies: Estimates by policy and column.
         columns: Columns of the table.
         best_known: `Bounds.best_known`.
-        failed: Policies that raised.
     """
-    best = [best_value([*policies.values()], column) for column in columns]
-    lines = []
-    for name in dict.fromkeys((*policies, *failed)):
-        estimates = policies.get(name)
-        entries = [
-            Entry() if estimates is None else _entry(estimates.get(column.name), mark)
-            for column, mark in zip(columns, best, strict=True)
-        ]
-        lines.append(Line(name, entries, has_failed=name in failed))
+    best = {column: best_value([*policies.values()], column) for column in columns}
+    lines = [
+        Line(name, [_entry(estimates.get(column.name), best[column]) for column in columns])
+        for name, estimates in policies.items()
+    ]
     if math.isfinite(best_known) and WORST_CASE in columns:
         known = [Entry(number(best_known)) if column is WORST_CASE else Entry() for column in columns]
         lines.append(Line(BEST_KNOWN, known, True))
@@ -158,24 +151,21 @@ def bounds_in_words(bounds: Bounds) -> str:
     words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
     if math.isfinite(bounds.best_known):
         words += f", best known {number(bounds.best_known)} s (second halves {number(bounds.best_known_settled)} s)"
-    if math.isnan(bounds.in_formation):
-        return words
-    return f"{words}, in formation " + (
-        f"{number(bounds.in_formation)} s" if bounds.in_formation < math.inf else "never"
-    )
+    if bounds.in_formation == math.inf:
+        words += ", in formation never"
+    return words + (f", in formation {number(bounds.in_formation)} s" if math.isfinite(bounds.in_formation) else "")
 
 
 def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -> None:
     """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
     out, table = outcome.settings.out, outcome.table
-    where = f"They are in {out / SUMMARY}"
-    for name, scenario in table.scenarios.items():
-        policies, bounds = table.estimates.get(name, {}), table.bounds[name]
-        columns = shown_columns(scenario, policies)
-        failed = [failure.policy for failure in outcome.failures if failure.scenario == name]
+    where = f"They are in {out}/{SUMMARY}"
+    for name, policies in table.estimates.items():
+        scenario, bounds = table.scenarios[name], table.bounds[name]
+        columns = columns_of(scenario, policies)
         words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
         title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
-        print_lines(console, title, columns, lines_of(policies, columns, bounds.best_known, failed), where)
+        print_lines(console, title, columns, lines_of(policies, columns, bounds.best_known), where)
     for overall in table.overall:
         count, columns = len(overall.scenarios), with_numbers(overall.policies, OVERALL)
         names = ", ".join(overall.scenarios) if count <= _MOST_NAMED else f"all {count} scenarios"
@@ -208,7 +198,6 @@ def print_lines(
     rows = []
     for line in lines:
         label = Text(line.name, "italic" if line.is_reference else "")
-        label = Text.assemble(label, ("\nfailed", "red")) if line.has_failed else label
         rows.append([label, *(_in_two_lines(entry) for entry in line.entries)])
     head = [terminal.Column("policy", left=True, style="cyan")]
     head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]

@@ -23,7 +23,6 @@ from baselines.benchmark.statistics import (
     score_names,
     summarize,
     summarize_largest,
-    wins,
     with_numbers,
 )
 from lissajous_env.parameters.scenario import Scenario
@@ -36,7 +35,7 @@ actions are velocities."""
 Row = Mapping[str, Any]
 Rows = list[dict[str, Any]]
 """Score rows of episodes."""
-Policies = dict[str, dict[str, Estimate]]
+Estimates = dict[str, dict[str, Estimate]]
 """Estimates by policy and column."""
 
 
@@ -46,7 +45,7 @@ class Overall:
 
     kind: str
     scenarios: tuple[str, ...]
-    policies: Policies
+    policies: Estimates
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Table:
     scenarios: dict[str, Scenario]
     references: dict[str, str]
     """Policy of each scenario with which the others are compared; no entry where there are no others."""
-    estimates: dict[str, Policies]
+    estimates: dict[str, Estimates]
     """Estimates by scenario, the policy with the best score of the task first."""
     overall: list[Overall]
     """Estimates over several scenarios, by kind of robots, the best policy first."""
@@ -76,7 +75,7 @@ class Table:
         """
         references: dict[str, str] = {}
         derived: dict[str, dict[str, Rows]] = {}
-        estimates: dict[str, Policies] = {}
+        estimates: dict[str, Estimates] = {}
         for name, policies in grouped(rows).items():
             if len(policies) > 1:
                 references[name] = next(policy for policy in (against, *_REFERENCES, *policies) if policy in policies)
@@ -105,7 +104,7 @@ def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, Rows]]:
     return by_scenario
 
 
-def ranked(policies: Policies, column: Column) -> Policies:
+def ranked(policies: Estimates, column: Column) -> Estimates:
     """Return estimates with the best policy by a column first; those without a number come last."""
 
     def place(policy: str) -> float:
@@ -137,17 +136,17 @@ def with_derived(
     others = {row["seed"]: row for row in policies[reference]} if reference is not None else {}
     derived: dict[str, Rows] = {}
     for policy, rows in policies.items():
-        compared = [{} if policy == reference else others.get(row["seed"], {}) for row in rows]
-        won = wins(-score.better * numbers(rows, score), -score.better * numbers(compared, score))
         derived[policy] = []
-        for row, is_better in zip(rows, won, strict=True):
+        for row in rows:
+            other = others.get(row["seed"], {}) if policy != reference else {}
+            ahead = score.better * (row[score.name] - other.get(score.name, math.nan))
             best_value, best_worst_case = best[row["seed"]]
             over_best = _ratio(row[score.name], best_value)
             derived[policy].append(row | {
                 OVER_LOWER_BOUND.name: row[DETECTION_TIME.name] / least_time,
                 SCORE_OVER_BEST.name: over_best if score.better < 0 else 1 / over_best if over_best else math.inf,
                 WORST_CASE_OVER_BEST.name: _ratio(_worst_case(row), best_worst_case),
-                IMPROVEMENT.name: float(is_better),
+                IMPROVEMENT.name: float(np.heaviside(ahead, 0.5)),
             })  # fmt: skip
     return derived
 

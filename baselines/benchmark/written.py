@@ -10,7 +10,7 @@ from typing import Any
 
 from baselines.benchmark.results_folder import CSV, MARKDOWN, SUMMARY
 from baselines.benchmark.shown import Entry, bounds_in_words, lines_of
-from baselines.benchmark.statistics import MAIN, added_columns, main_columns, with_numbers
+from baselines.benchmark.statistics import MAIN, added_columns, columns_of, with_numbers
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import BenchmarkOutcome
 from lissajous_env.console.terminal import plain
@@ -104,7 +104,7 @@ def latex(table: Table) -> str:
 
 def _paper_table(table: Table, scenario: str) -> str:
     policies, bounds = table.estimates[scenario], table.bounds[scenario]
-    columns = main_columns(table.scenarios[scenario], policies)
+    columns = columns_of(table.scenarios[scenario], policies, only_main=True)
     lines = [
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",

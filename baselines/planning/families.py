@@ -35,25 +35,26 @@ _FILTERS = "", "-safe"
 """Suffixes of a policy of cars: without and with the collision filter."""
 _STARTS = [0.0, 0.5, 0.7, 0.9]
 """Speeds of a start on an ellipse where it is fastest, over the top speed; 0 for the start of the scenario."""
-_LATE = 1.2
+_CLEARANCE_MARGIN = 1.2
 """Clearance for which a partition is planned, over the requested one: cars are not exactly on their loops."""
 _STABLE = "kuramoto", "arc"
 """Coordinators that require a stable equilibrium (2) with a place for each robot, which 4 and 6 robots do not have."""
 _COORDINATORS = *_STABLE, "consensus", "open-loop", "tracked-reference"
 _MOST_CURVES = 12
 """Curves that are tried."""
-_MORE = 6
+_MORE_OSCILLATIONS = 6
 """Largest a + b that is tried, less the number of robots."""
 _TIGHT = 0.35
 """Largest share of the arc of a curve that may turn tighter than the cars can."""
-_ROOM = 1.05
+_MARGIN = 1.05
 """Least distance of robots in formation, over the sum of their radii; least sensing radius, over the gap of a lap."""
 
 
 def families_of(scenario: Scenario, clearance: float = 0.0) -> list[Family]:
     """Return the families of plans for a scenario, with partitions whose bodies are a clearance apart [m]."""
-    families = defaults(scenario), as_family(scenario, known_plans(scenario)), partitions(scenario, clearance)
-    return [*families, lines(scenario), formations(scenario), patrols(scenario)]
+    known = as_family(scenario, known_plans(scenario))
+    others = partitions(scenario, clearance), lines(scenario), formations(scenario), patrols(scenario)
+    return [defaults(scenario), known, *others]
 
 
 def defaults(scenario: Scenario) -> Family:
@@ -89,18 +90,19 @@ def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
         scenario: The scenario.
         clearance: Least distance of two bodies [m]; partitions have a body's radius between them in any case.
     """
-    apart = {"clearance": float(f"{_LATE * clearance:.4g}")} if _LATE * clearance > scenario.robot.radius else {}
+    wider = _CLEARANCE_MARGIN * clearance
+    apart = {"clearance": float(f"{wider:.4g}")} if wider > scenario.robot.radius else {}
     speeds = {"speed": 0.9}, {"speed": 0.9, "start": 0.7}, {"speed": 0.6}, {"speed": 0.97}, {"speed": 0.8}
     first = [apart | settings for settings in speeds]
     extents: list[Any] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9]
-    wider: dict[str, Choices] = {"turning": (1.0, 8.0)} if scenario.robot.kind == "differential" else {}
+    turns: dict[str, Choices] = {"turning": (1.0, 8.0)} if scenario.robot.kind == "differential" else {}
     return with_parameters(scenario, "partition", ("partition", "partition-repair"), first, {
         "speed": (0.3, 1.0),
         "rows": list(range(1, scenario.num_robots + 1)),
         "extent_x": extents,
         "extent_y": extents,
         "lanes": [2, 4, 6],
-    } | wider)  # fmt: skip
+    } | turns)  # fmt: skip
 
 
 def lines(scenario: Scenario) -> Family:
@@ -223,7 +225,8 @@ def curves_of(scenario: Scenario) -> list[Curve]:
     """Return the driven curves on which the formation of a scenario may work, those with the shortest laps first."""
     n = scenario.num_robots
     half = scenario.driven.half_width, scenario.driven.half_height
-    ratios = ((a, b) for a in range(1, n + _MORE + 1, 2) for b in range(1, n + _MORE + 1 - a) if math.gcd(a, b) == 1)
+    most = n + _MORE_OSCILLATIONS
+    ratios = ((a, b) for a in range(1, most + 1, 2) for b in range(1, most + 1 - a) if math.gcd(a, b) == 1)
     lap = {curve: 1 / _largest_rate(scenario, curve) for curve in (Curve(*half, a, b) for a, b in ratios)}
     first = sorted(lap, key=lambda curve: (curve.a + curve.b != n, lap[curve]))
     usable = itertools.islice((curve for curve in first if _may_work(scenario, curve)), _MOST_CURVES)
@@ -233,12 +236,12 @@ def curves_of(scenario: Scenario) -> list[Curve]:
 def _may_work(scenario: Scenario, curve: Curve) -> bool:
     """Return whether the undisturbed formation neither collides nor leaves a gap, and cars can follow most of it."""
     n, robot = scenario.num_robots, (like_cars(scenario) or scenario).robot
-    if geometry.smallest_distance(curve, n) < 2 * robot.radius * _ROOM:
+    if geometry.smallest_distance(curve, n) < 2 * robot.radius * _MARGIN:
         return False
     if geometry.tight_share(curve, tightest_radius(robot)) > _TIGHT:
         return False
     gap = geometry.measured_coverage_radius(curve, 1e-2) + math.sqrt(2) * scenario.inset
-    return gap * _ROOM < scenario.sensing_radius
+    return gap * _MARGIN < scenario.sensing_radius
 
 
 def _largest_rate(scenario: Scenario, curve: Curve) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from baselines.benchmark.bounds import BEST_KNOWN
 from baselines.planning.families import DEFAULTS, families_of
 from baselines.planning.plans import Family, Plan, Planned, Variables, best_of, in_turn, sorted_both_ways
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play
+from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, look_at, play
 from baselines.planning.request import PLANS, Request
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.lower_bounds import worst_case_lower_bound
@@ -197,7 +197,8 @@ class Search:
         more = True
         while more:
             best = best_of(self.finals)
-            counts = [max(count, self.episodes.count) for count in (BEST, *[CONFIRMED] * (len(best) - 1))]
+            least = [BEST_EPISODES, *[CONFIRMING_EPISODES] * (len(best) - 1)]
+            counts = [max(count, self.episodes.count) for count in least]
             more = self._play(threads, [
                 (plan.plan, dataclasses.replace(self.episodes, count=count))
                 for plan, count in zip(best, counts, strict=False) if len(plan.rows) < count

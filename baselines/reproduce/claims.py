@@ -59,9 +59,8 @@ def near(claim: str, paper: float, result: float, tolerance: float, unit: str = 
 
 def within_range(claim: str, paper: float, result: np.ndarray, unit: str = "", why: str = "") -> Claim:
     """Claim that the paper's number is between the smallest and the largest of our seeds (K,)."""
-    low, high = float(result.min()), float(result.max())
-    words, rule = f"{low:.3f} to {high:.3f}{_of(unit)}", f"inside the range of {len(result)} seeds"
-    return Claim(claim, f"{paper:g}{_of(unit)}", words, rule, low <= paper <= high, why)
+    agrees, rule = bool(result.min() <= paper <= result.max()), f"inside the range of {len(result)} seeds"
+    return Claim(claim, f"{paper:g}{_of(unit)}", f"{span(result)}{_of(unit)}", rule, agrees, why)
 
 
 def all_of(claim: str, paper: str, results: Iterable[Any], things: str, why: str = "") -> Claim:
@@ -81,6 +80,11 @@ def at_most(
 def reported(claim: str, paper: str, result: str, why: str = "") -> Claim:
     """Report a quantity for which the paper states no number."""
     return Claim(claim, paper, result, "reported only", None, why)
+
+
+def span(values: np.ndarray, digits: str = ".3f") -> str:
+    """Return the smallest and the largest of some values in words."""
+    return f"{values.min():{digits}} to {values.max():{digits}}"
 
 
 def _of(unit: str) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE, saved
@@ -83,10 +84,8 @@ def draw_plane(axes: Axes, curve: Curve, **line: Any) -> None:
 
 def draw_ring(axes: Axes, position: np.ndarray, neighbours: np.ndarray, **line: Any) -> None:
     """Draw the edges of the communication ring between robots at (N, 2) positions, in the paper's orange."""
-    for robot, others in enumerate(neighbours):
-        for other in others[others > robot]:
-            ends = position[[robot, other]]
-            axes.plot(*ends.T, **({"color": ORANGE, "lw": 1.1, "zorder": 2} | line))
+    ends = [position[[robot, other]] for robot, others in enumerate(neighbours) for other in others[others > robot]]
+    axes.add_collection(LineCollection(ends, **({"color": ORANGE, "lw": 1.1, "zorder": 2} | line)))
 
 
 def mark_time(

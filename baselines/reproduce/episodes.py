@@ -126,14 +126,14 @@ class Player:
         if key in self._played:
             return self._played[key]
         acting = PolicySettings(policy, parameters).make(task, worlds, self.device)
-        simulation = Simulation(task, worlds, self.device, self.seed)
+        simulation = Simulation(task, worlds, self.device)
         robots, frames = simulation.robots, []
 
         def record(_: int) -> None:
             arrays = (robots.phase, robots.position, robots.heading, robots.status, simulation.tally.phase_error)
             frames.append([np.array(array.numpy()) for array in arrays])
 
-        EpisodeRunner(acting, simulation).play(on_moment=record)
+        EpisodeRunner(acting, simulation).play(range(self.seed, self.seed + worlds), record)
         phase, position, heading, status, deviation = (np.stack(array) for array in zip(*frames, strict=True))
         times, detected = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
         failed = status == FAILED

@@ -57,20 +57,17 @@ def fig4(player: Player) -> Part:
 
     with sheet("fig4", "Fig. 4   Ten robots, and how far one of them may be displaced", 7.2, 4.0) as picture:
         left, right = picture.figure.subplots(1, 2, width_ratios=(1.25, 1))
-        draw_plane(left, curve, color=RED, ls=":", lw=0.9)
+        draw_plane(left, curve, color=RED, ls=":", lw=0.9, label="curve")
         gamma = perturbation.alpha * perturbation.equilibrium
         position = closed_forms.curve_point(curve, gamma)
-        draw_ring(left, position, perturbation.neighbours)
-        around = perturbation.alpha * np.linspace(-half, half, 200) + gamma[0]
-        left.plot(*closed_forms.curve_point(curve, around).T, color=GREEN, lw=2.6, ls=(0, (2.2, 1)), zorder=3)
-        left.plot(*position.T, "o", color=BLUE, ms=9, zorder=4)
+        draw_ring(left, position, perturbation.neighbours, label="ring")
+        around = closed_forms.curve_point(curve, perturbation.alpha * np.linspace(-half, half, 200) + gamma[0])
+        left.plot(*around.T, color=GREEN, lw=2.6, ls=(0, (2.2, 1)), zorder=3, label="(9) for robot 1")
+        left.plot(*position.T, "o", color=BLUE, ms=9, zorder=4, label="robots")
         for robot, place in enumerate(position):
             left.annotate(f"{robot + 1}", place, ha="center", va="center", fontsize=6.5, color="white", zorder=5)
-        keys = {"robots": {"ls": "none", "marker": "o", "color": BLUE, "ms": 5}, "curve": {"color": RED, "ls": ":"}}
-        keys |= {"ring": {"color": ORANGE}, "(9) for robot 1": {"color": GREEN, "ls": "--", "lw": 2.4}}
-        for word, key in keys.items():
-            left.plot([], [], label=word, **key)
-        left.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=4, handlelength=1.6, columnspacing=1.2)
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.02), "ncols": 4}
+        left.legend(**below, handlelength=1.6, columnspacing=1.2, markerscale=0.6)
 
         cases = ((0.95 * half, GREEN, "inside"), (1.6 * half, BLUE, "outside"), (leaves, RED, "outside"))
         for angle, colour, word in cases:

@@ -77,17 +77,12 @@ def best_formation(curve: Curve, num_robots: int) -> tuple[int, int]:
     -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. Two robots have no stable equilibrium, and four and six
     share places in each (Lemma 1): for them, return p = alpha = 1, equally spaced.
     """
-    best, rate = (1, 1), 0.0
+    stable, rates = closed_forms.stable_equilibria(num_robots), {}
     for alpha in range(1, num_robots):
-        if rate >= 1 / alpha:
-            break
-        if math.gcd(alpha * curve.a, num_robots) > 1:
-            continue
-        p = pow(alpha * curve.a, -1, num_robots)
-        candidate = -math.cos(2 * math.pi * p / num_robots) / alpha
-        if candidate > rate and num_robots < 4 * p < 3 * num_robots:
-            best, rate = (p, alpha), candidate
-    return best
+        p = closed_forms.alpha_for(num_robots, alpha * curve.a, 1)
+        if p in stable:
+            rates[p, alpha] = -math.cos(2 * math.pi * p / num_robots) / alpha
+    return max(rates, key=rates.__getitem__, default=(1, 1))
 
 
 def largest_phase_rate(curve: Curve, speed: float, turning_radius: float = 0.0, grip: float = math.inf) -> float:

@@ -243,6 +243,7 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
     [
         ({"scenarios": ("failur",)}, "did you mean failure"),
         ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
+        ({"scenarios": ("failure", "evaders")}, "one for evaders, which has robots of kind car; got kuramoto"),
         ({"episodes": 0}, "episodes must be a whole number from 1 to 1000000, got 0"),
         ({"episodes": 10**9}, "episodes must be a whole number from 1"),
         ({"address": ""}, "address must be given only with engine ray"), ({"seed": 2**31 - 2}, "seed must be"),
@@ -269,7 +270,10 @@ def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
 
 def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_all_plays_every_one():
     baselines.register("theirs", "car", lambda scenario, num_worlds, device: None)
-    names = lambda *policies: [cell.policy for cell in cells_of(Benchmark(("evaders",), policies))]  # noqa: E731
+    names = lambda *given, **own: [cell.policy for cell in cells_of(Benchmark(("evaders",), given), own)]  # noqa: E731
     usual = names()
     assert [name for name in usual if name not in types.POLICIES] == ["theirs"]
     assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))
+    assert names("all", mine=Mine) == [*names("all"), "mine"]
+    driven = [cell.scenario.name for cell in cells_of(Benchmark(policies=("sweep",)))]  # one of nine has points
+    assert driven == [name for name in types.SCENARIOS if lissajous_env.scenario(name).actuation == "car"]

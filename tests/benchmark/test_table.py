@@ -101,6 +101,8 @@ def test_a_task_with_another_score_is_ranked_and_compared_by_it():
     estimates = table.estimates["watch"]
     assert list(estimates) == ["a", "b", "c"]
     assert [estimates[policy]["score_improvement"].value for policy in "ac"] == pytest.approx([2 / 3, 1 / 6])
+    won = [row["score_improvement"] for row in table.rows]
+    assert won == pytest.approx([math.nan] * 3 + [0.0, 0.0, 0.5, 1.0, 0.5, 0.5], nan_ok=True)
     ratios = [2.0, 1.0, math.nan, 4.0, math.inf, math.nan, 1.0, 1.0, math.nan]
     assert [row["score_over_best"] for row in table.rows] == pytest.approx(ratios, nan_ok=True)
     assert table_of(table)["columns"][2:4] == ["observed", "detection [s]"]

@@ -16,7 +16,7 @@ import lissajous_env
 from baselines.planning import report
 from baselines.planning.families import default_policies, defaults, families_of
 from baselines.planning.plans import Family, Figures, Plan, Planned, best_of, pareto_optimal
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
+from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, look_at
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, PlanOutcome, Search
 from baselines.policies.settings import PolicySettings
@@ -69,7 +69,7 @@ def test_the_best_plan_is_no_worse_than_any_default(small):
     best = pareto_optimal(search.finals)[0].figures
     assert best.collisions == 0
     for name in default_policies(task):
-        rows = lissajous_env.evaluate(baselines.make(name, task, BEST), task, range(BEST))
+        rows = lissajous_env.evaluate(baselines.make(name, task, BEST_EPISODES), task, range(BEST_EPISODES))
         if not any(row["collisions"] for row in rows):
             assert best.worst_case <= float(worst_of(rows)), name
 
@@ -104,7 +104,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
     assert 1 <= len(shown) <= 2
     for k, each in enumerate(shown, start=1):
         count = len(each["rows"])
-        assert count == (BEST if k == 1 else CONFIRMED)
+        assert count == (BEST_EPISODES if k == 1 else CONFIRMING_EPISODES)
         rows = evaluated(capsys, out / str(k), "--episodes", count)
         figures, made = each["figures"], lissajous_env.scenario(str(out / str(k) / "scenario.toml"))
         at = made.task.duration / 4

@@ -233,9 +233,7 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
     pair. `path` is working memory: places on the manoeuvres of this car, then on those of another.
     """
     lay_out_manoeuvres(c, car, 0, MANOEUVRES, True, path)
-    score = Scores()
-    for b in range(MANOEUVRES):
-        score[b] = wp.inf
+    score = Scores(wp.inf)
     for k in range(n):
         other = others[k]
         speed = wp.sqrt(other[2] * other[2] + other[3] * other[3])

@@ -27,7 +27,7 @@ from baselines.policies.safety.own_motion import (
     tail_from,
     within_limits,
 )
-from baselines.policies.safety.tails import POINTS, Course, Tail, gap_between, lay_out, place_on, roll_on, swept_gap
+from baselines.policies.safety.tails import POINTS, Course, Tail, gap_between, lay_out, place_on, roll_on
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
@@ -82,38 +82,37 @@ def gap_to_edge(course: Course, terms: Terms) -> float:
 
 
 @wp.func
-def gap_to(w: int, i: int, course: int, j: int, enough: float, terms: Terms, memory: Memory) -> float:
-    """Return the least distance of a course from the courses that robot j may follow in this step, less `required` [m].
+def gap_to(w: int, i: int, which: int, j: int, enough: float, terms: Terms, memory: Memory) -> float:
+    """Return the least distance of a course from those that robot j may follow in this step, less `required` [m].
 
-    A value below `enough` is only a bound. Distances are those at equal times, unless one of the two can stop dead
-    (condition 5). A robot that has decided follows its old tail if its motor fails in this step (condition 5).
+    `which` is OLD or NEW. A value below `enough` is only a bound. A robot that has decided follows its old tail if its
+    motor fails in this step (condition 5); one that stops dead is on its new course then.
     """
-    one = memory.courses[w, i, course]
+    one = memory.courses[w, i, which]
+    stops = terms.stops[i] == 1
+    other_stops = terms.stops[j] == 1
     has_decided = memory.decided[w, j] == 1
-    if terms.stops[i] == 1 or terms.stops[j] == 1:
-        other = memory.courses[w, j, wp.where(has_decided, NEW, OLD)]
-        return swept_gap(one, other, terms.stops[i] == 1, terms.stops[j] == 1, terms.required, enough)
     least = float(wp.inf)
     if has_decided:
-        least = gap_between(one, memory.courses[w, j, NEW], terms.required, enough)
+        least = gap_between(one, memory.courses[w, j, NEW], stops, other_stops, terms.required, enough)
     if least >= enough and (not has_decided or terms.coasts == 1):
-        least = wp.min(least, gap_between(one, memory.courses[w, j, OLD], terms.required, enough))
+        least = wp.min(least, gap_between(one, memory.courses[w, j, OLD], stops, other_stops, terms.required, enough))
     return least
 
 
 @wp.func
-def smallest_gap(w: int, i: int, course: int, enough: float, first: int, terms: Terms, memory: Memory) -> wp.vec2:
-    """Return the least gap of a course to the edge and to all other robots [m], and the robot, -1 for the edge.
+def smallest_gap(w: int, i: int, which: int, enough: float, first: int, terms: Terms, memory: Memory) -> wp.vec2:
+    """Return the least gap of a course, OLD or NEW, to the edge and to all others [m], and the robot, -1 for the edge.
 
     The search begins with robot `first` and ends at a value below `enough` (condition 4).
     """
-    least = wp.vec2(gap_to_edge(memory.courses[w, i, course], terms), -1.0)
+    least = wp.vec2(gap_to_edge(memory.courses[w, i, which], terms), -1.0)
     for k in range(-1, memory.presence.shape[1]):
         if least[0] < enough:
             return least
         j = wp.where(k < 0, first, k)
         if j >= 0 and j != i and memory.presence[w, j] != REMOVED:
-            gap = gap_to(w, i, course, j, enough, terms, memory)
+            gap = gap_to(w, i, which, j, enough, terms, memory)
             if gap < least[0]:
                 least = wp.vec2(gap, float(j))
     return least

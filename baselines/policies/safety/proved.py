@@ -106,9 +106,10 @@ class Proved(Filter):
         return self._memory.compatible.numpy() == 1
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget tails, and the bounds that robots have narrowed."""
-        for array in fields_of(self._memory).values():
-            clear_worlds(array, mask)
+        """Forget tails, and the bounds that robots have narrowed; the large array of courses is overwritten anyway."""
+        for name, array in fields_of(self._memory).items():
+            if name != "courses":
+                clear_worlds(array, mask)
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones; a robot whose wanted action is not finite continues its old tail."""

@@ -7,8 +7,8 @@ within w(q) = w0 + w1 q + w2 q^2 of the arc's point at q, for every position, he
 bounds of noise and model allow (`own_motion.tail_from`).
 
 A course is a step and the tail after it, as sampled points (`lay_out`). Two courses are compared at equal times
-(`gap_between`) or, where a robot may stop dead, at any two times that matter (`swept_gap`): a car that stops dead at
-a time stands at its course's place of that time while the other one drives on.
+(`gap_at_equal_times`) or, where a robot may stop dead, at any two times that matter (`swept_gap`): a car that stops
+dead at a time stands at its course's place of that time while the other one drives on.
 """
 
 import warp as wp
@@ -108,23 +108,11 @@ def lay_out(course_out: Course, now: wp.vec2, middle: wp.vec3, tail: Tail, slack
 
 
 @wp.func
-def gap_of_reaches(one: Course, other: Course, required: float) -> float:
-    """Return a lower bound of the distance of two courses from their reaches, less `required` [m]."""
-    apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1]))
-    return apart - one[0][2] - other[0][2] - required
+def gap_at_equal_times(one: Course, other: Course, required: float, enough: float) -> float:
+    """Return `gap_between` two courses of which none can end before its time.
 
-
-@wp.func
-def gap_between(one: Course, other: Course, required: float, enough: float) -> float:
-    """Return a lower bound of the distance of two cars at equal times on two courses, less `required` [m].
-
-    If the bound is below `enough`, any value below `enough` is returned. Along each piece it is the closest approach of
-    the chords at equal times, less the bounds on both deviations. For two courses that are too far apart to meet, their
-    reaches suffice.
+    Along each piece it is the closest approach of the chords at equal times, less the bounds on both deviations.
     """
-    apart = gap_of_reaches(one, other, required)
-    if apart >= 0.0:
-        return apart
     least = float(wp.inf)
     before = wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])
     for k in range(1, POINTS):
@@ -204,15 +192,12 @@ def gap_of_blocks(
 
 @wp.func
 def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
-    """Return a lower bound of the distance of two cars, of which either may stop dead, less `required` [m].
+    """Return `gap_between` two courses of which either may end before its time.
 
-    If the bound is below `enough`, any value below `enough` is returned. A car that `stops` can be at any earlier place
-    of its course than at equal times: the places of piece k are compared with those of all pieces m >= k of the other
-    course, with those of k >= m if the other one stops, and with all if both do.
+    A car that `stops` can be at any earlier place of its course than at equal times: the places of piece k are compared
+    with those of all pieces m >= k of the other course, with those of k >= m if the other one stops, and with all if
+    both do.
     """
-    apart = gap_of_reaches(one, other, required)
-    if apart >= 0.0:
-        return apart
     least = float(wp.inf)
     for block in range(BLOCKS):
         begin = one[block_start(block)]
@@ -235,3 +220,18 @@ def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, requir
                 if least < enough:
                     return least
     return least
+
+
+@wp.func
+def gap_between(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
+    """Return a lower bound of the distance of two cars on two courses, which may stop dead, less `required` [m].
+
+    If the bound is below `enough`, any value below `enough` is returned. For two courses that are too far apart to
+    meet, their reaches suffice.
+    """
+    apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])) - one[0][2] - other[0][2] - required
+    if apart >= 0.0:
+        return apart
+    if stops or other_stops:
+        return swept_gap(one, other, stops, other_stops, required, enough)
+    return gap_at_equal_times(one, other, required, enough)
