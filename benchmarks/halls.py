@@ -19,7 +19,7 @@ import numpy as np
 from planning import drawn, in_words
 
 from baselines.planning.plans import Planned
-from baselines.planning.rehearse import BEST
+from baselines.planning.rehearse import BEST_EPISODES
 from baselines.planning.request import Request
 from baselines.planning.search import PlanOutcome
 from lissajous_env.episodes.evaluation import EpisodeRunner
@@ -162,7 +162,7 @@ def result_of(seed: int, kind: str, plans: int) -> Result:
         "wall": result.wall <= 1e-3 or any(row["outside_time"] or row["wall_contacts"] for row in rows),
         "collision": result.bodies <= 0 or any(row[COLLISIONS.name] for row in rows),
         "stuck": result.stands > SLOW or any(row["blocked_time"] for row in rows),
-        "largest": len(rows) != BEST or (printed < math.inf and printed != max(times)),
+        "largest": len(rows) != BEST_EPISODES or (printed < math.inf and printed != max(times)),
         "worst case": printed < math.inf and abs(result.computed - printed) > result.cell,
     }
     return result._replace(violates=tuple(law for law, broken in laws.items() if broken))
@@ -174,7 +174,8 @@ def row_of(kind: str, results: Sequence[Result]) -> list[str]:
     bound = [result for result in of if result.printed < math.inf]
     more = [result.computed / result.printed - 1 for result in bound]
     broken = [f"{result.hall.split(':')[0]} ({', '.join(result.violates)})" for result in of if result.violates]
-    return [kind, str(len(of)), str(BEST * len(of)), str(len(bound)), f"{min(result.wall for result in of):.2g}",
+    counts = str(len(of)), str(BEST_EPISODES * len(of)), str(len(bound))
+    return [kind, *counts, f"{min(result.wall for result in of):.2g}",
             f"{min(result.bodies for result in of):.2g}", f"{max(result.stands for result in of):.2g}",
             f"{min(more):+.0%} to {max(more):+.0%}", ", ".join(broken) or "none"]  # fmt: skip
 

@@ -25,7 +25,7 @@ from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
 from baselines.benchmark.shown import number
 from baselines.planning import portfolio
 from baselines.planning.families import as_family, defaults, lines, partitions, with_parameters
-from baselines.planning.plans import Family, Figures, Plan, Planned, Settings
+from baselines.planning.plans import Family, Figures, Plan, Planned, Variables
 from baselines.planning.rehearse import Episodes, play
 from baselines.planning.search import Search
 from baselines.policies.base import UnsuitableScenarioError
@@ -51,8 +51,8 @@ def alike(task: Scenario) -> Family:
 def portfolios(task: Scenario) -> Family:
     """Return the patrols that the portfolios play, with the parameters that they have there."""
 
-    def plan(settings: Settings) -> Plan:
-        name = settings["portfolio"]
+    def plan(given: Variables) -> Plan:
+        name = given["portfolio"]
         return Plan("portfolios", task, portfolio.chosen(name, task), name)
 
     return Family("portfolios", plan, [{"portfolio": name} for name in portfolio.NAMES])
@@ -182,9 +182,10 @@ def main() -> None:
         families = [of(task) for of in (alike, partitions, lines, portfolios)]
         if options.filtered:
             families += [filtered(of(task), task) for of in (partitions, lines)]
-        search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
+        budget = {"seconds": options.seconds, "clock": time.process_time}
+        search = Search(task, families, seed=options.seed, fixed_start=True, **budget)
         with quietly():
-            search.run(seconds=options.seconds)
+            search.run()
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
         command += " --filtered" if options.filtered else ""
         kept = keep(name, search.finals, command)

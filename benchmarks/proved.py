@@ -82,8 +82,8 @@ def with_wrong_drag(scenario, worlds, factor):
     """Return the filter for cars whose drag is a factor of the assumed one."""
     policy = Filtered(Chasing(scenario, worlds), Proved)
     filter: Any = policy.filter
-    filter._bounds.robot.drag = scenario.robot.drag / factor
-    filter._bounds.decay = math.exp(-filter._bounds.robot.drag * scenario.task.step)
+    filter._terms.robot.drag = scenario.robot.drag / factor
+    filter._terms.decay = math.exp(-filter._terms.robot.drag * scenario.task.step)
     return policy
 
 

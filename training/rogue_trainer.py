@@ -28,12 +28,14 @@ from training.learned.networks import RogueNetwork
 from training.learned.rogue import rogue_card
 from training.settings import RogueTraining
 from training.trainer import FIRST_SEED, load_state, save_state
+from training.validation import VALIDATION_SEED
 
-FIRST_EVALUATION_SEED = 20_000
 _SCRIPTS = "follow-gap", "flee"
 """Scripts that move the rogues in the first rounds; in later rounds, the last checkpoint moves them."""
 _RIVALS = "wander", "flee", "follow-gap"
 """Scripts with which the evaluation is compared."""
+_LAYERS = 64, 64
+"""Sizes of the hidden layers."""
 _BATCH, _BATCHES, _LAST_BATCHES = 2048, 150, 900
 """Rows per minibatch; minibatches per round, and in the last round."""
 _RATE, _GRADIENT = 1e-3, 0.5
@@ -63,12 +65,12 @@ class RogueTrainer:
         torch.manual_seed(settings.seed)
         self.scenario = settings.make_scenario()
         self.card = rogue_card(self.scenario, settings.to_dict())
-        sizes = [len(self.card.inputs), *settings.layers]
+        sizes = [len(self.card.inputs), *_LAYERS]
         hidden = [part for pair in pairwise(sizes) for part in (nn.Linear(*pair), nn.ReLU())]
         self.actor = nn.Sequential(*hidden, nn.Linear(sizes[-1], self.card.action_size)).to(settings.device)
         self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=_RATE, eps=1e-5)
-        self.normalization: tuple[np.ndarray, np.ndarray] | None = None
-        """Mean and standard deviation (D,) of the entries of a row."""
+        self.normalization = np.zeros(sizes[0], np.float32), np.ones(sizes[0], np.float32)
+        """Mean and standard deviation (D,) of the entries of a row in the first round."""
         self.history: dict[str, Any] = {"rounds": 0, "seconds": 0.0, "scores": None, "rivals": {}}
         self._labelled: list[Tensor] = []
         """Rows, actions and weights of all rounds."""
@@ -88,7 +90,7 @@ class RogueTrainer:
                 print_line(self.console, f"{name}: {_words(history['rivals'][name])}")
         self._imitate()
         history["scores"] = self._evaluated(str(settings.out))
-        self._save({})
+        self._save()
         print_line(self.console, f"after {history['seconds']:.0f} s: {_words(history['scores'])}")
         return history
 
@@ -100,7 +102,7 @@ class RogueTrainer:
             labels = foresight.label(self._visit(k))
             rule = "must be large enough that a rogue is undetected for a step"
             require(len(labels.rows) > 0, "starts", rule, settings.starts)
-            if self.normalization is None:
+            if k == 0:
                 spread = np.maximum(labels.rows.std(axis=0), 1e-3)
                 self.normalization = labels.rows.mean(axis=0), spread.astype(np.float32)
             before, new = self._labelled, self._tensors(labels)
@@ -108,7 +110,7 @@ class RogueTrainer:
             error = self._fit(is_last)
             history["seconds"] += time.monotonic() - began
             history["rounds"] += 1
-            self._save({name: part.cpu().numpy() for name, part in zip(_LABELLED, self._labelled, strict=True)})
+            self._save()
             if k < 2 or k % 4 == 3 or is_last:
                 print_line(
                     self.console,
@@ -127,7 +129,6 @@ class RogueTrainer:
 
     def _tensors(self, labels: Labels) -> list[Tensor]:
         """Return rows that are normalized, actions and weights of labels."""
-        assert self.normalization is not None
         mean, spread = self.normalization
         arrays = (labels.rows - mean) / spread, labels.actions, np.clip(labels.gains, 0.0, _MOST_GAIN) + _LEAST_WEIGHT
         return [torch.from_numpy(array.astype(np.float32)).to(self.settings.device) for array in arrays]
@@ -149,36 +150,34 @@ class RogueTrainer:
 
     def network(self) -> RogueNetwork:
         """Copy the policy into a network for rows that are not normalized."""
-        assert self.normalization is not None
         mean, spread = self.normalization
         linear = [layer for layer in self.actor if isinstance(layer, nn.Linear)]
-        layers = {str(k): layer for k, layer in enumerate(linear)}
-        weights = {name: layer.weight.detach().cpu().numpy() for name, layer in layers.items()}
-        biases = {name: layer.bias.detach().cpu().numpy() for name, layer in layers.items()}
+        weights = {str(k): layer.weight.detach().cpu().numpy() for k, layer in enumerate(linear)}
+        biases = {str(k): layer.bias.detach().cpu().numpy() for k, layer in enumerate(linear)}
         weights["0"] = weights["0"] / spread
         biases["0"] = biases["0"] - weights["0"] @ mean
         return RogueNetwork(weights, biases)
 
-    def _save(self, labelled: Mapping[str, np.ndarray]) -> None:
-        """Write a checkpoint with the state of the training and the arrays of its labels, `_LABELLED`."""
-        state = save_state(self.actor, self.optimizer) | dict(labelled)
-        if self.normalization is not None:
-            state |= {"normal.mean": self.normalization[0], "normal.spread": self.normalization[1]}
+    def _save(self) -> None:
+        """Write a checkpoint with the state of the training, with its labels unless it is finished."""
+        mean, spread = self.normalization
+        state = save_state(self.actor, self.optimizer) | {"normal.mean": mean, "normal.spread": spread}
+        if self.history["scores"] is None:
+            state |= {name: part.cpu().numpy() for name, part in zip(_LABELLED, self._labelled, strict=True)}
         history = self.history | {"seconds": round(self.history["seconds"], 1)}
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes={"rogues": history})
 
     def _resume(self) -> None:
         with checkpoint.resuming(self.settings, self.card) as (contents, arrays):
             self.history |= contents["rogues"]
-            if "normal.mean" in arrays:
-                self.normalization = arrays["normal.mean"], arrays["normal.spread"]
-            if _LABELLED[0] in arrays:
+            self.normalization = arrays["normal.mean"], arrays["normal.spread"]
+            if self.history["scores"] is None:
                 self._labelled = [torch.from_numpy(arrays[name]).to(self.settings.device) for name in _LABELLED]
             load_state(self.actor, self.optimizer, arrays)
 
     def _evaluated(self, rogues: str) -> dict[str, float]:
         settings, scenario = self.settings, self.settings.make_scenario(rogues)
-        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + settings.episodes)
+        seeds = range(VALIDATION_SEED, VALIDATION_SEED + settings.episodes)
         return undetected_times(settings.against, scenario, seeds, settings.device)
 
 

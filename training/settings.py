@@ -20,7 +20,7 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.named import scenario_space, space_and_split
 from lissajous_env.parameters.rogues import AGENTS
-from lissajous_env.settings.checks import Checked, is_whole, number, rows, whole
+from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.wording import require
 from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
@@ -107,7 +107,7 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     credit: float = number(1.0, 0, 1)
     """Share of the reward for targets in sight that a robot receives for those that no other robot has in sight; the
     rest is the team's reward."""
-    collisions: float | None = None
+    collisions: float | None = number(None, 0, 1e6)
     """Collisions per episode, with the noise of exploration, above which their cost rises, and below which it falls. By
     default four fifths of those, without noise, of the policy with which validations are compared; 0 without one."""
     penalty: float = number(0.3, 0.01, 100)
@@ -119,8 +119,6 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
 
     def _check_together(self) -> None:
         as_device(self.device)
-        collisions = self.collisions
-        self._require(collisions is None or 0 <= collisions < 1e6, "collisions", "must be from 0 to 1e6 collisions")
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
@@ -218,10 +216,6 @@ class RogueTraining(SharedSettings, part="training"):
     """Rogues per episode on average, each with a start of its own; half of them are present from the beginning."""
     worlds: int = whole(8, 1, 65_536)
     """Environments that are stepped together."""
-    layers: tuple[int, ...] = rows(
-        (64, 64), "must be whole numbers of at least 1", lambda size: size if is_whole(size) and size >= 1 else None
-    )
-    """Sizes of the hidden layers."""
 
     def _check_together(self) -> None:
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:

@@ -15,7 +15,7 @@ that it moves a robot farther (J. Hollenstein, G. Martius, J. Piater, "Colored N
 """
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -129,14 +129,8 @@ class Training:
         self.critic = TeamModule(settings, len(TRUTH if settings.critic == "central" else TOKEN), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
-        self.numbers = {
-            "steps": 0.0,
-            "rollouts": 0.0,
-            "penalty": settings.penalty,
-            "variance": 1.0,
-            "collided": 0.0,
-            "counted": 0.0,
-        }
+        self.numbers: dict[str, float] = {"penalty": settings.penalty, "variance": 1.0}
+        self.numbers |= dict.fromkeys(("steps", "rollouts", "collided", "counted"), 0.0)
         """`steps` of robots and `rollouts` so far; `penalty`, the factor of the costs of collisions; `variance` of the
         returns over the last `counted` steps, at most 300; `collided`, a team's collisions per episode with the noise
         of exploration, averaged over about 200 steps."""
@@ -248,7 +242,12 @@ class Training:
                     of_actor, divergence = self._actor_loss(rollout, chosen)
                     updates_actor = divergence < settings.divergence
                     loss = loss + of_actor if updates_actor else loss
-                _gradient_step(self.optimizer, self.networks, loss)
+                self.optimizer.zero_grad()
+                loss.backward()
+                for network in self.networks:
+                    nn.utils.clip_grad_norm_(network.parameters(), 0.5)
+                # A network on which the loss does not depend has no gradient, so that its momentum does not change it.
+                self.optimizer.step()
         numbers["rollouts"] += 1
         excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
         numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
@@ -294,15 +293,6 @@ class Training:
         else:
             self.worlds.restart(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
-
-
-def _gradient_step(optimizer: torch.optim.Optimizer, networks: Iterable[nn.Module], loss: Tensor) -> None:
-    """Take a step of the optimizer; a network on which the loss does not depend is unchanged, despite its momentum."""
-    optimizer.zero_grad()
-    loss.backward()
-    for network in networks:
-        nn.utils.clip_grad_norm_(network.parameters(), 0.5)
-    optimizer.step()
 
 
 class TeamModule(nn.Module):

@@ -18,15 +18,7 @@ from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from lissajous_env.world.targets.motion import DRIFTING, FLEEING, WANDERING
 from training.learned.checkpoint import prefixed, within
-from training.learned.perception import (
-    axes_of,
-    base_action,
-    columns_of,
-    commanded_velocity,
-    half_of,
-    perceive,
-    to_walls,
-)
+from training.learned.perception import actions_of, axes_of, base_action, columns_of, half_of, perceive, to_walls
 from training.settings import TrainingSettings
 
 TRUTH = (
@@ -141,15 +133,12 @@ class Worlds:
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def step(self, actions: np.ndarray) -> StepResult:
-        """Advance all worlds with actions (B, A) along the robots' axes; `begin` must follow."""
+        """Advance all worlds with outputs (B, A) of the network; `begin` must follow."""
         batch, side = self.batch, self.side
-        actions = actions.reshape(batch.num_worlds, side.slots, -1).clip(-1, 1).astype(np.float32)
-        for group, simulation in enumerate(batch.simulations):
-            if simulation.scenario.task.action == "velocity":
-                part = actions[batch.worlds_of(group), : simulation.num_robots]
-                observation = simulation.observation.numpy()
-                velocity = part[..., :2] * axes_of(observation, simulation.scenario)
-                part[..., :2] = commanded_velocity(velocity, observation, simulation.scenario)
+        actions = actions.reshape(batch.num_worlds, side.slots, -1).astype(np.float32)
+        for group, (simulation, observation) in enumerate(zip(batch.simulations, self._observations(), strict=True)):
+            part = actions[batch.worlds_of(group), : simulation.num_robots]
+            part[...] = actions_of(part, observation, simulation.scenario)
         before = batch.rows(side)
         acted = (before.mask.astype(bool) & ~before.terminated.astype(bool)).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})

@@ -93,22 +93,24 @@ class Bounds(NamedTuple):
     """The same of the second halves of the episodes."""
 
 
-@cache
-def bounds_of(scenario: Scenario, simulates: bool = True) -> Bounds:
-    """Return the bounds of a scenario; if it computes contamination, the formation is simulated once for them.
+def least_mean_time(scenario: Scenario) -> float:
+    """Return `Bounds.mean_time` of a scenario."""
+    bound = mean_time_lower_bound(scenario) if task_score(scenario) is DETECTION_TIME else math.nan
+    return _beyond_a_step(bound, scenario)
 
-    With `simulates` false, the bounds on the worst case are NaN.
-    """
+
+@cache
+def bounds_of(scenario: Scenario) -> Bounds:
+    """Return the bounds of a scenario; if it computes contamination, the formation is simulated once for them."""
     worst_case = in_formation = math.nan
-    if simulates and scenario.task.contamination is not None:
+    if scenario.task.contamination is not None:
         worst_case = _beyond_a_step(worst_case_lower_bound(scenario), scenario)
         with suppress(ValueError):  # targets that are too fast for its grid
             in_formation = IdealFormation(scenario).guaranteed_time(scenario.rogue_speed)
     known = known_plans(scenario)
     best = min((plan.worst_case for plan in known), default=math.nan)
     settled = min((plan.settled for plan in known), default=math.nan)
-    mean_time = mean_time_lower_bound(scenario) if task_score(scenario) is DETECTION_TIME else math.nan
-    return Bounds(_beyond_a_step(mean_time, scenario), worst_case, in_formation, best, settled)
+    return Bounds(least_mean_time(scenario), worst_case, in_formation, best, settled)
 
 
 def _beyond_a_step(bound: float, scenario: Scenario) -> float:

@@ -7,7 +7,6 @@ doubled. Machines of one kind return the rows of the engine `local`, bit for bit
 
 import contextlib
 import logging
-import textwrap
 from collections import deque
 from collections.abc import Iterator
 from functools import partial
@@ -21,7 +20,7 @@ from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
 from baselines.policies.factories import fingerprint
 from lissajous_env.identity import MODULE
 from lissajous_env.plugins import of_extra
-from lissajous_env.wording import shown
+from lissajous_env.wording import shown, where_raised
 
 _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
@@ -65,7 +64,7 @@ def connected(address: str | None) -> Iterator[Any]:
         ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **own)
     except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
         kind = ConnectionError if isinstance(error, OSError) else ValueError
-        raise kind(f"Ray cannot be reached at {address or 'this machine'}: {_one_line(error)}") from error
+        raise kind(f"Ray cannot be reached at {address or 'this machine'}: {where_raised(error)}") from error
     try:
         yield ray
     finally:
@@ -114,11 +113,11 @@ def _remote(ray: Any, settings: Benchmark) -> Any:
     if gpus and not ray.cluster_resources().get("GPU"):
         raise ValueError("device must be one that the Ray cluster has, got cuda; none of its nodes has a GPU")
     needs = {"num_cpus": 1, "num_gpus": gpus, "scheduling_strategy": "SPREAD"}
-    remote = ray.remote(**needs, max_retries=_RETRIES)(_play)
+    remote = ray.remote(**needs, max_retries=_RETRIES)(_play_batch)
     return lambda packed, numbers: remote.remote(packed, numbers, versions())
 
 
-def _play(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | Failure:
+def _play_batch(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | Failure:
     """Play one batch; this runs on a worker."""
     ray = _ray()
     if (here := versions()) != wanted:
@@ -144,7 +143,7 @@ def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
         return ray.cloudpickle.dumps((cell, settings, _sources(cell)))
     except Exception as error:
         raise ValueError(
-            f"policy {cell.policy} cannot be sent to another process ({_one_line(error)}); "
+            f"policy {cell.policy} cannot be sent to another process ({where_raised(error)}); "
             "give a function (scenario, num_worlds, device) that makes it, or module:factory"
         ) from error
 
@@ -153,10 +152,6 @@ def _result(ray: Any, reference: Any, cell: Cell) -> Rows | Failure:
     try:
         return ray.get(reference)
     except ray.exceptions.RayTaskError as error:
-        raise ValueError(f"a node of the Ray cluster cannot play: {_one_line(error.cause)}") from error
+        raise ValueError(f"a node of the Ray cluster cannot play: {error.cause}") from error
     except ray.exceptions.RayError as error:
         return failure_of(cell, error)
-
-
-def _one_line(error: BaseException) -> str:
-    return textwrap.shorten(str(error), 400, placeholder=" ...") or type(error).__name__

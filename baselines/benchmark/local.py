@@ -47,25 +47,25 @@ def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish
     on_cores(work, settings.device, play_cell)
 
 
-def on_cores(work: Work, device: str, play: Callable[[Cell, list[int], threading.Event], None]) -> None:
-    """Play the cells that may be shared on as many threads as there are cores, then the others on this thread.
+def on_cores(work: Work, device: str, job: Callable[[Cell, list[int], threading.Event], None]) -> None:
+    """Call `job` for the cells that may be shared on as many threads as there are cores, then here for the others.
 
-    The first error, or Ctrl-C, sets the event that `play` receives with a cell and its numbers, cancels what has not
+    The first error, or Ctrl-C, sets the event that `job` receives with a cell and its numbers, cancels what has not
     begun, and is raised when the running ones have ended.
     """
     stopped = threading.Event()
     shared = [part for part in work if may_be_shared(part[0], device)]
     with ThreadPoolExecutor(cores()) as pool:
         try:
-            for job in as_completed([pool.submit(play, *part, stopped) for part in shared]):
-                job.result()
+            for future in as_completed([pool.submit(job, *part, stopped) for part in shared]):
+                future.result()
         except BaseException:
             stopped.set()
             pool.shutdown(cancel_futures=True)
             raise
     for cell, numbers in work:
         if not may_be_shared(cell, device):
-            play(cell, numbers, stopped)
+            job(cell, numbers, stopped)
 
 
 def may_be_shared(cell: Cell, device: str) -> bool:
@@ -80,12 +80,14 @@ def batches_or_failure(
 ) -> Iterator[Rows | Failure]:
     """Play some episodes of a cell, and yield each batch; if the policy raises, the failure is the last."""
     try:
-        yield from play(cell, settings, numbers, stopped)
+        yield from batches(cell, settings, numbers, stopped)
     except (Exception, SystemExit) as error:
         yield failure_of(cell, error)
 
 
-def play(cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None) -> Iterator[Rows]:
+def batches(
+    cell: Cell, settings: Benchmark, numbers: list[int], stopped: threading.Event | None = None
+) -> Iterator[Rows]:
     """Play some episodes of a cell, given by number, and yield the rows of each batch; `stopped` ends it at a step.
 
     Raises:

@@ -26,7 +26,7 @@ from baselines.benchmark.statistics import (
     added_columns,
     with_numbers,
 )
-from baselines.benchmark.table import Policies, Rows, Table, grouped, numbers
+from baselines.benchmark.table import Estimates, Rows, Table, grouped, numbers
 from baselines.policies.registry import split_suffix
 from lissajous_env.world.columns import COLLISIONS, LARGEST, OPEN, SENSED, SHARE, WHOLE, WORST_CASE, Column, task_score
 
@@ -69,7 +69,7 @@ def draw(table: Table, form: str) -> Iterator[tuple[str, bytes]]:
 
 def _figure(
     title: str,
-    policies: Policies,
+    policies: Estimates,
     columns: Sequence[Column],
     styles: Mapping[str, PlotStyle],
     episodes: Mapping[str, Rows] | None = None,

@@ -7,10 +7,10 @@ from typing import Any
 
 from rich.console import Console
 
-from baselines.benchmark import written
 from baselines.benchmark.local import on_cores
 from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Key, page, worst_first
+from baselines.benchmark.results_folder import REPORT
 from baselines.benchmark.table import Row
 from baselines.benchmark.types import BenchmarkOutcome, Cell
 from lissajous_env.episodes.recording import record_all
@@ -23,7 +23,7 @@ _TOGETHER = 4
 """Episodes that are recorded together: each requires tens of megabytes meanwhile."""
 
 
-def write_report(folder: Folder, outcome: BenchmarkOutcome, progress: Console) -> str:
+def write_report(folder: Folder, outcome: BenchmarkOutcome, console: Console) -> str:
     """Write `report.html` of all episodes of the folder, with replays of those of this call; return a line about these.
 
     It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
@@ -31,10 +31,10 @@ def write_report(folder: Folder, outcome: BenchmarkOutcome, progress: Console) -
     table, cells = outcome.table, outcome.playable
     ranked = worst_first(table.rows, table.scenarios)
     wanted = chosen(outcome.settings.replays, ranked, cells, table.references)
-    played, failed = _played_again(wanted, cells, outcome.device, progress) if wanted else ({}, [])
+    recorded, failed = _recorded(wanted, cells, outcome.device, console) if wanted else ({}, [])
     origin = provenance(outcome.stored["device"])
-    folder.write(written.REPORT, page(table, ranked, played, origin, outcome.failures, outcome.theorem))
-    note = f"{written.REPORT} plays {len(played):,} of the episodes; --replays NUMBER adds more"
+    folder.write(REPORT, page(table, ranked, recorded, origin, outcome.failures, outcome.theorem))
+    note = f"{REPORT} plays {len(recorded):,} of the episodes; --replays NUMBER adds more"
     return "\n".join([note, *(f"not replayed: {words}" for words in failed)]) if wanted else ""
 
 
@@ -61,20 +61,20 @@ def chosen(
     return [key for key in dict.fromkeys(both) if key in every]
 
 
-def _played_again(
-    keys: Sequence[Key], cells: Mapping[tuple[str, str], Cell], device: Any, progress: Console
+def _recorded(
+    keys: Sequence[Key], cells: Mapping[tuple[str, str], Cell], device: Any, console: Console
 ) -> tuple[dict[Key, dict[str, Any]], list[str]]:
     """Play episodes again; return their contents for the page, and a sentence for each policy that raised."""
     seeds_of: dict[tuple[str, str], list[int]] = {}
     for scenario, policy, seed in keys:
         seeds_of.setdefault((scenario, policy), []).append(seed)
-    played: dict[Key, dict[str, Any]] = {}
+    recorded: dict[Key, dict[str, Any]] = {}
     failed: list[str] = []
 
-    def play(cell: Cell, seeds: list[int], stopped: threading.Event) -> None:
+    def record_cell(cell: Cell, seeds: list[int], stopped: threading.Event) -> None:
         if stopped.is_set():
             return
-        shown.update(task, description=f"{cell.scenario.name} {cell.policy}")
+        progress.update(task, description=f"{cell.scenario.name} {cell.policy}")
         try:
             policy = cell.factory(cell.scenario, min(len(seeds), _TOGETHER), device)
             recordings = record_all(policy, cell.scenario, seeds, device)
@@ -83,10 +83,10 @@ def _played_again(
             return
         for seed, recording in zip(seeds, recordings, strict=True):
             recording.score["policy"] = cell.policy
-            played[cell.scenario.name, cell.policy, seed] = contents(recording, BRIEF)
-        shown.advance(task, len(seeds))
+            recorded[cell.scenario.name, cell.policy, seed] = contents(recording, BRIEF)
+        progress.advance(task, len(seeds))
 
-    with bar(progress, "{task.completed} replays") as shown:
-        task = shown.add_task("", total=len(keys))
-        on_cores([(cells[place], seeds) for place, seeds in seeds_of.items()], device, play)
-    return {key: played[key] for key in keys if key in played}, failed
+    with bar(console, "{task.completed} replays") as progress:
+        task = progress.add_task("", total=len(keys))
+        on_cores([(cells[place], seeds) for place, seeds in seeds_of.items()], device, record_cell)
+    return {key: recorded[key] for key in keys if key in recorded}, failed

@@ -8,7 +8,7 @@ import numpy as np
 
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.plot_styles import COLOURS, styles_of
-from baselines.benchmark.shown import best_number, bounds_in_words, in_words
+from baselines.benchmark.shown import best_value, bounds_in_words, in_words
 from baselines.benchmark.statistics import (
     DERIVED,
     MAIN,
@@ -16,7 +16,7 @@ from baselines.benchmark.statistics import (
     SHOWN,
     Estimate,
     added_columns,
-    shown_columns,
+    columns_of,
     with_numbers,
 )
 from baselines.benchmark.table import Overall, Row, Rows, Table, grouped, numbers
@@ -42,6 +42,7 @@ from lissajous_env.world.columns import (
 )
 
 FORMAT = "lissajous report 3"
+"""Format of the page's data, which `report.js` requires."""
 MOST_EPISODES = 20_000
 """Largest number of episodes that are listed, the worst first."""
 _ROBOTS = {
@@ -181,7 +182,7 @@ def _scenario(
     table: Table, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows], notes: Sequence[str]
 ) -> dict[str, Any]:
     scenario, cells, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
-    shown = [column for column in shown_columns(scenario, cells) if column.page]
+    columns = [column for column in columns_of(scenario, cells) if column.page]
     reference = table.references.get(name)
     return {
         "name": name,
@@ -192,9 +193,9 @@ def _scenario(
         "tradeoff": [task_score(scenario).name, COLLISIONS.name],
         "measures": [
             _described(column)
-            | {"best": best_number([*cells.values()], column)}
+            | {"best": best_value([*cells.values()], column)}
             | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
-            for column in shown
+            for column in columns
         ],
         "policies": [
             {
@@ -202,7 +203,7 @@ def _scenario(
                 "episodes": len(episodes),
                 "failed": np.sum([failed(row) for row in episodes], axis=0).tolist(),
                 "collisions": _rounded(float(numbers(episodes, COLLISIONS).mean())),
-                "cells": {column.name: _cell(cells[policy][column.name], column, episodes) for column in shown},
+                "cells": {column.name: _cell(cells[policy][column.name], column, episodes) for column in columns},
             }
             for policy, episodes in ((policy, rows[policy]) for policy in cells)
         ],
@@ -252,14 +253,14 @@ def _described(column: Column) -> dict[str, Any]:
 
 def _facts(scenario: Scenario, bounds: Bounds, reference: str | None) -> list[tuple[str, str]]:
     """Return the main numbers of a scenario, each as its name and its value in words."""
-    known = (
+    facts = (
         ("robots", f"{scenario.num_robots} {_ROBOTS.get(scenario.robot.kind, scenario.robot.kind)}"),
         ("episode", f"{scenario.task.duration:g} s"),
         (scenario.detection_time_label, f"{scenario.detection_time_bound:.3g} s"),
         *((("policies are compared with", reference),) if reference is not None else ()),
     )
     words = bounds_in_words(bounds).removeprefix(", ")
-    return [*known, *((("bounds", words),) if words else ())]
+    return [*facts, *((("bounds", words),) if words else ())]
 
 
 def _values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:

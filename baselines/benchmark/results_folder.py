@@ -6,7 +6,7 @@ Later calls can add scenarios, policies and episodes to a folder. Stored rows do
 import json
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -23,14 +23,19 @@ from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import outside, shown
-from lissajous_env.world.columns import COLUMNS, NAMES, WHOLE
+from lissajous_env.world.columns import NAMES, WHOLE, Column, Rule
 
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
-FILES = (SETTINGS, EPISODES)
-"""Files from which all others are derived."""
+CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
+FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
+"""Files of the folder, all of which are derived from the first two."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
+
+_TEXT = Rule("a text", lambda value: isinstance(value, str))
+_IDENTITY = {"scenario": _TEXT, "policy": _TEXT, "episode": WHOLE, "seed": WHOLE}
+"""Rules of the entries of a score row that identify its episode."""
 
 _Key = tuple[str, str, int]
 
@@ -43,19 +48,18 @@ class Results:
         scenarios: Scenarios of the folder by name.
 
     Raises:
-        ValueError: the folder contains results of other settings (the message shows the differences), or a file in it
-            is damaged, or has an episode of other settings; file, line and value are named.
+        ValueError: the folder contains results of other settings (the message shows the differences), or none without
+            settings; or a file in it is damaged, or has an episode of other settings (file, line and value are named).
     """
 
     def __init__(self, folder: Folder, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
         """Read a folder, and add the settings and cells of a call to it; without settings, nothing is added."""
         path = folder.path / SETTINGS
-        stored, wanted = None, None if settings is None else as_settings(settings, cells)
-        if path.exists():
-            stored = read_json(path)
-        elif (folder.path / EPISODES).exists():
-            raise ValueError(f"{folder.path} contains {EPISODES} but no {SETTINGS}; choose another --out")
-        self.stored: dict[str, Any] = stored or wanted or {}
+        wanted = None if settings is None else as_settings(settings, cells)
+        stored = read_json(path) if path.exists() else None
+        if stored is None and (wanted is None or (folder.path / EPISODES).exists()):
+            raise ValueError(f"{folder.path} must contain {SETTINGS} of a benchmark; choose another folder")
+        self.stored: Any = wanted if stored is None else stored
         self._rows: dict[_Key, dict[str, Any]] = {}
         if stored is None:
             self._write(folder)  # before the episodes, which are useless without it
@@ -100,16 +104,17 @@ class Results:
         mended.
         """
         begun = {policy for _, policy, _ in self._rows}
-        both = wanted["played"].keys() & stored["played"].keys()
-        code = {name for name in both if name in begun or name.startswith((_ROBOTS, _ROGUES))}
+        scenarios = [name for name in stored["scenarios"] if name in wanted["scenarios"]]
+        code = [name for name in stored["played"] if name in begun or name.startswith((_ROBOTS, _ROGUES))]
+        code = [name for name in code if name in wanted["played"]]
         before, now = (
-            {name: one[name] for name in _FIXED}
-            | {"scenarios": {name: fields for name, fields in one["scenarios"].items() if name in other["scenarios"]}}
-            | {"played": {name: one["played"][name] for name in code}}
-            for one, other in ((stored, wanted), (wanted, stored))
+            {name: settings[name] for name in _FIXED}
+            | {"scenarios": {name: settings["scenarios"][name] | {"description": ""} for name in scenarios}}
+            | {"played": {name: settings["played"][name] for name in code}}
+            for settings in (stored, wanted)
         )
-        if differing := _differences(before, now):
-            raise ValueError(_refusal(folder, differing))
+        if before != now:
+            raise ValueError(_refusal(folder, dict(_entries(before)), dict(_entries(now))))
         return {
             "policies": {
                 name: list(dict.fromkeys([*stored["policies"].get(name, []), *wanted["policies"].get(name, [])]))
@@ -180,15 +185,10 @@ def refusal_of(row: Mapping[str, Any], added: Sequence[str] = ()) -> str | None:
     """
     if tuple(row) != (*NAMES, *added):
         return "must have the columns of a score row"
-    for name in ("scenario", "policy"):
-        if not isinstance(row[name], str):
-            return f"{name} must be a text, got {row[name]!r}"
-    for name in ("episode", "seed"):
-        if not WHOLE.accepts(row[name]):
-            return f"{name} must be {WHOLE.words}, got {shown(row[name])}"
-    for name in (*COLUMNS, *added):
-        if wrong := column_of(name).refusal(row[name]):
-            return f"{name} {wrong}, got {shown(row[name])}"
+    for name, value in row.items():
+        column = Column(name, "", rule=_IDENTITY[name]) if name in _IDENTITY else column_of(name)
+        if wrong := column.refusal(value):
+            return f"{name} {wrong}, got {shown(value)}"
     return None
 
 
@@ -196,23 +196,20 @@ def _key(row: Mapping[str, Any]) -> _Key:
     return row["scenario"], row["policy"], row["episode"]
 
 
-def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]:
-    """Return the entries that differ, as (dotted name, stored, now); a scenario's description does not count."""
-    if isinstance(there, list) and isinstance(now, list) and len(there) == len(now):
-        there, now = dict(enumerate(there)), dict(enumerate(now))
-    if isinstance(there, dict) and isinstance(now, dict):
-        names = {**there, **now}
-        return [
-            entry
-            for key in names
-            for entry in _differences(there.get(key, "-"), now.get(key, "-"), f"{name}.{key}".lstrip("."))
-        ]
-    return [] if there == now or name.endswith(".description") else [(name, there, now)]
+def _entries(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Return the entries of nested settings by dotted name."""
+    if isinstance(value, dict) and value:
+        for key, entry in value.items():
+            yield from _entries(entry, f"{name}.{key}".lstrip("."))
+    else:
+        yield name, value
 
 
-def _refusal(folder: Path, differing: list[tuple[str, Any, Any]]) -> str:
-    lines = "\n".join(f"  {name}: {shown(there)} there, {shown(now)} now" for name, there, now in differing)
-    of_code = all(name.startswith("played.") or ".parts." in name for name, *_ in differing)
+def _refusal(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> str:
+    """Return the words on a folder whose settings differ from those of a call, both by dotted name."""
+    names = [name for name in {**before, **now} if before.get(name, "-") != now.get(name, "-")]
+    lines = [f"  {name}: {shown(before.get(name, '-'))} there, {shown(now.get(name, '-'))} now" for name in names]
+    of_code = all(name.startswith("played.") or ".parts." in name for name in names)
     what = "of the same name with other code" if of_code else "of other settings"
     advice = "undo the change" if of_code else "the same settings"
-    return f"{folder} contains results {what}; choose another --out or {advice}\n{lines}"
+    return "\n".join([f"{folder} contains results {what}; choose another --out or {advice}", *lines])

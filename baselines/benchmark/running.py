@@ -63,10 +63,10 @@ def measure(
     console = console or make_console()
     progress = progress or make_console(stderr=True, quiet=console.quiet)
     started = time.monotonic()
-    with Folder(settings.out, (*results_folder.FILES, *written.FILES)) as folder:
+    with Folder(settings.out, results_folder.FILES) as folder:
         results = Results(folder, settings, cells)
         resumed = len(results.of(cells, settings.episodes))
-        raised = _play_all(settings, cells, results, progress)
+        raised = _play_missing(settings, cells, results, progress)
         rows, stored_rows = results.of(cells, settings.episodes), results.rows()
         table = Table.of(stored_rows, results.scenarios, settings.against)
         elapsed = time.monotonic() - started
@@ -81,7 +81,7 @@ def measure(
     return outcome
 
 
-def _play_all(settings: Benchmark, cells: list[Cell], results: Results, console: Console) -> list[Failure]:
+def _play_missing(settings: Benchmark, cells: list[Cell], results: Results, console: Console) -> list[Failure]:
     """Play the episodes that are missing, store each batch, and return the policies that failed."""
     work = [(cell, numbers) for cell in cells if (numbers := results.missing(cell, settings.episodes))]
     failures: dict[int, Failure] = {}

@@ -1,13 +1,14 @@
 """The results table in words, and in the terminal."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark.bounds import BEST_KNOWN, Bounds
+from baselines.benchmark.results_folder import CSV, MARKDOWN, REPORT, SUMMARY
 from baselines.benchmark.statistics import (
     OVER_LOWER_BOUND,
     OVERALL,
@@ -15,8 +16,8 @@ from baselines.benchmark.statistics import (
     SHARE_OF_SEEDS,
     WORST_CASE_OVER_BEST,
     Estimate,
+    columns_of,
     score_names,
-    shown_columns,
     with_numbers,
 )
 from baselines.benchmark.table import Table
@@ -50,14 +51,12 @@ class Line(NamedTuple):
     name: str
     entries: list[Entry]
     is_reference: bool = False
-    has_failed: bool = False
 
 
 def lines_of(
     policies: Mapping[str, Mapping[str, Estimate]],
     columns: Sequence[Column],
     best_known: float = math.nan,
-    failed: Iterable[str] = (),
 ) -> list[Line]:
     """Return the lines of a table: the policies, then the best known worst-case time [s].
 
@@ -65,17 +64,12 @@ def lines_of(
         policies: Estimates by policy and column.
         columns: Columns of the table.
         best_known: `Bounds.best_known`.
-        failed: Policies that raised.
     """
-    best = [best_number([*policies.values()], column) for column in columns]
-    lines = []
-    for name in dict.fromkeys((*policies, *failed)):
-        estimates = policies.get(name)
-        entries = [
-            Entry() if estimates is None else _entry(estimates.get(column.name), mark)
-            for column, mark in zip(columns, best, strict=True)
-        ]
-        lines.append(Line(name, entries, has_failed=name in failed))
+    best = {column: best_value([*policies.values()], column) for column in columns}
+    lines = [
+        Line(name, [_entry(estimates.get(column.name), best[column]) for column in columns])
+        for name, estimates in policies.items()
+    ]
     if math.isfinite(best_known) and WORST_CASE in columns:
         known = [Entry(number(best_known)) if column is WORST_CASE else Entry() for column in columns]
         lines.append(Line(BEST_KNOWN, known, True))
@@ -86,12 +80,12 @@ def _entry(estimate: Estimate | None, best: str) -> Entry:
     if estimate is None:
         return Entry(DASH)
     value, beside = in_words(estimate)
-    counted = f"{estimate.known}/{estimate.n}" if 0 < estimate.known < estimate.n else ""
-    return Entry(value, ", ".join(filter(None, (beside, counted))), value == best)
+    count = f"{estimate.known}/{estimate.n}" if 0 < estimate.known < estimate.n else ""
+    return Entry(value, ", ".join(filter(None, (beside, count))), value == best)
 
 
-def best_number(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
-    """Return the best number of a column as a table shows it; "" if all policies have the same.
+def best_value(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
+    """Return the best `Entry.value` of a column; "" if all policies have the same.
 
     Only policies compete of which most episodes have a number, and whose estimate is not a lower bound; by the share of
     seeds on which they are better than the reference, only those that are better than it on more than half of them.
@@ -127,7 +121,7 @@ def in_words(estimate: Estimate) -> tuple[str, str]:
     if not estimate.known:
         return DASH, ""
     if estimate.summary == SHARE_OF_SEEDS:
-        return f"{100 * estimate.value:.0f} %", between(estimate.low, estimate.high, 100)
+        return f"{100 * estimate.value:.0f} %", between(estimate.low, estimate.high, lambda share: f"{100 * share:.0f}")
     value = number(estimate.value)
     if estimate.summary != LARGEST:
         return value, between(estimate.low, estimate.high)
@@ -138,21 +132,16 @@ def in_words(estimate: Estimate) -> tuple[str, str]:
     return value, ", ".join(filter(None, (median, f"{estimate.open} of {estimate.known} open")))
 
 
-def between(low: float, high: float, times: float = 1.0) -> str:
+def between(low: float, high: float, form: Callable[[float], str] = number) -> str:
     """Return both ends of an interval as tables show them; "" for NaN, or if both read the same.
 
     Without an upper end it is `at least` the lower one; without either it is "".
-
-    Args:
-        low: lower end.
-        high: upper end.
-        times: factor by which both ends are shown, as 100 for a percentage.
     """
     if low != low or low == math.inf:
         return ""
     if high == math.inf:
-        return f"at least {number(low)}"
-    ends = (f"{times * low:.0f}", f"{times * high:.0f}") if times != 1 else (number(low), number(high))
+        return f"at least {form(low)}"
+    ends = form(low), form(high)
     return "" if ends[0] == ends[1] else (" to " if low < 0 else _TO).join(ends)
 
 
@@ -162,30 +151,25 @@ def bounds_in_words(bounds: Bounds) -> str:
     words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
     if math.isfinite(bounds.best_known):
         words += f", best known {number(bounds.best_known)} s (second halves {number(bounds.best_known_settled)} s)"
-    if math.isnan(bounds.in_formation):
-        return words
-    return f"{words}, in formation " + (
-        f"{number(bounds.in_formation)} s" if bounds.in_formation < math.inf else "never"
-    )
+    if bounds.in_formation == math.inf:
+        words += ", in formation never"
+    return words + (f", in formation {number(bounds.in_formation)} s" if math.isfinite(bounds.in_formation) else "")
 
 
 def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -> None:
     """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
     out, table = outcome.settings.out, outcome.table
-    where = f"They are in {out}/summary.json"
-    for name, scenario in table.scenarios.items():
-        policies, bounds = table.estimates.get(name, {}), table.bounds[name]
-        shown = shown_columns(scenario, policies)
-        failed = [failure.policy for failure in outcome.failures if failure.scenario == name]
+    where = f"They are in {out}/{SUMMARY}"
+    for name, policies in table.estimates.items():
+        scenario, bounds = table.scenarios[name], table.bounds[name]
+        columns = columns_of(scenario, policies)
         words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
         title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
-        print_lines(console, title, shown, lines_of(policies, shown, bounds.best_known, failed), where)
+        print_lines(console, title, columns, lines_of(policies, columns, bounds.best_known), where)
     for overall in table.overall:
-        count, shown = len(overall.scenarios), with_numbers(overall.policies, OVERALL)
-        title = Text(
-            f"over {', '.join(overall.scenarios) if count <= _MOST_NAMED else f'all {count} scenarios'}", "bold"
-        )
-        print_lines(console, title, shown, lines_of(overall.policies, shown), where)
+        count, columns = len(overall.scenarios), with_numbers(overall.policies, OVERALL)
+        names = ", ".join(overall.scenarios) if count <= _MOST_NAMED else f"all {count} scenarios"
+        print_lines(console, Text(f"over {names}", "bold"), columns, lines_of(overall.policies, columns), where)
     for words in legend(table, outcome.stored["episodes"]):
         print_line(console, words, "dim")
     print_theorem(console, outcome.theorem)
@@ -194,14 +178,14 @@ def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -
     for failure in outcome.failures:
         print_line(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
     if outcome.failures:
-        print_line(console, "Tracebacks are in summary.json.", "red")
+        print_line(console, f"Tracebacks are in {SUMMARY}.", "red")
     if outcome.resumed:
         words = (
             f"{outcome.resumed} of {len(outcome.rows)} episodes were already in {out} and were not played again; "
             "to replay them all, delete that folder or choose another --out."
         )
         print_line(console, words, "yellow")
-    files = "report.html, table.md, episodes.csv, summary.json"
+    files = ", ".join((REPORT, MARKDOWN, CSV, SUMMARY))
     print_line(console, f"{counted(len(table.rows), 'episode')} in {out} ({files}), {outcome.elapsed:.1f} s")
     if note:
         print_line(console, note)
@@ -214,7 +198,6 @@ def print_lines(
     rows = []
     for line in lines:
         label = Text(line.name, "italic" if line.is_reference else "")
-        label = Text.assemble(label, ("\nfailed", "red")) if line.has_failed else label
         rows.append([label, *(_in_two_lines(entry) for entry in line.entries)])
     head = [terminal.Column("policy", left=True, style="cyan")]
     head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]
@@ -240,14 +223,14 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
         estimate = columns[name]
         if not estimate.known or name in alone:
             continue
-        counted = str(estimate.n) if estimate.known == estimate.n else f"{estimate.known}/{estimate.n}"
-        counted += f", {estimate.open} open" if estimate.open else ""
+        count = str(estimate.n) if estimate.known == estimate.n else f"{estimate.known}/{estimate.n}"
+        count += f", {estimate.open} open" if estimate.open else ""
         is_equal = estimate.n > 1 and estimate.min == estimate.max
         worst = DASH if estimate.worst is None or is_equal else str(estimate.worst)
         infinite = "no bound" if estimate.summary == LARGEST else "infinite"
         order = estimate.median, estimate.min, estimate.max
         spread = [number(value).replace("infinite", infinite) for value in order]
-        others = (between(estimate.low, estimate.high) or DASH, counted, worst, *spread)
+        others = (between(estimate.low, estimate.high) or DASH, count, worst, *spread)
         rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])
     print_table(console, [terminal.Column("score", left=True, style="cyan"), *names], rows)
     console.print()

@@ -6,7 +6,7 @@ wastes half of the runs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -47,7 +47,7 @@ class Estimate:
     n: int
     """Size of the sample."""
     known: int
-    """Episodes or scenarios of the sample that have a number; the others count in `n` alone."""
+    """Number of episodes or scenarios of the sample that have a number; the others count in `n` alone."""
     value: float = np.nan
     """Number that stands for the sample; it may be infinite."""
     low: float = np.nan
@@ -59,7 +59,7 @@ class Estimate:
     """Median; of largest values it counts open ones as infinite."""
     max: float = np.nan
     open: int = 0
-    """Episodes or scenarios of the sample that show no bound."""
+    """Number of those that show no bound."""
     at_least: bool = False
     """True if `value` is a lower bound of the largest value."""
     worst: int | None = None
@@ -123,35 +123,22 @@ def summarize_largest(
     known = ~np.isnan(worst)
     is_open, last = (np.broadcast_to(flags, worst.shape)[known] for flags in (without_bound, growing))
     worst = worst[known]
-    is_open = is_open | np.isinf(worst)
-    estimate = Estimate(LARGEST, len(known), len(worst))
     if not len(worst):
-        return estimate
+        return Estimate(LARGEST, len(known), 0)
+    is_open = is_open | np.isinf(worst)
     finite = worst[np.isfinite(worst)]
     largest = float(finite.max()) if len(finite) else np.inf
-    return replace(
-        estimate,
-        value=largest,
+    return Estimate(
+        LARGEST,
+        len(known),
+        len(worst),
+        largest,
         min=float(worst.min()),
         median=float(np.median(np.where(is_open, np.inf, worst))),
         max=largest,
         open=int(is_open.sum()),
         at_least=bool(is_open.any() or last[worst == largest].all()),
     )
-
-
-def wins(own: Values, other: Values) -> np.ndarray:
-    """Return for each seed 1 if a policy has a smaller number than another, 0 if it has not, 1/2 in a tie.
-
-    Both play the same seeds, so the difficulty of a seed cancels. The result is NaN where one of the two has no number.
-
-    Args:
-        own: Numbers of the policy, by seed.
-        other: Numbers of the other policy, in the same order of seeds.
-    """
-    own, other = np.asarray(own, dtype=float), np.asarray(other, dtype=float)
-    won = (own < other) + (own == other) / 2
-    return np.where(np.isnan(own) | np.isnan(other), np.nan, won)
 
 
 @lru_cache(maxsize=16)
@@ -229,19 +216,16 @@ def added_columns(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
     return [column_of(name) for name in known if name not in (*NAMES, *DERIVED)]
 
 
-def main_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
-    """Return the columns with numbers that every table of a scenario shows: its score, the main ones, those it adds.
+def columns_of(
+    scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]], only_main: bool = False
+) -> list[Column]:
+    """Return the columns with numbers of a scenario's table: its score, the main ones, those it adds, all others.
 
-    `policies` has estimates by policy and column.
+    The recovery time is left out without a fault. `policies` has estimates by policy and column.
     """
-    columns = dict.fromkeys((task_score(scenario), *MAIN, *added_columns(policies.values())))
-    return with_numbers(policies, columns)
-
-
-def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Estimate]]) -> list[Column]:
-    """Return the main columns and all others with numbers; the recovery time is left out without a fault."""
-    others = [column for column in SHOWN if column is not RECOVERY or scenario.faults != Faults()]
-    return list(dict.fromkeys([*main_columns(scenario, policies), *with_numbers(policies, others)]))
+    first = task_score(scenario), *MAIN, *added_columns(policies.values())
+    others = () if only_main else (c for c in SHOWN if c is not RECOVERY or scenario.faults != Faults())
+    return with_numbers(policies, dict.fromkeys((*first, *others)))
 
 
 def with_numbers(policies: Mapping[Any, Mapping[str, Estimate]], columns: Iterable[Column]) -> list[Column]:

@@ -6,11 +6,12 @@ Ratios and comparisons with the reference are columns of the score rows, too, so
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.bounds import Bounds, bounds_of
+from baselines.benchmark.bounds import Bounds, bounds_of, least_mean_time
 from baselines.benchmark.statistics import (
     IMPROVEMENT,
     OVER_LOWER_BOUND,
@@ -22,7 +23,6 @@ from baselines.benchmark.statistics import (
     score_names,
     summarize,
     summarize_largest,
-    wins,
     with_numbers,
 )
 from lissajous_env.parameters.scenario import Scenario
@@ -35,7 +35,7 @@ actions are velocities."""
 Row = Mapping[str, Any]
 Rows = list[dict[str, Any]]
 """Score rows of episodes."""
-Policies = dict[str, dict[str, Estimate]]
+Estimates = dict[str, dict[str, Estimate]]
 """Estimates by policy and column."""
 
 
@@ -45,7 +45,7 @@ class Overall:
 
     kind: str
     scenarios: tuple[str, ...]
-    policies: Policies
+    policies: Estimates
 
 
 @dataclass(frozen=True)
@@ -55,22 +55,16 @@ class Table:
     rows: Rows
     """Score rows with their derived columns."""
     scenarios: dict[str, Scenario]
-    bounds: dict[str, Bounds]
-    """Bounds of each scenario."""
     references: dict[str, str]
     """Policy of each scenario with which the others are compared; no entry where there are no others."""
-    estimates: dict[str, Policies]
+    estimates: dict[str, Estimates]
     """Estimates by scenario, the policy with the best score of the task first."""
     overall: list[Overall]
     """Estimates over several scenarios, by kind of robots, the best policy first."""
 
     @classmethod
     def of(
-        cls,
-        rows: Iterable[dict[str, Any]],
-        scenarios: Mapping[str, Scenario],
-        against: str | None = None,
-        simulates: bool = True,
+        cls, rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario], against: str | None = None
     ) -> "Table":
         """Make the table of some score rows.
 
@@ -78,26 +72,23 @@ class Table:
             rows: Score rows.
             scenarios: Their scenarios by name.
             against: Reference policy, where it was played; otherwise the first of `_REFERENCES` or of the policies.
-            simulates: False to leave out bounds that a simulation computes.
         """
-        bounds = {name: bounds_of(scenario, simulates) for name, scenario in scenarios.items()}
-        played = grouped(rows)
-        references = {
-            name: next(policy for policy in (against, *_REFERENCES, *policies) if policy in policies)
-            for name, policies in played.items()
-            if len(policies) > 1
-        }
-        scores = {name: task_score(scenario) for name, scenario in scenarios.items()}
-        played = {
-            name: with_derived(policies, bounds[name], scores[name], references.get(name))
-            for name, policies in played.items()
-        }
-        estimates = {
-            name: ranked({policy: estimates_of(of_policy) for policy, of_policy in policies.items()}, scores[name])
-            for name, policies in played.items()
-        }
-        derived = [row for policies in played.values() for of_policy in policies.values() for row in of_policy]
-        return cls(derived, dict(scenarios), bounds, references, estimates, over_scenarios(played, scenarios))
+        references: dict[str, str] = {}
+        derived: dict[str, dict[str, Rows]] = {}
+        estimates: dict[str, Estimates] = {}
+        for name, policies in grouped(rows).items():
+            if len(policies) > 1:
+                references[name] = next(policy for policy in (against, *_REFERENCES, *policies) if policy in policies)
+            score, bound = task_score(scenarios[name]), least_mean_time(scenarios[name])
+            derived[name] = with_derived(policies, bound, score, references.get(name))
+            estimates[name] = ranked({policy: estimates_of(own) for policy, own in derived[name].items()}, score)
+        every = [row for policies in derived.values() for own in policies.values() for row in own]
+        return cls(every, dict(scenarios), references, estimates, over_scenarios(derived, scenarios))
+
+    @cached_property
+    def bounds(self) -> dict[str, Bounds]:
+        """Return the bounds of each scenario, for which its formation is simulated."""
+        return {name: bounds_of(scenario) for name, scenario in self.scenarios.items()}
 
 
 def numbers(rows: Iterable[Row], column: Column) -> np.ndarray:
@@ -113,7 +104,7 @@ def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, Rows]]:
     return by_scenario
 
 
-def ranked(policies: Policies, column: Column) -> Policies:
+def ranked(policies: Estimates, column: Column) -> Estimates:
     """Return estimates with the best policy by a column first; those without a number come last."""
 
     def place(policy: str) -> float:
@@ -124,7 +115,7 @@ def ranked(policies: Policies, column: Column) -> Policies:
 
 
 def with_derived(
-    policies: Mapping[str, Rows], bounds: Bounds, score: Column, reference: str | None = None
+    policies: Mapping[str, Rows], least_time: float, score: Column, reference: str | None = None
 ) -> dict[str, Rows]:
     """Return the rows of a scenario, by policy, with the derived columns.
 
@@ -133,7 +124,7 @@ def with_derived(
 
     Args:
         policies: Rows of the scenario by policy.
-        bounds: Bounds of the scenario.
+        least_time: Lower bound of the mean detection time [s].
         score: Score of its task.
         reference: Policy with which the others are compared.
     """
@@ -145,17 +136,17 @@ def with_derived(
     others = {row["seed"]: row for row in policies[reference]} if reference is not None else {}
     derived: dict[str, Rows] = {}
     for policy, rows in policies.items():
-        compared = [{} if policy == reference else others.get(row["seed"], {}) for row in rows]
-        won = wins(-score.better * numbers(rows, score), -score.better * numbers(compared, score))
         derived[policy] = []
-        for row, is_better in zip(rows, won, strict=True):
+        for row in rows:
+            other = others.get(row["seed"], {}) if policy != reference else {}
+            ahead = score.better * (row[score.name] - other.get(score.name, math.nan))
             best_value, best_worst_case = best[row["seed"]]
             over_best = _ratio(row[score.name], best_value)
             derived[policy].append(row | {
-                OVER_LOWER_BOUND.name: row[DETECTION_TIME.name] / bounds.mean_time,
+                OVER_LOWER_BOUND.name: row[DETECTION_TIME.name] / least_time,
                 SCORE_OVER_BEST.name: over_best if score.better < 0 else 1 / over_best if over_best else math.inf,
                 WORST_CASE_OVER_BEST.name: _ratio(_worst_case(row), best_worst_case),
-                IMPROVEMENT.name: float(is_better),
+                IMPROVEMENT.name: float(np.heaviside(ahead, 0.5)),
             })  # fmt: skip
     return derived
 
@@ -169,11 +160,6 @@ def _ratio(value: float, best: float) -> float:
     return float(value / best) if 0 < best < math.inf else math.nan
 
 
-def is_growing(row: Row) -> bool:
-    """Return whether the worst-case undetected time of an episode was still growing at its end."""
-    return row.get(OPEN.name) == 1 or 0 < row.get(WORST_CASE.name, math.nan) == row[AT_END.name]
-
-
 def estimates_of(rows: Rows) -> dict[str, Estimate]:
     """Return the estimate of each column from the episodes of a policy on a scenario."""
     return {name: _estimate(column_of(name), rows) for name in score_names(rows[0])}
@@ -182,7 +168,8 @@ def estimates_of(rows: Rows) -> dict[str, Estimate]:
 def _estimate(column: Column, rows: Rows) -> Estimate:
     values = numbers(rows, column)
     if column.summary == LARGEST:
-        is_open, growing = [row[OPEN.name] == 1 for row in rows], [is_growing(row) for row in rows]
+        worst, is_open = numbers(rows, WORST_CASE), numbers(rows, OPEN) == 1
+        growing = (worst > 0) & (worst == numbers(rows, AT_END))
         estimate, values = summarize_largest(values, is_open, growing), np.where(is_open, np.inf, values)
     else:
         estimate = summarize(values, column.summary)

@@ -1,6 +1,7 @@
 """The settings of a benchmark, its standard scenarios and policies, the cells that they name, and its outcome."""
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -170,38 +171,31 @@ def cells_of(
     policies: Mapping[str, Factory | ActingPolicy] | None = None,
     scenarios: Iterable[Scenario] | None = None,
 ) -> list[Cell]:
-    """Return the policies on scenarios that some settings name.
+    """Return the policies on scenarios that some settings name; of the standard scenarios, those that a policy drives.
 
     Raises:
-        ValueError: an unknown name or device, a policy that drives no scenario, or a scenario without a policy.
+        ValueError: an unknown name or device, a policy that drives no scenario, or another scenario without a policy.
     """
-    unregistered = [name for name in settings.policies if registry.is_folder(name) or factories.is_imported(name)]
-    own = {name: factories.as_factory(name) for name in unregistered}
-    own |= {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
-    kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
-    registered = [name for name in settings.policies if name not in own and settings.policies != (ALL,)]
-    given = settings.scenarios if scenarios is None else scenarios
-    played = [named.build(scenario, **settings.overrides) for scenario in given]
+    given = {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
+    plays_all = settings.policies == (ALL,)
+    wanted = ({} if plays_all else {name: factories.as_factory(name) for name in settings.policies}) | given
+    chosen = settings.scenarios if scenarios is None else scenarios
+    played = [named.build(scenario, **settings.overrides) for scenario in chosen]
     if not played:
         raise ValueError("scenarios must contain at least one scenario, got none")
-    for name in registered:
-        if not any(name in registry.names(scenario) for scenario in played):
+    for name in wanted:
+        if name not in given and not any(_drives(name, scenario) for scenario in played):
             registry.make(name, played[0])  # raises the reason
-    cells = []
+    cells: list[Cell] = []
     for scenario in played:
-        chosen = [name for name in registered if name in registry.names(scenario)]
-        if not own and not registered:
-            chosen = _default(scenario, settings.policies == (ALL,))
-        before = len(cells)
-        cells += [Cell(scenario, name, factories.as_factory(name)) for name in chosen]
-        cells += [
-            Cell(scenario, name, make) for name, make in own.items() if kinds.get(name) in (None, scenario.actuation)
-        ]
-        if len(cells) == before and not (own and len(played) > 1):
-            kind, got = f"robots of kind {scenario.actuation}", few_of((*registered, *own))
-            raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
-    if not cells:
-        raise ValueError(f"policies must contain one for the scenarios, got {few_of(own)}")
+        names = [name for name in wanted if name in given or _drives(name, scenario)]
+        if plays_all or not wanted:
+            names = [*_default(scenario, plays_all), *given]
+        cells += [Cell(scenario, name, wanted.get(name) or factories.as_factory(name)) for name in names]
+    idle = [scenario for scenario in played if all(cell.scenario is not scenario for cell in cells)]
+    if idle and (settings.scenarios != SCENARIOS or not cells):
+        kind, got = f"robots of kind {idle[0].actuation}", few_of(wanted) or "none"
+        raise ValueError(f"policies must contain one for {idle[0].name}, which has {kind}; got {got}")
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
         names = few_of((cell.policy for cell in cells), settings.against)
         raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
@@ -213,12 +207,13 @@ def cells_of(
     return cells
 
 
-def _kind_of(folder: str) -> str | None:
-    """Return the kind of robot of a folder's policy; None if the folder has no valid scenario."""
-    try:
-        return registry.own_scenario(folder).actuation
-    except ValueError:
-        return None
+def _drives(name: str, scenario: Scenario) -> bool:
+    """Return whether a policy drives the robots of a scenario, as far as this is known before it is made."""
+    if registry.is_folder(name):
+        with suppress(ValueError):  # the folder has no valid scenario
+            return registry.own_scenario(name).actuation == scenario.actuation
+    entry = registry.entry_of(name)
+    return entry is None or entry.drives(scenario.actuation)
 
 
 def _default(scenario: Scenario, everything: bool) -> list[str]:

@@ -8,8 +8,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from baselines.benchmark.results_folder import CSV, MARKDOWN, SUMMARY
 from baselines.benchmark.shown import Entry, bounds_in_words, lines_of
-from baselines.benchmark.statistics import MAIN, added_columns, main_columns, with_numbers
+from baselines.benchmark.statistics import MAIN, added_columns, columns_of, with_numbers
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import BenchmarkOutcome
 from lissajous_env.console.terminal import plain
@@ -17,9 +18,6 @@ from lissajous_env.identity import command, machine, versions
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import NAMES, task_score
 
-CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
-FILES = (CSV, SUMMARY, MARKDOWN, REPORT)
-"""Files that are derived from the episodes."""
 _SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$", "\N{EN DASH}": "--",
@@ -106,7 +104,7 @@ def latex(table: Table) -> str:
 
 def _paper_table(table: Table, scenario: str) -> str:
     policies, bounds = table.estimates[scenario], table.bounds[scenario]
-    columns = main_columns(table.scenarios[scenario], policies)
+    columns = columns_of(table.scenarios[scenario], policies, only_main=True)
     lines = [
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",

@@ -4,9 +4,10 @@ import dataclasses
 
 import tyro
 
-from baselines.benchmark import written
+from baselines.benchmark.results_folder import SUMMARY
 from baselines.benchmark.running import measure
 from baselines.benchmark.types import Benchmark
+from baselines.benchmark.written import summarized
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     CommandError,
@@ -40,8 +41,8 @@ def benchmark(
         words = f"finished episodes are stored in {settings.out}; run the same command again to resume"
         raise KeyboardInterrupt(words) from None
     if output.json:
-        output.print_json({**written.summarized(outcome), "episodes": outcome.rows})
+        output.print_json({**summarized(outcome), "episodes": outcome.rows})
     if outcome.failures:
         names = dict.fromkeys(f"{failure.policy} on {failure.scenario}" for failure in outcome.failures)
-        raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")
+        raise CommandError(f"{', '.join(names)} failed; {settings.out / SUMMARY} has the tracebacks")
     return 0

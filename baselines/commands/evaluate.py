@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import tyro
 
 from baselines.benchmark import shown
-from baselines.benchmark.local import play
+from baselines.benchmark.local import batches
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.table import Table
 from baselines.benchmark.theorem import about_theorem
@@ -51,10 +51,10 @@ def evaluate(
             progress.begin(cell)
             cells[k] = with_policy(cell, settings)
             with naming(cell):
-                for finished in play(cells[k], settings, numbers):
+                for finished in batches(cells[k], settings, numbers):
                     rows += finished
                     progress.finished(cell, len(finished))
-    table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells}, simulates=False)
+    table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells})
     console = common.console()
     (policy,) = settings.policies
     of = {name: policies[policy] for name, policies in table.estimates.items()}

@@ -73,7 +73,7 @@ def score(
     if episodes == 1:
         shown.print_row(console, scored.rows[0], played)
     else:
-        table = Table.of(scored.rows, {played.name: played}, simulates=False)
+        table = Table.of(scored.rows, {played.name: played})
         for policies in table.estimates.values():
             shown.print_scores(console, name, played, policies[name])
     for note in scored.notes:

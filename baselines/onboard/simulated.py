@@ -90,15 +90,16 @@ class Vehicle:
     """
 
     def __init__(self, scenario: Scenario, watchdog: float):
-        self._robot, self._size, self._watchdog = scenario.resolve().robot, scenario.action_size, watchdog
-        self._taken_at, self._command = -math.inf, Command(0.0, 0.0)
-        self._steering = 0.0
-        actions_of_commands(self._robot, np.zeros(2, dtype=np.float32))  # compiles and loads the kernel
+        self._robot, self._watchdog, self._taken_at, self._steering = scenario.resolve().robot, watchdog, -math.inf, 0.0
+        self._rest = np.zeros(scenario.action_size, dtype=np.float32)
+        self._rest[:2] = model_of(self._robot.kind).rest_action(self._robot)
+        self.take(-math.inf, Command(0.0, 0.0))  # compiles and loads the kernel
 
     def take(self, now: float, command: Command | Twist) -> None:
         """Store a command that arrived now; one that is not finite is ignored."""
         if all(map(math.isfinite, command)):
-            self._taken_at, self._command = now, command
+            self._taken_at, self._action = now, self._rest.copy()
+            self._action[:2] = actions_of_commands(self._robot, np.array(command, dtype=np.float32))
 
     def receive(self, now: float, topic: str, message: Any) -> None:
         """Store the command in a message that arrived now; of two topics, when that of the throttle arrives."""
@@ -116,8 +117,4 @@ class Vehicle:
 
     def action(self, now: float) -> np.ndarray:
         """Return the action (A,) in force now; without a valid command that of rest."""
-        action = np.zeros(self._size, dtype=np.float32)
-        is_valid, command = now - self._taken_at <= self._watchdog, np.array(self._command, dtype=np.float32)
-        rest = model_of(self._robot.kind).rest_action(self._robot)
-        action[:2] = actions_of_commands(self._robot, command) if is_valid else rest
-        return action
+        return self._action if now - self._taken_at <= self._watchdog else self._rest

@@ -12,10 +12,8 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
-import numpy as np
-
 from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
-from baselines.planning.plans import Choices, Family, Plan, Settings, absolute, robots_top_speed
+from baselines.planning.plans import Choices, Family, Plan, Variables, absolute, robots_top_speed
 from baselines.planning.request import paper_design
 from baselines.policies import registry
 from baselines.policies.as_cars import like_cars
@@ -25,7 +23,7 @@ from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.design import HEADROOM, best_formation, largest_phase_rate
+from lissajous_env.theory.design import HEADROOM, best_formation, formation_fields, largest_phase_rate
 
 DEFAULTS, FORMATIONS = "defaults", "Lissajous"
 """Names of the families of the included policies and of formations."""
@@ -37,25 +35,26 @@ _FILTERS = "", "-safe"
 """Suffixes of a policy of cars: without and with the collision filter."""
 _STARTS = [0.0, 0.5, 0.7, 0.9]
 """Speeds of a start on an ellipse where it is fastest, over the top speed; 0 for the start of the scenario."""
-_LATE = 1.2
+_CLEARANCE_MARGIN = 1.2
 """Clearance for which a partition is planned, over the requested one: cars are not exactly on their loops."""
 _STABLE = "kuramoto", "arc"
 """Coordinators that require a stable equilibrium (2) with a place for each robot, which 4 and 6 robots do not have."""
 _COORDINATORS = *_STABLE, "consensus", "open-loop", "tracked-reference"
 _MOST_CURVES = 12
 """Curves that are tried."""
-_MORE = 6
+_MORE_OSCILLATIONS = 6
 """Largest a + b that is tried, less the number of robots."""
 _TIGHT = 0.35
 """Largest share of the arc of a curve that may turn tighter than the cars can."""
-_ROOM = 1.05
+_MARGIN = 1.05
 """Least distance of robots in formation, over the sum of their radii; least sensing radius, over the gap of a lap."""
 
 
 def families_of(scenario: Scenario, clearance: float = 0.0) -> list[Family]:
     """Return the families of plans for a scenario, with partitions whose bodies are a clearance apart [m]."""
-    families = defaults(scenario), as_family(scenario, known_plans(scenario)), partitions(scenario, clearance)
-    return [*families, lines(scenario), formations(scenario), patrols(scenario)]
+    known = as_family(scenario, known_plans(scenario))
+    others = partitions(scenario, clearance), lines(scenario), formations(scenario), patrols(scenario)
+    return [defaults(scenario), known, *others]
 
 
 def defaults(scenario: Scenario) -> Family:
@@ -91,18 +90,19 @@ def partitions(scenario: Scenario, clearance: float = 0.0) -> Family:
         scenario: The scenario.
         clearance: Least distance of two bodies [m]; partitions have a body's radius between them in any case.
     """
-    apart = {"clearance": float(f"{_LATE * clearance:.4g}")} if _LATE * clearance > scenario.robot.radius else {}
+    wider = _CLEARANCE_MARGIN * clearance
+    apart = {"clearance": float(f"{wider:.4g}")} if wider > scenario.robot.radius else {}
     speeds = {"speed": 0.9}, {"speed": 0.9, "start": 0.7}, {"speed": 0.6}, {"speed": 0.97}, {"speed": 0.8}
     first = [apart | settings for settings in speeds]
     extents: list[Any] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9]
-    wider: dict[str, Choices] = {"turning": (1.0, 8.0)} if scenario.robot.kind == "differential" else {}
+    turns: dict[str, Choices] = {"turning": (1.0, 8.0)} if scenario.robot.kind == "differential" else {}
     return with_parameters(scenario, "partition", ("partition", "partition-repair"), first, {
         "speed": (0.3, 1.0),
         "rows": list(range(1, scenario.num_robots + 1)),
         "extent_x": extents,
         "extent_y": extents,
         "lanes": [2, 4, 6],
-    } | wider)  # fmt: skip
+    } | turns)  # fmt: skip
 
 
 def lines(scenario: Scenario) -> Family:
@@ -132,7 +132,7 @@ def with_parameters(
     scenario: Scenario,
     name: str,
     policies: Sequence[str],
-    first: Sequence[Settings],
+    first: Sequence[Variables],
     parameters: Mapping[str, Choices],
 ) -> Family:
     """Return a family of policies by their parameters, in the units of `baselines.planning.plans.UNITS`.
@@ -152,11 +152,11 @@ def with_parameters(
     return Family(name, partial(_plan_of, scenario, name), of_each, choices)
 
 
-def _plan_of(scenario: Scenario, name: str, settings: Settings) -> Plan:
-    """Return the plan of a policy with parameters, on the scenario or, if settings name a start, on one with that."""
-    shares = {key: value for key, value in settings.items() if key not in ("policy", "start")}
-    start = settings.get("start", 0.0) * robots_top_speed(scenario)
-    policy = absolute(PolicySettings(settings["policy"], shares), scenario, digits=4)
+def _plan_of(scenario: Scenario, name: str, given: Variables) -> Plan:
+    """Return the plan of a policy with parameters, on the scenario or, if `start` is given, on one with that start."""
+    shares = {key: value for key, value in given.items() if key not in ("policy", "start")}
+    start = given.get("start", 0.0) * robots_top_speed(scenario)
+    policy = absolute(PolicySettings(given["policy"], shares), scenario, digits=4)
     about = ", ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in policy.parameters.items())
     about += f", start on an ellipse at {start:.3g} m/s" if start else ""
     return Plan(name, on_ellipse(scenario, start) if start else scenario, policy, about)
@@ -194,16 +194,16 @@ def _violation(scenario: Scenario) -> str:
     return f"the paper's best curve is a = {best.curve.a}, b = {best.curve.b}: {'; '.join(violated)}"
 
 
-def _formation(scenario: Scenario, settings: Settings) -> Plan:
+def _formation(scenario: Scenario, given: Variables) -> Plan:
     """Return the formation at a share of the largest phase rate that its robots can drive, less the headroom."""
-    curve, policy = curves_of(scenario)[settings["curve"]], settings["policy"]
-    rate = float(f"{settings['rate'] * _largest_rate(scenario, curve):.6g}")
+    curve, policy = curves_of(scenario)[given["curve"]], given["policy"]
+    rate = float(f"{given['rate'] * _largest_rate(scenario, curve):.6g}")
     fields = formation_overrides(scenario, curve, rate)
-    if "coupling" in settings:
-        fields["formation.coupling"] = settings["coupling"] * rate / (0.3 * fields["formation.alpha"])
+    if "coupling" in given:
+        fields["formation.coupling"] = given["coupling"] * rate / (0.3 * fields["formation.alpha"])
     coordinator, pace = {}, f"omega = {rate:.3g} rad/s"
     if policy.startswith("arc"):
-        cruise = min(settings["rate"] * (1 - HEADROOM), 1.0) * robots_top_speed(scenario)
+        cruise = min(given["rate"] * (1 - HEADROOM), 1.0) * robots_top_speed(scenario)
         coordinator = {"speed": float(f"{cruise:.6g}")}
         pace = f"{coordinator['speed']:.3g} m/s"
     about = f"a:b = {curve.a}:{curve.b}, p = {fields['formation.p']}, {pace}"
@@ -225,7 +225,8 @@ def curves_of(scenario: Scenario) -> list[Curve]:
     """Return the driven curves on which the formation of a scenario may work, those with the shortest laps first."""
     n = scenario.num_robots
     half = scenario.driven.half_width, scenario.driven.half_height
-    ratios = ((a, b) for a in range(1, n + _MORE + 1, 2) for b in range(1, n + _MORE + 1 - a) if math.gcd(a, b) == 1)
+    most = n + _MORE_OSCILLATIONS
+    ratios = ((a, b) for a in range(1, most + 1, 2) for b in range(1, most + 1 - a) if math.gcd(a, b) == 1)
     lap = {curve: 1 / _largest_rate(scenario, curve) for curve in (Curve(*half, a, b) for a, b in ratios)}
     first = sorted(lap, key=lambda curve: (curve.a + curve.b != n, lap[curve]))
     usable = itertools.islice((curve for curve in first if _may_work(scenario, curve)), _MOST_CURVES)
@@ -235,16 +236,12 @@ def curves_of(scenario: Scenario) -> list[Curve]:
 def _may_work(scenario: Scenario, curve: Curve) -> bool:
     """Return whether the undisturbed formation neither collides nor leaves a gap, and cars can follow most of it."""
     n, robot = scenario.num_robots, (like_cars(scenario) or scenario).robot
-    apart, halves = 2 * robot.radius * _ROOM, np.pi * np.arange(1, n // 2 + 1) / n
-    # The distances at some phases refuse most curves, long before the smallest of all phases is known.
-    if geometry.chord_length(curve, geometry.lap_phases(curve, 1)[:, None], halves).min(initial=math.inf) < apart:
-        return False
-    if geometry.smallest_distance(curve, n) < apart:
+    if geometry.smallest_distance(curve, n) < 2 * robot.radius * _MARGIN:
         return False
     if geometry.tight_share(curve, tightest_radius(robot)) > _TIGHT:
         return False
     gap = geometry.measured_coverage_radius(curve, 1e-2) + math.sqrt(2) * scenario.inset
-    return gap * _ROOM < scenario.sensing_radius
+    return gap * _MARGIN < scenario.sensing_radius
 
 
 def _largest_rate(scenario: Scenario, curve: Curve) -> float:
@@ -256,20 +253,14 @@ def _largest_rate(scenario: Scenario, curve: Curve) -> float:
 
 def formation_overrides(scenario: Scenario, curve: Curve, rate: float) -> dict[str, Any]:
     """Return the fields that put robots in formation on a curve, as it is driven, at a phase rate omega [rad/s]."""
-    n = scenario.num_robots
-    p, alpha = best_formation(curve, n)
-    if closed_forms.cluster_size(n, p, alpha) > 1:
-        p, alpha = 1, 1  # equally spaced, though no stable equilibrium of (1)
+    p, alpha = best_formation(curve, scenario.num_robots)
     there = scenario.alpha * geometry.curve_length(scenario.driven)
     noise = scenario.formation.start_noise * there / (alpha * geometry.curve_length(curve))
-    point = {"robot.phase_rate_max": robots_top_speed(scenario) / (alpha * geometry.largest_speed(curve))}
-    return {
-        "curve.a": curve.a, "curve.b": curve.b, "curve.harmonics": (), "curve.half_depth": 0.0,
-        "formation.phase_rate": rate, "formation.coupling": rate / (0.3 * alpha),
-        "formation.p": p, "formation.alpha": alpha, "formation.ring": tuple(range(n)), "formation.displaced": (),
-        "formation.start_noise": noise, "robot.count": n,
-        **(point if scenario.robot.kind == "curve" else {}),
-    }  # fmt: skip
+    fields = formation_fields(curve, rate, p, alpha)
+    fields |= {"formation.start_noise": noise, "robot.count": scenario.num_robots}
+    if scenario.robot.kind == "curve":
+        fields["robot.phase_rate_max"] = robots_top_speed(scenario) / (alpha * geometry.largest_speed(curve))
+    return fields
 
 
 def on_ellipse(scenario: Scenario, fastest: float) -> Scenario:

@@ -1,8 +1,9 @@
 """Plans: a policy with its parameters on a scenario, the figures that its episodes have, and the families of plans.
 
-A family makes plans for a scenario from settings, which a search may change.
+A family makes plans for a scenario from values of its variables, which a search may change.
 """
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.statistics import bootstrap_interval
 from baselines.policies.as_cars import like_cars
 from baselines.policies.loops import SweepParameters, corner_radius, lookahead
 from baselines.policies.settings import PolicySettings
@@ -20,7 +20,7 @@ from baselines.similarity import motion_scale
 from lissajous_env.episodes.lower_bounds import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import counted
-from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
+from lissajous_env.world.columns import OPEN, WORST_CASE
 
 LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "beyond_edge"
 """Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half of
@@ -28,10 +28,10 @@ the episode [s], whether the worst case is that of the last moment and longer th
 distance of any part of a body beyond the edge of the rectangle [m]."""
 MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
 """Contents of messages, the smallest first; any other content comes last."""
-Settings = Mapping[str, Any]
-"""The settings of a plan within its family, by name."""
+Variables = Mapping[str, Any]
+"""Values of the variables of a family, by name; each family has its own."""
 Choices = tuple[float, float] | list[Any]
-"""A range of positive numbers, or a list of values."""
+"""Values that a variable may have: a range of positive numbers, or a list."""
 _ELITE = 4
 """Best plans of a family that are changed."""
 
@@ -46,6 +46,8 @@ class Plan:
     settings: PolicySettings
     about: str = ""
     """Description of what distinguishes it within its family."""
+    variables: Variables = field(default_factory=dict)
+    """The values that its family made it of."""
 
     @property
     def key(self) -> tuple:
@@ -147,45 +149,6 @@ def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = 
     return PolicySettings(relative.policy, given)
 
 
-def figures_of(
-    rows: Sequence[dict[str, Any]],
-    failed: Sequence[dict[str, Any]],
-    plan: Plan,
-    duration: float,
-    messages: str,
-    clearance: float,
-) -> Figures:
-    """Return the figures of a plan.
-
-    Args:
-        rows: Score rows of the episodes without failures.
-        failed: Those with failures.
-        plan: The plan.
-        duration: Duration of an episode without failures, as far as it was played [s].
-        messages: Content of the messages that its policy uses.
-        clearance: Least distance of two bodies [m].
-    """
-    body = 2 * plan.scenario.robot.radius
-    detection = np.array(_of(DETECTION_TIME, rows))
-    detection_low, detection_high = bootstrap_interval(detection[~np.isnan(detection)], cut=0.0)
-    collisions_failed = sum(_of(COLLISIONS, failed))
-    return Figures(
-        worst_case=worst_case(rows),
-        settled=max(worst_cases(rows, SETTLED_TIME)),
-        worst_case_failed=math.inf if collisions_failed else worst_case(failed),
-        detection_time=_mean(_of(DETECTION_TIME, rows)),
-        collisions=sum(_of(COLLISIONS, rows)),
-        collisions_failed=collisions_failed,
-        clearance=min(_of(SEPARATION, rows)) - body,
-        too_close=min(_of(SEPARATION, [*rows, *failed])) - body < clearance,
-        outside=max(row[BEYOND] for row in rows),
-        distance=_mean(_of(DISTANCE, rows)) / duration * 60,
-        messages=messages,
-        detection_low=detection_low,
-        detection_high=detection_high,
-    )
-
-
 def worst_case(rows: Sequence[dict[str, Any]]) -> float:
     """Return the worst-case undetected time of some episodes [s]; infinite if one shows no bound, NaN for none."""
     return max(worst_cases(rows), default=math.nan)
@@ -199,16 +162,6 @@ def worst_cases(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> 
     return [math.inf if row[OPEN.name] or row[GROWN] else row[name] for row in rows]
 
 
-def _of(column: Column, rows: Sequence[dict[str, Any]]) -> list[Any]:
-    return [row[column.name] for row in rows]
-
-
-def _mean(values: Sequence[float]) -> float:
-    """Return the mean of the values that are not NaN."""
-    known = [value for value in values if not math.isnan(value)]
-    return sum(known) / len(known) if known else math.nan
-
-
 def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
     """Return the plans without collisions that none of these dominates, by their worst-case undetected time.
 
@@ -220,10 +173,9 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
         if plan.figures.collisions == 0:
             by_objectives.setdefault((*plan.figures.objectives, float(plan.plan.scenario.num_robots)), plan)
     table = np.array(list(by_objectives))
-    best = [
-        one for one in by_objectives if (table <= one).all(axis=1).sum() == 1
-    ]  # only the plan itself is nowhere worse
-    return [by_objectives[objectives] for objectives in sorted(best)]
+    # No other plan of the table is nowhere worse.
+    best = sorted(one for one in by_objectives if (table <= one).all(axis=1).sum() == 1)
+    return [by_objectives[objectives] for objectives in best]
 
 
 def best_of(planned: Sequence[Planned]) -> list[Planned]:
@@ -235,53 +187,63 @@ def best_of(planned: Sequence[Planned]) -> list[Planned]:
     return pareto_optimal(bounded) or pareto_optimal(planned)
 
 
+def sorted_both_ways(planned: Sequence[Planned]) -> tuple[list[Planned], list[Planned]]:
+    """Return plans with the best one first, by their figures without failures and by those with failures."""
+    by_worst = sorted(planned, key=lambda plan: plan.figures.objectives)
+    return by_worst, sorted(by_worst, key=lambda plan: plan.figures.by_failures)
+
+
 def in_turn(lists: Sequence[Sequence[Any]]) -> Iterator[Any]:
     """Yield the first of each list, then the second of each."""
     for row in itertools.zip_longest(*lists):
         yield from (item for item in row if item is not None)
 
 
-def _no_plan(settings: Mapping[str, Any]) -> Plan:
-    raise ValueError(f"the family has no plan of {dict(settings)}")
-
-
 @dataclass
 class Family:
-    """A family of plans for a scenario: each of its plans is made of settings, which a search may change."""
+    """A family of plans for a scenario: it makes each plan of values of its variables, which a search may change."""
 
     name: str
-    plan: Callable[[Settings], Plan] = _no_plan
-    """Function that returns the plan of some settings, or raises ValueError if there is no such plan."""
-    first: Sequence[Settings] = ()
-    """Settings that are tried first, the most promising ones first; none if the family does not fit the scenario."""
+    make: Callable[[Variables], Plan] | None = None
+    """Function that returns the plan of some values, or raises ValueError if there is no such plan."""
+    first: Sequence[Variables] = ()
+    """Values that are tried first, the most promising ones first; none if the family does not fit the scenario."""
     choices: Mapping[str, Choices] = field(default_factory=dict)
-    """Values that the settings may have; empty for a family whose plans are not changed."""
+    """Values that the variables may have; empty for a family whose plans are not changed."""
     refusal: str = ""
     """Reason why the family has no plan for the scenario; "" if it may have some."""
-    looks: list[tuple[Settings, Planned]] = field(default_factory=list)
+    looks: list[Planned] = field(default_factory=list)
     """Plans that were looked at."""
     refused: list[str] = field(default_factory=list)
-    """Reasons for which settings did not become plans."""
+    """Reasons for which values did not become plans."""
+
+    def plan(self, variables: Variables) -> Plan:
+        """Return the plan of some values.
+
+        Raises:
+            ValueError: there is no such plan.
+        """
+        assert self.make is not None
+        return dataclasses.replace(self.make(variables), variables=variables)
 
     @property
-    def without_collisions(self) -> list[tuple[Settings, Planned]]:
+    def without_collisions(self) -> list[Planned]:
         """Return the plans that were looked at and did not collide."""
-        return [look for look in self.looks if not look[1].figures.collisions]
+        return [look for look in self.looks if not look.figures.collisions]
 
     @property
     def best(self) -> float:
         """Return the least worst-case undetected time [s]."""
-        return min((look.figures.worst_case for _, look in self.without_collisions), default=math.inf)
+        return min((look.figures.worst_case for look in self.without_collisions), default=math.inf)
 
-    def elite(self) -> list[Settings]:
-        """Return the settings of the best plans, alternately without and with failures."""
-        by_worst = sorted(self.without_collisions, key=lambda look: look[1].figures.objectives)
-        by_failed = sorted(self.without_collisions, key=lambda look: look[1].figures.by_failures)
-        return [settings for settings, _ in itertools.islice(in_turn([by_worst, by_failed]), 2 * _ELITE)]
+    def elite(self) -> list[Variables]:
+        """Return the values of the best plans, alternately without and with failures."""
+        both_ways = in_turn(sorted_both_ways(self.without_collisions))
+        return [look.plan.variables for look in itertools.islice(both_ways, 2 * _ELITE)]
 
-    def changed(self, settings: Settings, random: np.random.Generator) -> dict[str, Any]:
-        """Return changed settings: about a third are drawn anew, numbers within a factor of about 1.25."""
-        child, names = dict(settings), list(self.choices)
+    def changed(self, variables: Variables, random: np.random.Generator) -> dict[str, Any]:
+        """Return changed values: about a third are drawn anew, numbers within a factor of about 1.25."""
+        child, names = dict(variables), list(self.choices)
         for name in random.permutation(names)[: 1 + random.binomial(len(names) - 1, 0.33)]:
             child[str(name)] = _drawn(self.choices[name], child.get(name), random)
         return child
@@ -297,7 +259,7 @@ class Family:
         if not (self.looks or self.refused):
             return "the search ended before it tried one"
         words = [f"{counted(len(self.looks), 'plan')} tried"]
-        if collided := [look for _, look in self.looks if look.figures.collisions]:
+        if collided := [look for look in self.looks if look.figures.collisions]:
             fewest = min(collided, key=lambda look: look.figures.collisions).plan
             words.append(f"{len(collided)} with collisions, for example {fewest.settings.policy} ({fewest.about})")
         if self.refused:

@@ -73,11 +73,6 @@ class Feature(NamedTuple):
         return f"{math.exp(min(read, 700.0)) if self.as_logarithm else read:.4g}"
 
 
-def spacing(scenario: Scenario) -> float:
-    """Return the side of a square that is as large as a robot's share of the rectangle [m]."""
-    return math.sqrt(4 * scenario.curve.half_width * scenario.curve.half_height / scenario.num_robots)
-
-
 def scheduled_failures(scenario: Scenario) -> list[float]:
     """Return the durations of the scheduled failures in an episode [s]; rows of a robot that overlap are one."""
     failures: list[list[float]] = []
@@ -93,7 +88,8 @@ def described_features(scenario: Scenario) -> tuple[Feature, ...]:
     """Return the features (F,) of a scenario of cars in the order in which the network reads them."""
     curve, robot, targets, faults = scenario.curve, scenario.robot, scenario.targets, scenario.faults
     count, duration = scenario.num_robots, scenario.task.duration
-    sensing, unit = scenario.sensing_radius, spacing(scenario)
+    unit = math.sqrt(4 * curve.half_width * curve.half_height / count)  # the robots' spacing
+    sensing, reach = scenario.sensing_radius, robot.top_speed * duration
     turning, failures = turning_radius(robot.wheelbase, robot.steering_max), scheduled_failures(scenario)
     fleeing = targets.fleeing * targets.flee_radius / sensing
     standstill = min(faults.rate * faults.mean_duration + sum(failures) / (count * duration), 1.0)
@@ -104,11 +100,7 @@ def described_features(scenario: Scenario) -> tuple[Feature, ...]:
         Feature("sensing radius over half of the height", sensing / curve.half_height, True),
         Feature("radius of a body over the robots' spacing", robot.radius / unit, True),
         Feature("turning radius over the robots' spacing", turning / unit, True),
-        Feature(
-            "distance that a robot can drive in an episode over the robots' spacing",
-            robot.top_speed * duration / unit,
-            True,
-        ),
+        Feature("distance that a robot can drive in an episode over the robots' spacing", reach / unit, True),
         Feature("targets' top speed over that of the robots", min(scenario.rogue_speed / robot.top_speed, 2.0)),
         Feature("share of targets that wander", targets.wandering),
         Feature("share of targets that flee", targets.fleeing),
@@ -165,10 +157,11 @@ class Prior:
         given = read_json(FOLDER / f"{name}.json")
         given["patrols"] = tuple(PolicySettings(**patrol) for patrol in given["patrols"])
         given |= {key: np.array(given[key]) for key in ("limits", "seen", "errors")}
-        parts = [
-            [np.array(layer[part], np.float32).astype(float) for part in Layer._fields] for layer in given["layers"]
-        ]
-        return Prior(**given | {"layers": tuple(Layer(*layer) for layer in parts)})
+        layers = (
+            Layer(*(np.array(layer[part], np.float32).astype(float) for part in Layer._fields))
+            for layer in given["layers"]
+        )
+        return Prior(**given | {"layers": tuple(layers)})
 
     def predicted(self, scenario: Scenario) -> np.ndarray:
         """Return the predicted cost (K,) of each patrol.
@@ -189,7 +182,7 @@ class Prior:
     def has_seen(self, scenario: Scenario) -> bool:
         """Return whether every feature of a scenario is in the range of the fit."""
         values = features_of(scenario)
-        return bool(np.all((self.seen[:, 0] <= values) & (values <= self.seen[:, 1])))
+        return np.array_equal(values, np.clip(values, *self.seen.T))
 
 
 def costs_of(layers: tuple[Layer, Layer], values: np.ndarray) -> np.ndarray:
@@ -246,10 +239,9 @@ def result_of(
     rows = evaluate(policy, scenario, range(first_seed, first_seed + episodes))
     collisions = sum(row[COLLISIONS.name] for row in rows) / episodes
     if objective == GUARANTEE:
+        longest = max(row[WORST_CASE.name] for row in rows)
         is_open = any(row[OPEN.name] for row in rows)
-        return Result(
-            _OPEN * scenario.task.duration if is_open else max(row[WORST_CASE.name] for row in rows), collisions
-        )
+        return Result(_OPEN * scenario.task.duration if is_open else longest, collisions)
     times = [row[DETECTION_TIME.name] for row in rows if math.isfinite(row[DETECTION_TIME.name])]
     return Result(sum(times) / len(times) if times else math.inf, collisions)
 
@@ -292,12 +284,10 @@ def ordered(prior: Prior, scenario: str | Scenario, count: int | None = None) ->
         UnsuitableScenarioError: the prior does not include the scenario.
     """
     scenario = named.build(scenario).resolve()
-    order = np.argsort(prior.predicted(scenario), kind="stable").tolist()
+    order = np.argsort(prior.predicted(scenario), kind="stable")
     count = (REHEARSED if prior.has_seen(scenario) else 2 * REHEARSED) if count is None else count
     best = best_rehearsed(prior, scenario, count) if count else None
-    if best is not None:
-        order = [best, *(k for k in order if k != best)]
-    return [absolute(prior.patrols[k], scenario) for k in order]
+    return [absolute(prior.patrols[k], scenario) for k in sorted(order, key=lambda k: k != best)]
 
 
 def rehearsal_of(scenario: Scenario, objective: str) -> Scenario:

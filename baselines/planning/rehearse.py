@@ -6,25 +6,38 @@ A look at a plan plays a few short episodes on a coarse grid; the best plans are
 import dataclasses
 import itertools
 import math
+import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from baselines.planning.plans import BEYOND, GROWN, LOST, SETTLED_TIME, Plan, Planned, figures_of
+from baselines.benchmark.statistics import bootstrap_interval
+from baselines.planning.plans import (
+    BEYOND,
+    GROWN,
+    LOST,
+    SETTLED_TIME,
+    Figures,
+    Plan,
+    Planned,
+    worst_case,
+    worst_cases,
+)
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, SEPARATION
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
 
-EPISODES = 4
+FINAL_EPISODES = 4
 """Episodes of a plan that is played to the end."""
-CONFIRMED = 16
-"""The same of the plans that no other dominates."""
-BEST = 64
-"""The same of the first of these."""
+CONFIRMING_EPISODES = 16
+"""Episodes of a plan that no other dominates."""
+BEST_EPISODES = 64
+"""Episodes of the first of these plans."""
 MOST_LOSSES = 64
 """Most episodes with failures."""
 _SCREENED, _SCREENED_LOSSES = 2, 8
@@ -47,7 +60,7 @@ class Episodes:
     """Seed of the first episode without failures and of the first with failures."""
     failures: int = 0
     """Robots that fail for good in an episode with failures, besides those that the scenario removes."""
-    count: int = EPISODES
+    count: int = FINAL_EPISODES
     clearance: float = 0.0
     """Distance of two bodies below which a plan is ranked after all others [m]."""
 
@@ -91,17 +104,15 @@ class _Run:
         self.policy = plan.settings.make(scenario, len(losses))
         self.simulation = Simulation(scenario, len(losses), threads=1, seed=seed)
         remove_early(self.simulation, losses)
-        self.settled = np.zeros(len(losses), dtype=int)
-        """Longest undetected time since the middle of the episodes [steps]."""
-        self.still_growing = np.zeros(len(losses), dtype=bool)
-        """True for an episode that has ended with its longest undetected time."""
-        self.beyond = np.zeros(len(losses))
-        """Largest distance of any part of a body beyond the edge of the rectangle so far [m]; 0 with walls."""
+        self._ages: list[np.ndarray] = []
+        """(2, W) undetected time and the longest one so far, after each step [steps]."""
+        self._beyond = np.zeros(len(losses))
+        """(W,) largest distance of any part of a body beyond the edge of the rectangle so far [m]; 0 with walls."""
 
     @property
-    def longest(self) -> np.ndarray:
-        """Return the longest undetected time of each episode so far [steps]."""
-        return self.simulation.contamination.age_max.numpy()
+    def longest(self) -> float:
+        """Return the longest undetected time of all episodes so far [s]."""
+        return self._ages[-1][1].max() * self.simulation.scenario.task.step
 
     @property
     def collisions(self) -> int:
@@ -111,30 +122,28 @@ class _Run:
     def play(self, until: int, is_over: Callable[[], bool] = lambda: False) -> None:
         """Play until a step, or until `is_over`."""
         runner, scenario = EpisodeRunner(self.policy, self.simulation), self.simulation.scenario
-        half = scenario.curve.half_width, scenario.curve.half_height
+        half, field = (scenario.curve.half_width, scenario.curve.half_height), self.simulation.contamination
         self.policy.reset()
         for self.step in range(1, until + 1):
-            before = self.longest.copy() if self.step == scenario.task.steps else None
             runner.step()
-            if before is not None:
-                self.still_growing = self.longest > before
+            self._ages.append(np.stack([field.age.numpy(), field.age_max.numpy()]))
             if scenario.task.boundary != "wall":
                 over = np.abs(self.simulation.robots.position.numpy()[..., :2]) - half
-                np.maximum(self.beyond, over.max(axis=(1, 2)) + scenario.robot.radius, out=self.beyond)
-            if 2 * self.step > until:
-                np.maximum(self.settled, self.simulation.contamination.age.numpy(), out=self.settled)
+                np.maximum(self._beyond, over.max(axis=(1, 2)) + scenario.robot.radius, out=self._beyond)
             if self.step % _EVERY == 0 and is_over():
                 return
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the score rows of the episodes, with what `plans` adds to these."""
-        step = self.simulation.scenario.task.step
-        more = zip(self.simulation.score(), self._losses, self.settled, self.still_growing, self.beyond, strict=True)
+        task, ages = self.simulation.scenario.task, np.array(self._ages)
+        settled = ages[len(ages) // 2 :, 0].max(axis=0) * task.step
+        grows = (np.ptp(ages[-2:, 1], axis=0) > 0) & (self.step == task.steps)
+        more = zip(self.simulation.score(), self._losses, settled, grows, self._beyond, strict=True)
         return [
             {"policy": self.plan.settings.policy}
             | row
-            | {LOST: lost, SETTLED_TIME: round(float(age) * step, 12), GROWN: bool(still), BEYOND: float(beyond)}
-            for row, lost, age, still, beyond in more
+            | {LOST: lost, SETTLED_TIME: round(float(late), 12), GROWN: bool(still), BEYOND: float(beyond)}
+            for row, lost, late, still, beyond in more
         ]
 
 
@@ -144,9 +153,11 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     If the worst case exceeds the cutoff, the result has no bound. A plan without a bound is not played with failures:
     its worst case with failures is infinite, too. Episodes with failures are played to the end, on the same grid.
     """
-    scenario, until = on_coarse_grid(plan.scenario), max(round(_SHARE * plan.scenario.task.steps), 1)
+    full, until = plan.scenario.task.contamination or (1, 1), max(round(_SHARE * plan.scenario.task.steps), 1)
+    coarse = min(cells(plan.scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
+    scenario = named.build(plan.scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
     run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
-    run.play(until, lambda: bool(run.collisions) or run.longest.max() * scenario.task.step > cutoff)
+    run.play(until, lambda: run.collisions > 0 or run.longest > cutoff)
     planned = _planned(run, episodes)
     if planned.figures.collisions:
         return planned
@@ -172,8 +183,26 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
         lossy = _Run(plan, with_losses, episodes.seed, losses)
         lossy.play(scenario.task.steps)
         failed = lossy.rows()
-    duration = scenario.task.duration * (run.step / scenario.task.steps)
-    figures = figures_of(rows, failed, plan, duration, run.policy.communicates, episodes.clearance)
+    body, all_rows = 2 * plan.scenario.robot.radius, [*rows, *failed]
+    times = [row[DETECTION_TIME.name] for row in rows if not math.isnan(row[DETECTION_TIME.name])]
+    detection_low, detection_high = bootstrap_interval(np.array(times), cut=0.0)
+    collisions_failed = sum(row[COLLISIONS.name] for row in failed)
+    minutes = scenario.task.duration / 60 * run.step / scenario.task.steps
+    figures = Figures(
+        worst_case=worst_case(rows),
+        settled=max(worst_cases(rows, SETTLED_TIME)),
+        worst_case_failed=math.inf if collisions_failed else worst_case(failed),
+        detection_time=statistics.fmean(times) if times else math.nan,
+        collisions=run.collisions,
+        collisions_failed=collisions_failed,
+        clearance=min(row[SEPARATION.name] for row in rows) - body,
+        too_close=min(row[SEPARATION.name] for row in all_rows) - body < episodes.clearance,
+        outside=max(row[BEYOND] for row in rows),
+        distance=statistics.fmean(row[DISTANCE.name] for row in rows) / minutes,
+        messages=run.policy.communicates,
+        detection_low=detection_low,
+        detection_high=detection_high,
+    )
     return Planned(plan, figures, rows, failed)
 
 
@@ -203,10 +232,3 @@ def cells(scenario: Scenario, longest: int, cells_in_a_sensor: float = 0.0) -> t
     longest = max(longest, min(math.ceil(2 * max(halves) * cells_in_a_sensor / scenario.sensing_radius), 2 * longest))
     columns, rows = (max(round(longest * half / max(halves)), 1) for half in halves)
     return columns, rows
-
-
-def on_coarse_grid(scenario: Scenario) -> Scenario:
-    """Return a scenario whose contamination is computed on the grid of a first look."""
-    full = scenario.task.contamination or (1, 1)
-    coarse = min(cells(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
-    return named.build(scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})

@@ -20,9 +20,8 @@ from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, whole
-from lissajous_env.settings.parts import Formation, Robot
+from lissajous_env.settings.parts import Curve, Robot
 from lissajous_env.settings.task import Targets, Task
-from lissajous_env.theory import closed_forms
 from lissajous_env.theory.design import Design, best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed
 from lissajous_env.wording import few_of, outside
@@ -173,103 +172,98 @@ class Request(Checked, with_defaults=False, part=""):
         """
         changed: dict[str, Any] = {}
         if self.base is None:
-            scenario = self._rectangle(num_robots, 0.0)
-            changed |= _times(scenario)
+            scenario = self._rectangle(num_robots)
+            changed = _times(scenario)
             if not self.open:
                 # The inset depends on the control step and on the speed along the curve, which the design determines.
-                walls = {"task.boundary": "wall"}
-                inset = named.build(scenario, **changed, **walls).inset
-                scenario = self._rectangle(num_robots, inset)
-                changed |= walls | _times(named.build(scenario, **{"curve.inset": inset}))
+                walls: dict[str, Any] = {"task.boundary": "wall"}
+                scenario = self._rectangle(num_robots, named.build(scenario, **changed, **walls).inset)
+                changed = _times(scenario) | walls | {"curve.inset": None}
         else:
             scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
             changed["task.contamination"] = GRIDS.get(scenario.name) or cells(scenario, CELLS, 4.0)
         return named.build(scenario.without_extensions(), **changed)
 
-    def _rectangle(self, num_robots: int, inset: float) -> Scenario:
+    def _rectangle(self, num_robots: int, inset: float | None = None) -> Scenario:
         """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation.
 
         Args:
             num_robots: Number of robots.
-            inset: Width of the strip along the edge in which nothing is driven [m], for the design.
+            inset: Width of the strip along the edge in which nothing is driven [m].
         """
-        half, radius = ((self.width or 0.0) / 2, (self.height or 0.0) / 2), self.sensor_radius or 0.0
-        robot = _robot(Robot(kind="curve"), self)
-        chosen = paper_design(half, robot, radius, robot.top_speed, num_robots, inset)
-        # Mean distance along the curve for a radian of the robots' phase [m/rad].
-        unit = chosen.alpha * curve_length(chosen.curve.driven) / (2 * math.pi)
-        moving, is_drive = self.rogue_speed or 0.0, robot.kind == "differential"
-        base = Scenario(
+        points, speed = Robot(kind="curve"), self.rogue_speed or 0.0
+        robot = _robot(points, self)
+        # The step follows from the motion later; until then it must be short enough for drives that turn fast.
+        step = min(Task().step, 1 / robot.top_yaw_rate if robot.kind == "differential" else math.inf)
+        given = Scenario(
             name="plan",
-            formation=Formation(start_noise=_START * robot.radius / unit),
-            targets=Targets(
-                count=0, arrival_rate=1.0, entry=self.entry or "inside", wandering=1.0 if moving else 0.0,
-                speed=moving, speed_limit=moving,
-            ),
-            # The step follows from the motion later; until then it must be short enough for drives that turn fast.
-            task=Task(duration=10.0, step=min(Task().step, 1 / robot.top_yaw_rate if is_drive else math.inf)),
-        )  # fmt: skip
-        if robot.kind == "curve":
-            # A point is as fast at action 1 as the robots are where the curve is fastest.
-            fastest = robot.top_speed / (chosen.alpha * largest_speed(chosen.curve.driven))
-            robot = dataclasses.replace(robot, speed_max=None, phase_rate_max=fastest)
-        return named.build(base, **chosen.overrides, robot=robot, **{"sensing.radius": radius})
+            curve=Curve((self.width or 0.0) / 2, (self.height or 0.0) / 2, inset=inset),
+            robot=points,
+            targets=Targets(count=0, arrival_rate=1.0, wandering=1.0 if speed else 0.0, speed=speed, speed_limit=speed),
+            task=Task(duration=10.0, step=step),
+        )
+        scenario = self._with_changes(given, num_robots)
+        # Mean distance along the curve for a radian of the robots' phase [m/rad].
+        unit = scenario.alpha * curve_length(scenario.driven) / (2 * math.pi)
+        return named.build(scenario, **{"formation.start_noise": _START * robot.radius / unit})
 
     def _with_changes(self, scenario: Scenario, num_robots: int) -> Scenario:
-        """Return the given scenario with the changes of the request."""
-        robot = _robot(scenario.robot, self)
+        """Return a scenario with the changes of the request."""
+        robot, curve = _robot(scenario.robot, self), scenario.curve
         given = {"sensing.radius": self.sensor_radius, "targets.entry": self.entry}
         changed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         if robot != scenario.robot:
             changed["robot"] = robot
-        if self.rogue_speed is not None:
+        if (limit := self.rogue_speed) is not None and limit != scenario.rogue_speed:
             # A target that moves faster than the limit of the rogues would be one of them.
-            slower = {"speed": min(scenario.targets.speed, self.rogue_speed)}
-            slower["flee_speed"] = min(scenario.targets.flee_speed, self.rogue_speed)
-            changed |= {f"targets.{name}": value for name, value in slower.items()}
-            changed["targets.speed_limit"] = self.rogue_speed
+            speeds = {name: min(getattr(scenario.targets, name), limit) for name in ("speed", "flee_speed")}
+            changed |= {f"targets.{name}": value for name, value in (speeds | {"speed_limit": limit}).items()}
         if self.open:
             changed["task.boundary"] = "open"
-        curve, is_resized = scenario.curve, False
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
-        if halves != (curve.half_width, curve.half_height) or num_robots != scenario.num_robots:
-            is_resized, inset = True, 0.0 if self.open else scenario.inset
+        is_new = self.base is None or num_robots != scenario.num_robots
+        is_new = is_new or halves != (curve.half_width, curve.half_height)
+        if is_new:
             speed = robot.top_speed if robot.kind != "curve" else self.speed or robots_top_speed(scenario)
-            sensor = self.sensor_radius or scenario.sensing_radius
+            sensor, inset = self.sensor_radius or scenario.sensing_radius, 0.0 if self.open else scenario.inset
             changed |= paper_design(halves, robot, sensor, speed, num_robots, inset).overrides
-            changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
-            changed |= {"robot.count": None, "sensing.radius": sensor, "task.contamination": None}
+            changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
+            changed["task.contamination"] = None
         scenario = named.build(scenario, **changed)
-        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID)} if is_resized else {}
+        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID)} if is_new else {}
         if self.speed is not None and scenario.robot.kind == "curve":
+            # A point is as fast at action 1 as the robots are where the curve is fastest.
             more["robot.phase_rate_max"] = self.speed / (scenario.alpha * largest_speed(scenario.driven))
         return named.build(scenario, **more)
 
 
 def _robot(robot: Robot, request: Request) -> Robot:
-    """Return a robot with the changes of the request."""
+    """Return a robot with the changes of the request; the speed of points follows from their curve later."""
     given = {"radius": request.robot_radius, "kind": request.robot, "acceleration_max": request.acceleration}
     changed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    if request.speed is not None:
-        changed |= {"speed_max": request.speed, "throttle_max": None, "phase_rate_max": None}
     if request.turning_radius is not None:
         changed |= {"kind": "car", "wheelbase": request.turning_radius * math.tan(robot.steering_max)}
+    if request.speed is not None and changed.get("kind", robot.kind) != "curve":
+        changed |= {"speed_max": request.speed, "throttle_max": None, "phase_rate_max": None}
     return dataclasses.replace(robot, **changed)
 
 
 def paper_design(
     half: tuple[float, float], robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
 ) -> Design:
-    """Return the design of the paper's formation that meets the bounds best, with its own place for each robot.
+    """Return the design of the paper's formation that meets the bounds best for robots of a speed [m/s].
 
-    Four and six robots share places in every stable equilibrium (2) (Lemma 1). They begin equally spaced instead.
+    Args:
+        half: Half of the width and half of the height of the rectangle [m].
+        robot: The robots.
+        sensor: Their sensing radius [m].
+        speed: Their top speed [m/s].
+        num_robots: Their number.
+        inset: Width of the strip along the edge in which nothing is driven [m].
     """
     turning, grip = tightest_radius(robot), robot.lateral_acceleration_max
-    best = best_design(*half, num_robots, robot.radius, sensor, speed, turning, grip, inset)
-    if closed_forms.cluster_size(num_robots, best.p, best.alpha) > 1:
-        return dataclasses.replace(best, p=1, alpha=1)
-    return best
+    return best_design(*half, num_robots, robot.radius, sensor, speed, turning, grip, inset)
 
 
 def _times(scenario: Scenario) -> dict[str, Any]:
@@ -288,6 +282,5 @@ def _times(scenario: Scenario) -> dict[str, Any]:
     return {
         "task.step": step,
         "task.duration": duration,
-        "task.grid": cells(scenario, _GRID),
         "targets.arrival_rate": float(f"{_TARGETS / duration:.6g}"),
     }

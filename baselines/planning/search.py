@@ -17,8 +17,8 @@ import numpy as np
 
 from baselines.benchmark.bounds import BEST_KNOWN
 from baselines.planning.families import DEFAULTS, families_of
-from baselines.planning.plans import Family, Plan, Planned, Settings, best_of, in_turn
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at, play
+from baselines.planning.plans import Family, Plan, Planned, Variables, best_of, in_turn, sorted_both_ways
+from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, look_at, play
 from baselines.planning.request import PLANS, Request
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.lower_bounds import worst_case_lower_bound
@@ -40,43 +40,45 @@ _LEAST = 1.0
 """Shortest duration of a search [s]."""
 
 
+@dataclass(eq=False)
 class Search:
     """A search for plans on one scenario.
 
     The plans of a budget in plans, and their figures, depend on the seed alone, not on the speed of the machine.
-
-    Args:
-        scenario: The scenario on which plans are compared.
-        episodes: The episodes of every plan.
-        families: The families of plans for the scenario.
-        seed: Seed of the random changes.
-        fixed_start: True to accept only plans whose robots begin where the scenario places them.
-        clock: Returns the time [s].
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        episodes: Episodes,
-        families: Sequence[Family],
-        seed: int = 0,
-        fixed_start: bool = False,
-        clock: Callable[[], float] = time.monotonic,
-    ):
-        self.scenario, self.episodes, self.families = scenario, episodes, families
-        self.fixed_start, self._time = fixed_start, clock
+    scenario: Scenario
+    """Scenario on which plans are compared."""
+    families: Sequence[Family]
+    """Families of plans for the scenario."""
+    episodes: Episodes = field(default_factory=Episodes)
+    """Episodes of every plan."""
+    plans: int = PLANS
+    """Plans that are tried; a fifth as many of the best ones are then played to the end."""
+    seconds: float | None = None
+    """Duration of the search [s], in place of a number of plans."""
+    seed: int = 0
+    """Seed of the random changes."""
+    fixed_start: bool = False
+    """True to accept only plans whose robots begin where the scenario places them."""
+    clock: Callable[[], float] = time.monotonic
+    """Function that returns the time [s]."""
+    interrupted: bool = field(default=False, init=False)
+    """True after Ctrl-C."""
+    broken: list[str] = field(default_factory=list, init=False)
+    """Reasons of plans whose final episodes failed."""
+
+    def __post_init__(self) -> None:
         self._finals: dict[tuple, Planned] = {}
-        self.interrupted = False
-        self.broken: list[str] = []
-        """Reasons of plans whose final episodes failed."""
-        self._random = np.random.default_rng(seed)
+        self._finals_max = max(_FEWEST_FINALS, self.plans // _FINALS)
+        self._random = np.random.default_rng(self.seed)
         self._known: set[tuple] = set()
         """Keys of the plans that were looked at, or are being looked at."""
 
     @property
     def looks(self) -> list[Planned]:
         """Return all looks so far."""
-        return [look for family in self.families for _, look in family.looks]
+        return [look for family in self.families for look in family.looks]
 
     @property
     def finals(self) -> list[Planned]:
@@ -94,26 +96,15 @@ class Search:
         """Return the families of which no plan was tried, although they may have some."""
         return [family.name for family in self.families if family.first and not (family.looks or family.refused)]
 
-    def run(
-        self,
-        plans: int = PLANS,
-        seconds: float | None = None,
-        on_progress: Callable[[float], None] = lambda _: None,
-    ) -> None:
-        """Search until a number of plans, or in its place a duration, is spent.
+    def run(self, on_progress: Callable[[float], None] = lambda _: None) -> None:
+        """Search until the number of plans, or in its place the duration, is spent.
 
         The first Ctrl-C ends the search for plans, and a second one ends the final episodes of the best ones.
 
         Args:
-            plans: Plans that are tried; a fifth as many of the best ones are then played to the end.
-            seconds: Duration [s]; None for a search that ends with its number of plans.
             on_progress: Called with the share of the search that is done.
         """
-        self._plans_max, self._seconds, self._on_progress = plans, seconds, on_progress
-        self._finals_max = max(_FEWEST_FINALS, plans // _FINALS)
-        begin = self._time()
-        self._clock = lambda: self._time() - begin
-        self._ahead = AHEAD if seconds is None else min(cores(), AHEAD)
+        self._on_progress, self._begin = on_progress, self.clock()
         with ThreadPoolExecutor(min(cores(), AHEAD)) as threads:
             for stage in (self._look, self._finish, self._confirm):
                 if self.interrupted and stage != self._finish:
@@ -125,47 +116,43 @@ class Search:
 
     def _is_late(self, share: float = 1.0) -> bool:
         """Return whether a share of the time is over."""
-        return self._seconds is not None and self._clock() > share * self._seconds
+        return self.seconds is not None and self.clock() - self._begin > share * self.seconds
 
     def _report(self) -> None:
         """Report the share of the search that is done."""
-        if self._seconds is not None:
-            self._on_progress(self._clock() / self._seconds)
+        if self.seconds is not None:
+            self._on_progress((self.clock() - self._begin) / self.seconds)
         else:
-            self._on_progress((len(self.looks) + len(self.finals)) / (self._plans_max + self._finals_max))
+            self._on_progress((len(self.looks) + len(self.finals)) / (self.plans + self._finals_max))
 
     def _look(self, threads: ThreadPoolExecutor) -> None:
         """Look at plans until their number, or a share of the time, is spent."""
 
         def is_over() -> bool:
-            if self._seconds is None:
-                return len(self._known) >= self._plans_max
+            if self.seconds is None:
+                return len(self._known) >= self.plans
             # Without a plan that may be played to the end there is nothing to print.
             return bool(self.looks) and self._is_late(_LOOKING if self._without_collisions() else 1.0)
 
-        calls = (
-            ((family, settings), partial(look_at, plan, self.episodes, self._cutoff()))
-            for family, settings, plan in self._plans()
-        )
-        for (family, settings), ended in self._in_order(threads, calls, is_over):
-            try:
-                family.looks.append((settings, ended.result()))
-            except Exception as error:  # one policy that fails must not end the search
-                family.refused.append(_reason_of(error))
+        calls = ((family, partial(look_at, plan, self.episodes, self._cutoff())) for family, plan in self._plans())
+        for family, look in self._in_order(threads, calls, is_over):
+            if isinstance(look, str):
+                family.refused.append(look)
+            else:
+                family.looks.append(look)
 
     def _without_collisions(self) -> list[Planned]:
         """Return the looks of all families without collisions."""
-        return [look for family in self.families for _, look in family.without_collisions]
+        return [look for family in self.families for look in family.without_collisions]
 
     def _cutoff(self) -> float:
         """Return the worst case beyond which a plan is not among the best ones [s]."""
         return _CUTOFF * min(family.best for family in self.families)
 
-    def _plans(self) -> Iterator[tuple[Family, Settings, Plan]]:
+    def _plans(self) -> Iterator[tuple[Family, Plan]]:
         """Yield plans to look at: the first ones of all families in turn, then changed copies of the best."""
-        firsts = [[(family, settings) for settings in family.first] for family in self.families]
-        for family, settings in in_turn(firsts):
-            yield from self._new(family, settings)
+        for family, variables in in_turn([[(family, first) for first in family.first] for family in self.families]):
+            yield from self._new(family, variables)
         fruitless = 0
         while fruitless < _FRUITLESS:
             growing = [family for family in self.families if family.choices and family.elite()]
@@ -176,15 +163,15 @@ class Search:
             if self._random.random() >= 0.5:
                 family = growing[int(self._random.integers(len(growing)))]
             elite = family.elite()
-            settings = elite[int(self._random.integers(len(elite)))]
-            plans = list(self._new(family, family.changed(settings, self._random)))
+            variables = elite[int(self._random.integers(len(elite)))]
+            plans = list(self._new(family, family.changed(variables, self._random)))
             fruitless = 0 if plans else fruitless + 1
             yield from plans
 
-    def _new(self, family: Family, settings: Settings) -> Iterator[tuple[Family, Settings, Plan]]:
-        """Yield the plan of some settings of a family, unless there is none or it was looked at."""
+    def _new(self, family: Family, variables: Variables) -> Iterator[tuple[Family, Plan]]:
+        """Yield the plan of some values of a family, unless there is none or it was looked at."""
         try:
-            plan = family.plan(settings)
+            plan = family.plan(variables)
         except ValueError as error:
             family.refused.append(str(error))
             return
@@ -192,7 +179,7 @@ class Search:
             family.refused.append("robots would begin elsewhere")
         elif plan.key not in self._known:
             self._known.add(plan.key)
-            yield family, settings, plan
+            yield family, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
         """Play the best plans to the end, and defaults that may be among them, so that no printed plan is worse."""
@@ -201,7 +188,7 @@ class Search:
         plans = [look.plan for look in looks]
         if self.interrupted:
             plans, defaults = plans[:_FEWEST_FINALS], []
-        elif self._seconds is None:
+        elif self.seconds is None:
             plans = plans[: self._finals_max]
         self._play(threads, [(plan, self.episodes) for plan in [*plans, *defaults]])
 
@@ -210,7 +197,8 @@ class Search:
         more = True
         while more:
             best = best_of(self.finals)
-            counts = [max(count, self.episodes.count) for count in (BEST, *[CONFIRMED] * (len(best) - 1))]
+            least = [BEST_EPISODES, *[CONFIRMING_EPISODES] * (len(best) - 1)]
+            counts = [max(count, self.episodes.count) for count in least]
             more = self._play(threads, [
                 (plan.plan, dataclasses.replace(self.episodes, count=count))
                 for plan, count in zip(best, counts, strict=False) if len(plan.rows) < count
@@ -224,13 +212,13 @@ class Search:
             return bool(self._finals) and not self.interrupted and self._is_late()
 
         played = False
-        for plan, ended in self._in_order(threads, iter(distinct.values()), is_over):
+        for plan, final in self._in_order(threads, iter(distinct.values()), is_over):
             played = True
-            try:
-                self._finals[plan.key] = ended.result()
-            except Exception as error:  # one policy that fails must not end the search
+            if isinstance(final, str):
                 self._finals.pop(plan.key, None)
-                self.broken.append(_reason_of(error))
+                self.broken.append(final)
+            else:
+                self._finals[plan.key] = final
         return played
 
     def _in_order(
@@ -238,21 +226,25 @@ class Search:
         threads: ThreadPoolExecutor,
         calls: Iterator[tuple[Any, Callable[[], Planned]]],
         is_over: Callable[[], bool],
-    ) -> Iterator[tuple[Any, Future]]:
-        """Run calls in threads, and yield what each was for with its result, in the order in which they began.
+    ) -> Iterator[tuple[Any, Planned | str]]:
+        """Run calls in threads, and yield the subject of each with its result, in the order in which they began.
+
+        In place of a result, the reason of a failure is yielded: one policy that fails must not end the search.
 
         In a search for a number of plans, a call is taken from the iterator when the result of the one `AHEAD` before
         it has been used, whatever the number of cores and their load. So the results on which the next call depends
         are the same on every machine.
         """
+        ahead = AHEAD if self.seconds is None else min(cores(), AHEAD)
         waiting: deque[tuple[Any, Future]] = deque()
         try:
             while True:
-                while len(waiting) < self._ahead and not is_over() and (call := next(calls, None)) is not None:
+                while len(waiting) < ahead and not is_over() and (call := next(calls, None)) is not None:
                     waiting.append((call[0], threads.submit(call[1])))
                 if not waiting:
                     return
-                yield waiting.popleft()
+                subject, future = waiting.popleft()
+                yield subject, _result_of(future)
                 self._report()
         finally:
             for _, future in waiting:
@@ -264,8 +256,7 @@ class Search:
         These are the best without and with failures, the best of each family and of each policy, then all by their
         worst-case undetected time.
         """
-        collision_free = sorted(self._without_collisions(), key=lambda look: look.figures.objectives)
-        by_failed = sorted(collision_free, key=lambda look: look.figures.by_failures)
+        collision_free, by_failed = sorted_both_ways(self._without_collisions())
         known = [look for look in collision_free if look.plan.family == BEST_KNOWN]
         families = {look.plan.family: look for look in reversed(collision_free)}
         policies = {look.plan.settings.policy: look for look in reversed(collision_free)}
@@ -274,9 +265,14 @@ class Search:
         return list({look.plan.key: look for look in order}.values())
 
 
-def _reason_of(error: Exception) -> str:
-    """Return why a plan cannot be played."""
-    return str(error) if isinstance(error, ValueError) else where_raised(error)
+def _result_of(future: Future) -> Planned | str:
+    """Return the plan that was played, or the reason why it cannot be played."""
+    try:
+        return future.result()
+    except ValueError as error:
+        return str(error)
+    except Exception as error:  # a policy of a user may raise anything
+        return where_raised(error)
 
 
 @dataclass
@@ -366,10 +362,12 @@ class PlanOutcome:
                 on_progress((before + min(share, 1.0)) / len(numbers), self)
 
             with quietly():
-                families = families_of(self.scenarios[number], request.clearance or 0.0)
-                options = request.episodes, families, request.seed, request.fixed_start
-                search = self.searches[number] = Search(self.scenarios[number], *options)
-                search.run(request.plans or PLANS, seconds, progress)
+                scenario = self.scenarios[number]
+                families = families_of(scenario, request.clearance or 0.0)
+                budget = request.plans or PLANS, seconds
+                search = Search(scenario, families, request.episodes, *budget, request.seed, request.fixed_start)
+                self.searches[number] = search
+                search.run(progress)
             self.finals += search.finals
             if search.interrupted or self.fewest_robots is not None:
                 break

@@ -1,7 +1,7 @@
 """The base classes of policies and of filters.
 
 A policy receives the observation and nothing else. The action of a robot depends only on its own row, its own memory
-and the scenario; only the robots under the filter `-proved` also exchange plans within a step. So every policy could
+and the scenario; only robots with the filter `-proved` also exchange their tails within a step. So every policy could
 run on a robot, and classical and learned ones are compared fairly.
 """
 

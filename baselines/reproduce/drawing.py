@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE, saved
@@ -24,6 +25,8 @@ SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY)
 _SMALLER: dict[Any, Any] = {
     "font.size": 8.5,
     "axes.titlesize": 9,
+    "axes.titleweight": "normal",
+    "axes.titlelocation": "center",
     "axes.labelsize": 8.5,
     "legend.fontsize": 8,
     "savefig.dpi": 180,
@@ -60,11 +63,6 @@ def sheet(name: str, title: str, width: float, height: float) -> Iterator[Pictur
         picture.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
 
 
-def panel_name(axes: Axes, name: str) -> None:
-    """Write the title of a panel, as `(a) t = 0 s`."""
-    axes.set_title(name, fontweight="normal", loc="center")
-
-
 def name_line(axes: Axes, x: float, y: float, word: str, colour: str) -> None:
     """Write a word behind the end of a line, in its colour."""
     place: dict[str, Any] = {"xytext": (3, 0), "textcoords": "offset points", "va": "center"}
@@ -83,10 +81,8 @@ def draw_plane(axes: Axes, curve: Curve, **line: Any) -> None:
 
 def draw_ring(axes: Axes, position: np.ndarray, neighbours: np.ndarray, **line: Any) -> None:
     """Draw the edges of the communication ring between robots at (N, 2) positions, in the paper's orange."""
-    for robot, others in enumerate(neighbours):
-        for other in others[others > robot]:
-            ends = position[[robot, other]]
-            axes.plot(*ends.T, **({"color": ORANGE, "lw": 1.1, "zorder": 2} | line))
+    ends = [position[[robot, other]] for robot, others in enumerate(neighbours) for other in others[others > robot]]
+    axes.add_collection(LineCollection(ends, **({"color": ORANGE, "lw": 1.1, "zorder": 2} | line)))
 
 
 def mark_time(

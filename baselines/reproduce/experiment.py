@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from baselines.reproduce.claims import Claim, Part, all_of, at_most, reported
+from baselines.reproduce.claims import Claim, Part, all_of, at_most, reported, span
 from baselines.reproduce.drawing import (
     BLUE,
     DARK,
@@ -17,7 +17,6 @@ from baselines.reproduce.drawing import (
     draw_ring,
     mark_time,
     name_line,
-    panel_name,
     sheet,
 )
 from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, phase_distance, spread_of_cars
@@ -38,7 +37,7 @@ def fig7(player: Player) -> Part:
         for k, time in enumerate(_STILLS):
             axes = picture.figure.add_subplot(2, 4, k + 1)
             moment = round(time / step)
-            panel_name(axes, f"({'abcdefgh'[k]})  t = {time:.1f} s")
+            axes.set_title(f"({'abcdefgh'[k]})  t = {time:.1f} s")
             draw_plane(axes, scenario.curve, lw=0.7, ls="--")
             draw_ring(axes, played.position[moment, 0, :, :2], scenario.neighbours, alpha=0.75)
             for robot in range(scenario.num_robots):
@@ -82,17 +81,15 @@ def fig8(player: Player) -> Part:
         phase = np.unwrap(played.phase[:, 0], axis=0)
         for robot in range(played.scenario.num_robots):
             colour = PINK if robot in _SIMULATED else BLUE
-            upper.plot(played.time, phase[:, robot], color=colour, lw=1.4)
+            word = {0: "simulated agents, fail", 1: "physical agents"}.get(robot)
+            upper.plot(played.time, phase[:, robot], color=colour, lw=1.4, label=word)
             name_line(upper, played.time[-1], phase[-1, robot], f"{robot + 1}", colour)
-        upper.plot([], [], color=PINK, label="simulated agents, fail")
-        upper.plot([], [], color=BLUE, label="physical agents")
-        upper.fill_between([], [], color=ORANGE, alpha=0.25, label="failure")
-        upper.legend(loc="lower right")
         lower.plot(played.time, played.deviation, color=GREY, lw=0.4)
         lower.plot(played.time, played.deviation[:, 0], color=BLUE, lw=1.4)
         for axes in (upper, lower):
-            axes.axvspan(first, last, color=ORANGE, alpha=0.2, lw=0)
+            axes.axvspan(first, last, color=ORANGE, alpha=0.2, lw=0, label="failure")
             axes.set_xlim(0, played.time[-1])
+        upper.legend(loc="lower right")
         for k, time in enumerate(_STILLS[:5]):
             mark_time(upper, time, f"({'abcde'[k]})", 0.98, "#777777")
         upper.set_ylabel("states $\\theta$ [rad]")
@@ -108,7 +105,7 @@ def fig8(player: Player) -> Part:
     yield reported(
         "collisions in the transient",
         "not excluded (IV-A)",
-        f"{collisions.min()} to {collisions.max()} an episode",
+        f"{span(collisions, 'g')} an episode",
         "waiting cars may stop anywhere on a curve that crosses itself: Theorem 4 does not cover bodies",
     )
     yield picture

@@ -16,7 +16,6 @@ from baselines.reproduce.drawing import (
     draw_ring,
     mark_time,
     name_line,
-    panel_name,
     sheet,
 )
 from baselines.reproduce.episodes import BARE, SEEDS, PlayedEpisodes, Player
@@ -57,20 +56,17 @@ def fig4(player: Player) -> Part:
 
     with sheet("fig4", "Fig. 4   Ten robots, and how far one of them may be displaced", 7.2, 4.0) as picture:
         left, right = picture.figure.subplots(1, 2, width_ratios=(1.25, 1))
-        draw_plane(left, curve, color=RED, ls=":", lw=0.9)
+        draw_plane(left, curve, color=RED, ls=":", lw=0.9, label="curve")
         gamma = perturbation.alpha * perturbation.equilibrium
         position = closed_forms.curve_point(curve, gamma)
-        draw_ring(left, position, perturbation.neighbours)
-        around = perturbation.alpha * np.linspace(-half, half, 200) + gamma[0]
-        left.plot(*closed_forms.curve_point(curve, around).T, color=GREEN, lw=2.6, ls=(0, (2.2, 1)), zorder=3)
-        left.plot(*position.T, "o", color=BLUE, ms=9, zorder=4)
+        draw_ring(left, position, perturbation.neighbours, label="ring")
+        around = closed_forms.curve_point(curve, perturbation.alpha * np.linspace(-half, half, 200) + gamma[0])
+        left.plot(*around.T, color=GREEN, lw=2.6, ls=(0, (2.2, 1)), zorder=3, label="(9) for robot 1")
+        left.plot(*position.T, "o", color=BLUE, ms=9, zorder=4, label="robots")
         for robot, place in enumerate(position):
             left.annotate(f"{robot + 1}", place, ha="center", va="center", fontsize=6.5, color="white", zorder=5)
-        keys = {"robots": {"ls": "none", "marker": "o", "color": BLUE, "ms": 5}, "curve": {"color": RED, "ls": ":"}}
-        keys |= {"ring": {"color": ORANGE}, "(9) for robot 1": {"color": GREEN, "ls": "--", "lw": 2.4}}
-        for word, key in keys.items():
-            left.plot([], [], label=word, **key)
-        left.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=4, handlelength=1.6, columnspacing=1.2)
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.02), "ncols": 4}
+        left.legend(**below, handlelength=1.6, columnspacing=1.2, markerscale=0.6)
 
         cases = ((0.95 * half, GREEN, "inside"), (1.6 * half, BLUE, "outside"), (leaves, RED, "outside"))
         for angle, colour, word in cases:
@@ -139,7 +135,7 @@ def fig6(player: Player) -> Part:
     with sheet("fig6", "Fig. 6   Two of five robots fail and resume", 7.2, 4.5) as picture:
         grid = picture.figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=(1.5, 1))
         for column, (name, played) in zip(grid.T, runs.items(), strict=True):
-            panel_name(column[0], name)
+            column[0].set_title(name)
             # The phases of world 0 are shown as if robot 0 had started at phase 0.
             phase: np.ndarray = np.unwrap(played.phase[:, 0], axis=0)
             phase -= phase[0, 0]

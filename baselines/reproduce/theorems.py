@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from baselines.reproduce.claims import Claim, Part, all_of, at_most, near
+from baselines.reproduce.claims import Claim, Part, all_of, at_most, near, span
 from baselines.reproduce.episodes import BARE, PlayedEpisodes, Player, phase_distance
 from lissajous_env import scenario
 from lissajous_env.episodes.guarantee import IdealFormation
@@ -28,7 +28,9 @@ def theorem1(player: Player) -> Part:
         played = _random_starts(player, n)
         reached = played.winding[-1]
         share = np.bincount(reached, minlength=n)[:n] / _STARTS
-        inside = np.isin(reached, closed_forms.stable_equilibria(n)) & _settled(played)
+        # In an equilibrium (2), all ring neighbours are equally far apart in phase.
+        off = phase_distance(played.ring_phases[-1], 2 * np.pi * reached[:, None] / n).max(axis=-1)
+        inside = np.isin(reached, closed_forms.stable_equilibria(n)) & (off < RECOVERED)
         reached_p = [p for p in np.argsort(-share) if share[p] > 0]
         yield all_of(
             f"N = {n}: random starts converge to p in (N/4, 3N/4) = ({n / 4:g}, {3 * n / 4:g})",
@@ -42,7 +44,10 @@ def theorem1(player: Player) -> Part:
 def theorem2(player: Player) -> Part:
     """Test Theorem 2: stable equilibria with one robot at each place."""
     # Computed from the eigenvalues of the Jacobian, and not by the rule of Theorem 1.
-    exists = {n: any(_is_stable(n, p) and math.gcd(n, p) == 1 for p in range(n)) for n in range(3, 41)}
+    exists = {
+        n: any(closed_forms.equilibrium_eigenvalues(n, p)[1:].max() < -1e-9 for p in range(n) if math.gcd(n, p) == 1)
+        for n in range(3, 41)
+    }
     exceptions = [exists.pop(n) for n in (4, 6)]
     yield all_of(
         "a stable 1-clustered equilibrium exists, by the eigenvalues of the Jacobian, N = 3 ... 40 without 4 and 6",
@@ -103,21 +108,6 @@ def _random_starts(player: Player, n: int) -> PlayedEpisodes:
     return player.play("kuramoto", scenario("failure", **bare), worlds=_STARTS)
 
 
-def _settled(played: PlayedEpisodes) -> np.ndarray:
-    """Return whether ring neighbours are equally far apart in phase (W,), so that the state is some equilibrium (2)."""
-    phases = played.ring_phases[-1]
-    equal = 2 * np.pi * played.winding[-1][:, None] / phases.shape[-1]
-    return phase_distance(phases, equal).max(axis=-1) < RECOVERED
-
-
-def _is_stable(n: int, p: int) -> bool:
-    """Return whether all eigenvalues of the Jacobian, except that of the common rotation, are negative."""
-    ring = np.eye(n)
-    slope = math.cos(2 * math.pi * p / n)  # d theta_i' / d theta_j = -slope for the neighbours, proof of Theorem 3
-    jacobian = slope * (2 * ring - np.roll(ring, 1, axis=0) - np.roll(ring, -1, axis=0))
-    return bool(np.sort(np.linalg.eigvalsh(jacobian))[-2] < -1e-9)
-
-
 def bounds(player: Player) -> Part:
     """Compare conditions (6), (7), (8) and T_max with measurements, on curves with a odd, a + b = N and co-prime."""
     curves = [
@@ -148,7 +138,7 @@ def bounds(player: Player) -> Part:
         "always",
         bodies >= 1,
         "curves",
-        f"conservative: the measured radius is {larger.min():.2f} to {larger.max():.2f} times r_max for N >= "
+        f"conservative: the measured radius is {span(larger, '.2f')} times r_max for N >= "
         f"{robots[~fewest].min()}, from {bodies[fewest].min():.2f} times on for N = {_FEWEST}",
     )
     yield all_of(
@@ -156,7 +146,7 @@ def bounds(player: Player) -> Part:
         "always",
         sensors <= 1,
         "curves",
-        f"the radius that is needed is {sensors.min():.2f} to {sensors.max():.2f} times that of (7); {count}",
+        f"the radius that is needed is {span(sensors, '.2f')} times that of (7); {count}",
     )
     yield at_most(
         "(8): largest distance of ring neighbours / 2 r_s, alpha by the rule",

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from baselines.mpcc.model import MpccParameters
-from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, within_range
+from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, span, within_range
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, sheet
 from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, spread_of_cars
 from lissajous_env import scenario
@@ -108,12 +108,16 @@ def experiment1(player: Player) -> Part:
     alike = player.play("open-loop-mpcc", undisturbed(**without_spread), worlds=SEEDS)
     body = 2 * lost.scenario.robot.radius
     first = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
-    leaves = _time_above(lost, 2 * _moving_mean(feedback).max())
-    drift, closed, same = (_at_the_end(played) for played in (lost, feedback, alike))
+    frames = round(_SETTLED / lost.scenario.task.step)
+    drift, closed, same = (played.deviation[-frames:].mean(axis=0) for played in (lost, feedback, alike))
+    mean, usual = (uniform_filter1d(played.deviation, frames, axis=0, mode="nearest") for played in (lost, feedback))
+    often, seldom, rigid = (60 * played.score(COLLISIONS).mean() / _LONG for played in (lost, feedback, alike))
+    is_off = mean > 2 * usual.max()
+    leaves = np.where(is_off.any(axis=0), lost.time[is_off.argmax(axis=0)], np.inf)
     yield Claim(
         "without feedback the system leaves the equilibrium",
         "diverges",
-        f"{drift.min():.2f} to {drift.max():.2f} rad off after {_LONG:g} s, with feedback at most {closed.max():.2f}",
+        f"{span(drift, '.2f')} rad off after {_LONG:g} s, with feedback at most {closed.max():.2f}",
         "mean above 3 times that with feedback",
         bool(drift.mean() > 3 * closed.mean()),
         f"it drifts at the rate at which cars differ, {spread_of_cars(lost.scenario)} here; the paper's differ by "
@@ -122,49 +126,27 @@ def experiment1(player: Player) -> Part:
     yield Claim(
         "it does so after few seconds",
         "few seconds",
-        f"twice as far off as ever with feedback after {np.nanmin(leaves):.0f} to {np.nanmax(leaves):.0f} s, half "
-        f"of the seeds by {np.median(np.nan_to_num(leaves, nan=np.inf)):.0f} s",
+        f"twice as far off as ever with feedback after {span(leaves[is_off.any(axis=0)], '.0f')} s, half of "
+        f"the seeds by {np.median(leaves):.0f} s",
         "half of the seeds by 10 s",
-        bool(np.median(np.nan_to_num(leaves, nan=np.inf)) <= 10),
+        bool(np.median(leaves) <= 10),
         f"deviation, mean of {_SETTLED:g} s. Cars that differ by {spread_of_cars(lost.scenario)} drift so slowly; "
         "the paper's differ by an unknown amount",
     )
     yield Claim(
         "until a collision occurs",
         "after few seconds",
-        f"first after {first.min():.1f} to {first.max():.1f} s",
+        f"first after {span(first, '.1f')} s",
         "in every seed",
         bool((lost.score(SEPARATION) < body).all()),
-        f"bodies of {body / 2} m collide {_each_minute(lost).mean():.0f} times a minute, with feedback "
-        f"{_each_minute(feedback).mean():.1f} times",
+        f"bodies of {body / 2} m collide {often:.0f} times a minute, with feedback {seldom:.1f} times",
     )
     yield reported(
         "without the feedback of (1), identical cars preserve the formation, too",
         SILENT,
         f"{same.max():.2f} rad off after {_LONG:g} s",
-        f"identical cars preserve their phases, but collide {_each_minute(alike).mean():.0f} times a minute",
+        f"identical cars preserve their phases, but collide {rigid:.0f} times a minute",
     )
-
-
-def _at_the_end(played: PlayedEpisodes) -> np.ndarray:
-    """Return the deviation from the equilibrium in the last 5 s, averaged, (W,) [rad]."""
-    return played.deviation[-round(_SETTLED / played.scenario.task.step) :].mean(axis=0)
-
-
-def _moving_mean(played: PlayedEpisodes) -> np.ndarray:
-    """Return the deviation from the equilibrium, averaged over the 5 s around each frame, (F, W) [rad]."""
-    return uniform_filter1d(played.deviation, round(_SETTLED / played.scenario.task.step), axis=0, mode="nearest")
-
-
-def _time_above(played: PlayedEpisodes, limit: float) -> np.ndarray:
-    """Return the first time at which `_moving_mean` is above a limit [rad], (W,) [s]; NaN if it never is."""
-    above = _moving_mean(played) > limit
-    return np.where(above.any(axis=0), played.time[np.argmax(above, axis=0)], np.nan)
-
-
-def _each_minute(played: PlayedEpisodes) -> np.ndarray:
-    """Return the collisions per minute (W,)."""
-    return 60 * played.score(COLLISIONS) / played.time[-1]
 
 
 def printed(player: Player) -> Part:
@@ -174,8 +156,8 @@ def printed(player: Player) -> Part:
     weights = MpccParameters()
     exchanged = {"weight_lateral": weights.weight_lag, "weight_lag": weights.weight_lateral}
     order = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS, **exchanged)
-    outside, allowed = _outside(beta), 0.2
-    task, model = beta.scenario, beta.scenario.robot
+    task, model, allowed = beta.scenario, beta.scenario.robot, 0.2
+    outside = float((np.abs(beta.position[..., :2]) - (task.curve.half_width, task.curve.half_height)).max())
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag
     fastest = geometry.top_speed(task.curve, task.formation.phase_rate)
     closest = order.score(SEPARATION)
@@ -192,8 +174,8 @@ def printed(player: Player) -> Part:
         f"q1 = {weights.weight_lateral:g} on the lag, q2 = {weights.weight_lag:g} on the lateral error: smallest "
         "distance",
         f"{CLOSEST:g} m",
-        _range(closest) + " m",
-        f"the range with q1, q2 exchanged: {_range(baseline.score(SEPARATION))} m",
+        f"{span(closest)} m",
+        f"the range with q1, q2 exchanged: {span(baseline.score(SEPARATION))} m",
         bool(closest.min() <= CLOSEST <= closest.max()),
         f"{order.score(COLLISIONS).mean():.0f} collisions in {order.scenario.task.duration:g} s instead of "
         f"{baseline.score(COLLISIONS).mean():.1f}: we take q1 as the weight of the lateral error",
@@ -214,7 +196,9 @@ def window(player: Player) -> Part:
     gains = {K: undisturbed(**{"formation.coupling": K}) for K in _GAINS}
     runs = {K: player.play("kuramoto-mpcc", task, worlds=SEEDS) for K, task in gains.items()}
     mean = {K: float(played.score(COLLISIONS).mean()) for K, played in runs.items()}
-    low, high = _around_one([value <= _FEW for value in mean.values()])
+    bad = [K for K, collisions in mean.items() if collisions > _FEW]
+    below, above = max(K for K in bad if K < 1), min(K for K in bad if K > 1)
+    good = [K for K in _GAINS if below < K < above]
     lost = {K: int((played.score(PHASE_ERROR) > _LOST).sum()) for K, played in runs.items()}
     yield at_most(
         f"K = 1, as (1) is printed: collisions in 60 s, the mean of {SEEDS} seeds",
@@ -227,7 +211,7 @@ def window(player: Player) -> Part:
         "the same for other K",
         SILENT,
         ", ".join(f"{value:.1f} ({K:g})" for K, value in mean.items()),
-        f"at most {_FEW:g} with K = {low:g} to {high:g}",
+        f"at most {_FEW:g} with K = {good[0]:g} to {good[-1]:g}",
     )
     yield reported(
         f"seeds that lose the formation: more than {_LOST:g} rad off",
@@ -235,25 +219,3 @@ def window(player: Player) -> Part:
         ", ".join(f"{count} ({K:g})" for K, count in lost.items() if count) + f" of {SEEDS}",
         "at other K none; with small K the formation is preserved, but robots collide",
     )
-
-
-def _around_one(good: list[bool]) -> tuple[float, float]:
-    """Return the smallest and the largest of the good gains around K = 1."""
-    first = last = _GAINS.index(1.0)
-    while first > 0 and good[first - 1]:
-        first -= 1
-    while last + 1 < len(_GAINS) and good[last + 1]:
-        last += 1
-    return _GAINS[first], _GAINS[last]
-
-
-def _outside(played: PlayedEpisodes) -> float:
-    """Return the largest distance of a robot outside the rectangle, along x or y [m]."""
-    curve = played.scenario.curve
-    beyond = np.abs(played.position[..., :2]) - np.array([curve.half_width, curve.half_height])
-    return float(beyond.max())
-
-
-def _range(values: np.ndarray) -> str:
-    """Return the smallest and the largest value in words."""
-    return f"{values.min():.3f} to {values.max():.3f}"

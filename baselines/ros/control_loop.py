@@ -46,11 +46,10 @@ def relative_to_robot(rows: np.ndarray, frame: str, own: str, pose: Odometry | N
         return moved(vectors, (0.0, 0.0, pose.heading)).reshape(rows.shape)
     if frame != own:
         raise ValueError(f"frame of a sensor's data must be {own}, or end in base_link or aligned, got {frame!r}")
-    vectors[:, 0] -= origin[:2]
-    vectors = moved(vectors, (0.0, 0.0, -origin[2]))
-    vectors[:, 0] -= (pose.x, pose.y)
-    vectors[:, 1:] -= pose.speed * np.array([math.cos(pose.heading), math.sin(pose.heading)])
-    return vectors.reshape(rows.shape)
+    away = relative(vectors[:, :1], origin) - (pose.x, pose.y)
+    velocity = moved(np.array([pose.speed, 0.0]), (0.0, 0.0, pose.heading))
+    moving = relative(vectors[:, 1:], (0.0, 0.0, origin[2])) - velocity
+    return np.concatenate([away, moving], axis=1).reshape(rows.shape)
 
 
 class SpeedOfPoses:
@@ -82,8 +81,9 @@ class ControlLoop:
 
     A pose counts from a quarter of a step before its time on. The robot announces it to its neighbours, and waits until
     it has heard of theirs, at most for `wait`. If no pose arrives within half a step after its time, the robot acts on
-    the one before, so that the rules by which it stops apply, and then on the next one as soon as it arrives. It never
-    acts twice at one time, as while the clock of a simulation stands still.
+    the one before, so that the rules by which it stops apply, and then on the next one as soon as it arrives; likewise
+    at once if the clock went back by more than a step. It never acts twice at one time, as while the clock of a
+    simulation stands still.
 
     All times are on the clock of the robots [s], except for `wait`: if the clock of a simulation waits for the robot,
     the robot must not wait for this clock.
@@ -105,7 +105,7 @@ class ControlLoop:
         self.heard: dict[int, Message | None] = {sender: None for sender in onboard.neighbours if sender >= 0}
         self._step, self._wait, self._wall = onboard.scenario.task.step, wait, wall
         self._detections: dict[str, tuple[float, Any]] = {}
-        self._announced_at = -wall() - self._step
+        self._announced_at = -math.inf
         self.start(0.0)
         self.started = False
 
@@ -114,8 +114,8 @@ class ControlLoop:
         self.onboard.reset()
         self.pose: Odometry | None = None
         self._taken_at: float | None = None
-        self.started, self._is_new = True, False
-        self._acted_at, self._due, self._is_late = -math.inf, now + self._step, True
+        self.started, self._is_new, self._acted_at = True, False, -math.inf
+        self._due, self._latest = -math.inf, now + 1.5 * self._step
 
     def take(self, pose: Odometry) -> None:
         """Store a pose, unless one is waiting for the messages of the neighbours."""
@@ -131,12 +131,11 @@ class ControlLoop:
 
         A robot that has not been started announces its poses, too, so that others know of it.
         """
-        wall = self._wall()
+        wall, step = self._wall(), self._step
+        is_due = now > self._acted_at and now >= self._due - 0.25 * step
+        if not (is_due if self.started else wall - self._announced_at >= 0.75 * step):
+            return None
         if not self._is_new or self.pose is None:
-            return None
-        if self.started and (now <= self._acted_at or not (self._is_late or now >= self._due - 0.25 * self._step)):
-            return None
-        if not self.started and wall - self._announced_at < 0.75 * self._step:
             return None
         self._is_new, self._announced_at = False, wall
         if self.started:
@@ -145,6 +144,8 @@ class ControlLoop:
 
     def act(self, now: float) -> Output | None:
         """Decide on the command of a step that is due, on what the sensors have reported; return None if none is."""
+        if now < self._acted_at - self._step:  # the clock went back, so that the policy must stop the robot
+            self._acted_at = self._due = self._latest = -math.inf
         if not self._is_due(now):
             return None
         limit = self.onboard.limits.pose_age
@@ -153,20 +154,18 @@ class ControlLoop:
         output = self.onboard.act(now, self.pose, heard, works=self.works, **recent)
         taken_at, self._taken_at, self._acted_at = self._taken_at, None, now
         if taken_at is None:
-            # Over half a step later, so that the pose of a step comes first on a clock that goes on by whole steps.
-            self._due = now + 0.75 * self._step
-        elif self._is_late or abs(taken_at - self._due) > self._step:
-            self._due = taken_at + self._step
+            # Over a step later, so that the pose of a step comes first on a clock that goes on by whole steps.
+            self._due, self._latest = -math.inf, now + 1.25 * self._step
         else:
-            self._due += self._step
-        self._is_late = taken_at is None
+            self._due = self._step + (self._due if abs(taken_at - self._due) <= self._step else taken_at)
+            self._latest = self._due + 0.5 * self._step
         return output
 
     def _is_due(self, now: float) -> bool:
         if not self.started or now == self._acted_at:
             return False
         if self._taken_at is None:
-            return now >= self._due + 0.5 * self._step
+            return now >= self._latest
         return self._has_heard() or self._wall() - self._announced_at >= self._wait
 
     def _has_heard(self) -> bool:

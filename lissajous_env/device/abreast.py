@@ -1,6 +1,6 @@
 """Robots side by side: loops that the compiler turns into SIMD instructions.
 
-A kernel of the layout `BLOCKS` iterates over the robots of all worlds in blocks of `width()`. Arrays are contiguous,
+A stage with the parameter `block` iterates over the robots of all worlds in blocks of `width()`. Arrays are contiguous,
 world first, then robot, so the kernel loads the values of a block at once (`floats` and the functions after it). It
 computes in loops `for k in range(ABREAST)` whose iterations do not depend on each other, and stores the results
 (`put_floats` and the functions after it) of the robots that have a bit in a mask, by which robots of inactive worlds

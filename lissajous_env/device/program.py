@@ -1,11 +1,10 @@
 """Programs: kernels in an order, bound to arrays by the names of their parameters, ready to run.
 
-A kernel is one that `@stage` of `device/stage.py` has made, whose layout determines what each of its threads processes.
-Its parameters are matched by name.
+A kernel is one that `@stage` of `device/stage.py` has made. Its parameters are matched by name.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import Any, cast
 
@@ -15,13 +14,10 @@ import warp as wp
 from lissajous_env.device.abreast import width_on
 from lissajous_env.device.compilation import load_together
 from lissajous_env.device.devices import as_device, compile_quietly, cores
-from lissajous_env.device.stage import BLOCKS, WORLD, WORLDS
+from lissajous_env.device.stage import PLACES, WORLD
 from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_arguments
 from lissajous_env.device.work import TASKS_PER_THREAD, Work
 from lissajous_env.wording import few_of
-
-_PLACES = {"first", "lanes", "begin", "end", "entities"}
-"""Parameters that select the worlds and entities of a launch."""
 
 _MOST_LAUNCHES = 64
 """Largest number of recorded launches of a launcher."""
@@ -44,7 +40,7 @@ class Stage:
     """Arguments of its kernel besides the values of the program, by name."""
 
     def __post_init__(self) -> None:
-        if self.is_kernel and not hasattr(self.run, "layout"):
+        if self.is_kernel and not hasattr(self.run, "by_block"):
             raise ValueError(f"kernel of stage {self.name} must be made by @stage, got one by @wp.kernel")
 
     @property
@@ -60,17 +56,12 @@ class Stage:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the kernel's parameters that are matched in the state and the constants."""
-        return tuple(name for name in self.labels if name not in _PLACES)
+        return tuple(name for name in self.labels if name not in PLACES)
 
     @property
     def writes(self) -> tuple[str, ...]:
         """Names of what it changes, as `robots.phase`; none where its kernel does not say it."""
         return getattr(self.run, "writes", ())
-
-    def among(self, values: Mapping[str, Any]) -> "Stage":
-        """Return the stage in a program of these values, with the reduced kernel where they lack an optional one."""
-        lacks = self.is_kernel and any(name not in values for name in self.run.optional)
-        return replace(self, run=self.run.reduced) if lacks else self
 
     @property
     def labels(self) -> list[str]:
@@ -118,7 +109,7 @@ class Program:
         blocks: int = 1,
         threads: int = 1,
     ):
-        self.stages = tuple(stage.among(values) for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
+        self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
         self._values, self._sizes, self._device = values, sizes, device
         load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores())
         edges = np.linspace(0, num_worlds, blocks + 1).astype(int).tolist()
@@ -154,10 +145,9 @@ class Program:
         """Record the launch of a stage for the worlds from `low` to `high` - 1."""
         size, names = self._sizes.get(stage.over, 1), stage.labels
         lanes = self._lanes(stage)
-        dim: tuple[int, ...] = (high - low,) if stage.run.layout == WORLDS else (high - low, lanes)
-        if stage.run.layout == BLOCKS:
-            dim = (-(-(high - low) * size // width_on(self._device)),)
-        placed = {"first": low, "lanes": lanes, "begin": low * size, "end": high * size, "entities": size}
+        blocks = -(-(high - low) * size // width_on(self._device))
+        dim = blocks if stage.run.by_block else (high - low, lanes)
+        placed = {"first": low, "last": high, "lanes": lanes, "entities": size}
         values = {**self._values, **stage.own, **placed}
         if unknown := [name for name in names if name not in values]:
             there = few_of(sorted(values), unknown[0])

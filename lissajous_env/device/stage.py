@@ -1,46 +1,37 @@
 """Stages: a kernel made of a function of a world and one of its entities, and what it writes.
 
 `@stage(over, writes)` makes the kernel of a stage. The first parameters of the decorated function say what a thread has
-to do; the kernel has the parameters of a layout instead, which a `Program` fills in:
+to do; the kernel has other parameters instead, which a `Program` fills in:
 
-| parameters of the function | layout   | the function is called for                       |
-|----------------------------|----------|--------------------------------------------------|
-| `w`                        | `WORLDS` | each world                                       |
-| `w`, and the entity        | `LANES`  | each entity of each world                        |
-| `w`, `lane`, `lanes`       | `LANES`  | each world; it goes over every `lanes`-th entity |
-| `block`                    | `BLOCKS` | each block of robots side by side                |
+| parameters of the function | the function is called for                       |
+|----------------------------|--------------------------------------------------|
+| `w`                        | each world                                       |
+| `w`, and the entity        | each entity of each world                        |
+| `w`, `lane`, `lanes`       | each world; it goes over every `lanes`-th entity |
+| `block`                    | each block of robots side by side                |
 
 Worlds that are not active are left out, by the parameter `clock`, which is added where it is missing. A program matches
 all other parameters by name, so a name has the same type in every stage, and in the functions that stages call
 (`@part`): `named` declares it once, and only other parameters are annotated. Those of `writes` are all that a stage
 changes: a field of a struct as `targets.status`, or an array by its own name.
-
-A struct with the default OPTIONAL may be missing from the values of a program. Such a program runs the kernel
-`reduced`, in which the struct is empty, so that the compiler leaves out everything for which it would be read.
 """
 
 import ast
 import inspect
 import linecache
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import warp as wp
 
 from lissajous_env.device.abreast import Block, block_of
-from lissajous_env.device.compilation import module_apart
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN, ARRAY = "world", "robot", "target", "row", "field row", "bin", "array"
 
-WORLDS, LANES, BLOCKS = "worlds", "lanes", "blocks"
+PLACES = "first", "last", "lanes", "entities"
+"""Parameters of every kernel: its worlds, from `first` to `last` - 1, its threads per world, and entities per world."""
 
-OPTIONAL: Any = object()
-"""Default of a parameter that programs may lack."""
-
-_WORLD = """
-w = first + wp.tid()
-"""
 _LANE = """
 tid, lane = wp.tid()
 w = first + tid
@@ -50,7 +41,7 @@ if clock.active[w] == 0:
     return
 """
 _BLOCK = """
-block = block_of(wp.tid(), begin, end, entities, clock.active)
+block = block_of(wp.tid(), first * entities, last * entities, entities, clock.active)
 if block.count == 0:
     return
 """
@@ -105,39 +96,23 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
         module: Warp module of the kernel; by default that of the function.
 
     Returns:
-        A decorator that returns a kernel with the attributes `over`, `layout`, `writes`, `optional`, which are names,
-        and, if there are any, `reduced`.
+        A decorator that returns a kernel with the attributes `over`, `writes` and `by_block`, True for blocks.
 
     Raises:
         TypeError: as of `_types_of`.
     """
 
     def make(function: Any) -> Any:
-        parameters, home = inspect.signature(function).parameters, module or wp.get_module(function.__module__)
-        optional = [name for name in parameters if parameters[name].default is OPTIONAL]
-        # The whole kernel has a module of its own, because few scenarios need it.
-        apart = module_apart(".".join([home.name, *optional]), home.options) if optional else home
-        kernel = _kernel(function, over, writes, idle, apart, [])
-        kernel.optional = optional
-        if optional:
-            kernel.reduced = _kernel(function, over, writes, idle, home, optional)
+        tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+        assert isinstance(tree, ast.FunctionDef)
+        by_block = tree.args.args[0].arg == "block"
+        _arrange(tree, over, idle)
+        tree.decorator_list.clear()
+        kernel = wp.kernel(_compiled(tree, function), module=module or wp.get_module(function.__module__))
+        kernel.over, kernel.writes, kernel.by_block = over, _written(writes), by_block
         return kernel
 
     return make
-
-
-def _kernel(function: Any, over: str, writes: str, idle: bool, module: Any, empty: Sequence[str]) -> Any:
-    """Make the kernel of a function in a module, in which some of its structs are empty."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
-    assert isinstance(tree, ast.FunctionDef)
-    tree.args.args = [argument for argument in tree.args.args if argument.arg not in empty]
-    layout = _arrange(tree, over, idle, "".join(f"{name} = {name}_struct()\n" for name in empty))
-    tree.decorator_list.clear()
-    tree.args.defaults.clear()
-    kernel = wp.kernel(_compiled(tree, function), module=module)
-    kernel.over, kernel.layout, kernel.optional = over, layout, []
-    kernel.writes = tuple(name for name in _written(writes) if name.partition(".")[0] not in empty)
-    return kernel
 
 
 def _written(writes: str) -> tuple[str, ...]:
@@ -149,26 +124,25 @@ def _written(writes: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _arrange(tree: ast.FunctionDef, over: str, idle: bool, first: str) -> str:
-    """Turn the definition of a stage's function into that of its kernel, with first statements; return its layout."""
+def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> None:
+    """Turn the definition of a stage's function into that of its kernel."""
     arguments, about = tree.args.args, tree.body[:1] if ast.get_docstring(tree) else []
     names, body = [argument.arg for argument in arguments], tree.body[len(about) :]
+    active = "" if idle else _ACTIVE
     if names[0] == "block":
-        layout, places, given, before = BLOCKS, "begin: int, end: int, entities: int", 1, _BLOCK
+        given, before = 1, _BLOCK
     elif names[1:3] == ["lane", "lanes"]:
-        layout, places, given, before = LANES, "first: int, lanes: int", 3, _LANE
+        given, before = 3, _LANE + active
     elif over != WORLD:
-        layout, places, given, before = LANES, "first: int, lanes: int, entities: int", 2, _LANE
+        given, before = 2, _LANE + active
         loop = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
         assert isinstance(loop, ast.For)
         loop.body, body = body, [loop]
     else:
-        layout, places, given, before = WORLDS, "first: int", 1, _WORLD
+        given, before = 1, _LANE + active
     clock = [] if idle or "clock" in names else _parameters("clock")
-    tree.args.args = [*_parameters(places), *arguments[given:], *clock]
-    before += ("" if idle or names[0] == "block" else _ACTIVE) + first
+    tree.args.args = [*_parameters(", ".join(f"{name}: int" for name in PLACES)), *arguments[given:], *clock]
     tree.body = [*about, *ast.parse(before).body, *body]
-    return layout
 
 
 def _parameters(text: str) -> list[ast.arg]:
@@ -182,8 +156,7 @@ def _compiled(tree: ast.FunctionDef, function: Any) -> Any:
     # Warp reads the source of a function through `linecache`.
     file, source = f"<stage {function.__module__}.{function.__qualname__}>", ast.unparse(tree)
     linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
-    names = {"block_of": block_of, "wp": wp} | {f"{name}_struct": struct for name, struct in TYPES.items()}
-    names |= function.__globals__ | inspect.getclosurevars(function).nonlocals
+    names = {"block_of": block_of, "wp": wp} | function.__globals__ | inspect.getclosurevars(function).nonlocals
     exec(compile(source, file, "exec"), names)
     kernel = names[function.__name__]
     kernel.__module__, kernel.__qualname__ = function.__module__, function.__qualname__

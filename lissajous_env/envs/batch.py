@@ -17,7 +17,7 @@ from gymnasium.error import ResetNeeded
 from lissajous_env.device.copies import Stateful
 from lissajous_env.device.devices import cores
 from lissajous_env.device.work import Work
-from lissajous_env.envs.sides import Rows, Side, padded, sides_of, state_rows, state_size
+from lissajous_env.envs.sides import Rows, Side, padded, sides_of, state_rows
 from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters import named
 from lissajous_env.parameters.named import space_and_split
@@ -178,8 +178,7 @@ class Batch(Stateful):
             return
         simulation = self.simulations[0]
         unseeded = chosen & (self._seeds == _FROM_SYSTEM)
-        if unseeded.any():
-            self._seeds[unseeded] = drawn_seeds(int(unseeded.sum()))
+        self._seeds[unseeded] = drawn_seeds(int(unseeded.sum()))
         seeded = chosen & (self._seeds != _NEXT)
         if seeded.any():
             simulation.reset(seeded, self._seeds[seeded])
@@ -297,7 +296,7 @@ class Batch(Stateful):
     @property
     def state_size(self) -> int:
         """S, the size of a world's true state."""
-        return state_size(self._most_robots, self._most_targets, self.scenario.messages.size)
+        return self.state().shape[1]
 
     def _simulation(self, scenario: Scenario, seed: int = 0) -> Simulation:
         return Simulation(scenario, self.group_size, device=self._device, seed=seed, threads=self._threads)

@@ -85,7 +85,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         spaces = self._side.spaces() if agents_as_rows else self._side.team_spaces()
         self.single_observation_space, self.single_action_space = spaces
         self.observation_space, self.action_space = (batch_space(space, self.num_envs) for space in spaces)
-        self._ended, self._begun = np.zeros((2, num_envs), dtype=bool)
+        self._begun = np.zeros(num_envs, dtype=bool)
         self._terminated = np.zeros((num_envs, self._side.slots), dtype=bool)
 
     def reset(
@@ -109,8 +109,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self.batch.reset(world_mask(worlds, len(self._begun)))
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
-        self._ended[worlds], self._begun[worlds], self._terminated[worlds] = False, True, False
-        return self._observed(), self._infos(np.zeros(self._terminated.shape, np.float32), np.zeros_like(self._ended))
+        self._begun[worlds], self._terminated[worlds] = True, False
+        return self._observed(), self._infos(np.zeros(self._terminated.shape, np.float32), np.zeros_like(self._begun))
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take a step in every world; `autoreset_mode` determines when worlds that ended are reset.
@@ -121,7 +121,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         """
         if not self._begun.all():
             raise ResetNeeded(f"{NEEDS_RESET}, for every world")
-        begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
+        begins = self.batch.over & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
         # An action that is not finite is replaced by zero, and reported in the infos.
         self.batch.step({"robot": self._side.read_actions(actions, self.action_space.shape, finite=False)})  # pyright: ignore
         if begins.any():
@@ -131,17 +131,11 @@ class LissajousVectorEnv(Timed, VectorEnv):
         terminated, truncated = self._flags(rows, ended)
         robot_reward = rows.reward.copy()
         reward = robot_reward.reshape(-1) if self._agents_as_rows else robot_reward.mean(axis=1)
-        just_ended = ended & ~self._ended
+        just_ended = self.batch.just_ended
         infos = self._infos(robot_reward, just_ended)
-        self._ended = ended
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             self._reset_ended(just_ended, terminated | truncated, infos)
         return self._observed(), reward, terminated, truncated, infos
-
-    @property
-    def score_names(self) -> tuple[str, ...]:
-        """Names of the numbers in `score` of the infos."""
-        return self.simulation.score_names
 
     def _masked(self, options: Any) -> np.ndarray:
         """Return the indices of the worlds that the options of a reset select.
@@ -185,7 +179,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
             return
         last = self._observed()
         self.batch.reset(just_ended)
-        self._ended[:] = False
         self._terminated[just_ended] = False
         final = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(done):

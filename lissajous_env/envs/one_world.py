@@ -56,11 +56,6 @@ class OneWorld:
         if self._renderer is not None:
             self._renderer.reset()
 
-    @property
-    def score_names(self) -> tuple[str, ...]:
-        """Names of the numbers in `score` of an info of Gymnasium."""
-        return self.simulation.score_names
-
     def score(self) -> dict[str, Any]:
         """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
         return self.batch.score(np.ones(1, dtype=bool))[0]
@@ -80,6 +75,10 @@ class OneWorld:
         self._renderer.show(METADATA["render_fps"])
         return None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the renderer, because pictures and windows cannot be pickled."""
+        return self.__dict__ | {"_renderer": None}
+
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._renderer is not None:
@@ -90,9 +89,15 @@ class OneWorld:
 class Timed:
     """Base of a Gymnasium environment that ends its episodes itself: its `spec` states their number of steps."""
 
+    simulation: Simulation
     _steps: int | None = None
     """Number of steps of an episode; None if it varies."""
     _spec: EnvSpec | None = None
+
+    @property
+    def score_names(self) -> tuple[str, ...]:
+        """Names of the numbers in `score` of the infos."""
+        return self.simulation.score_names
 
     @property
     def spec(self) -> EnvSpec | None:

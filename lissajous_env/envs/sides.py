@@ -244,11 +244,6 @@ def state_names(scenario: str | Scenario) -> tuple[str, ...]:
     return (*robots, *targets, "elapsed")
 
 
-def state_size(num_robots: int, num_targets: int, message_size: int = 0) -> int:
-    """Return S = (8 + k) N + 3 T + 1, the size of a world's state."""
-    return (len(_OF_ROBOT) + message_size) * num_robots + len(_OF_TARGET) * num_targets + 1
-
-
 def state_rows(simulation: Simulation, library: Any = np, num_robots: int = 0, num_targets: int = 0) -> Any:
     """Return the true states as float32 rows (W, S), in the order of `state_names`.
 

@@ -59,20 +59,17 @@ class InvalidActionError(ValueError):
 class EpisodeRunner:
     """Plays episodes of a policy in a simulation, and raises an error for invalid actions.
 
-    On a CPU every step is checked; on a GPU, to avoid waiting for it, one of `EVERY` steps and the last.
+    On a CPU every step is checked; on a GPU, to avoid waiting for it, an episode is checked at its end.
 
     Args:
         policy: The policy.
         simulation: The simulation.
     """
 
-    EVERY = 64
-
     def __init__(self, policy: ActingPolicy, simulation: Simulation):
         self.policy, self.simulation = policy, simulation
         self.name = name_of(policy)
         self._invalid = simulation.invalid.numpy() if simulation.device.is_cpu else None
-        self._steps = 0
 
     def step(self) -> None:
         """Take a step of the simulation with the policy's actions.
@@ -86,30 +83,26 @@ class EpisodeRunner:
         except ValueError as error:
             raise InvalidActionError(f"policy {self.name} must return valid actions: {error}") from error
         self.simulation.advance()
-        self._steps += 1
-        if self._invalid is not None or self._steps % self.EVERY == 0:
+        if self._invalid is not None:
             self.check()
 
-    def play(self, seeds: Sequence[int] | None = None, on_moment: Callable[[int], None] | None = None) -> None:
+    def play(self, seeds: Sequence[int], on_moment: Callable[[int], Any] = lambda taken: None) -> None:
         """Play an episode to its end in every world.
 
         Args:
-            seeds: Seeds of the worlds' new episodes, of which the last is repeated in surplus worlds; None requires a
-                new simulation and a new policy.
+            seeds: Seeds of the worlds' episodes, of which the last is repeated in surplus worlds.
             on_moment: Called with the number of steps taken, at the beginning and after each step.
 
         Raises:
             InvalidActionError: as `step`.
         """
-        if seeds is not None:
-            self.policy.reset()
-            surplus = self.simulation.num_worlds - len(seeds)
-            self.simulation.reset(seeds=[*seeds, *[*seeds[-1:]] * surplus])
-        for taken in range(self.simulation.scenario.task.steps + 1):
-            if taken > 0:
-                self.step()
-            if on_moment is not None:
-                on_moment(taken)
+        self.policy.reset()
+        surplus = self.simulation.num_worlds - len(seeds)
+        self.simulation.reset(seeds=[*seeds, *[*seeds[-1:]] * surplus])
+        on_moment(0)
+        for taken in range(self.simulation.scenario.task.steps):
+            self.step()
+            on_moment(taken + 1)
         self.check()
 
     def check(self) -> None:
@@ -171,7 +164,7 @@ def episodes(
     scenario: str | Scenario,
     seeds: Iterable[int],
     device: Any = "cpu",
-    on_step: Callable[[Simulation], None] | None = None,
+    on_step: Callable[[Simulation], Any] = lambda simulation: None,
 ) -> Iterator[list[dict[str, Any]]]:
     """Yield the score rows of each batch of episodes when it has ended.
 
@@ -182,7 +175,7 @@ def episodes(
     runner = EpisodeRunner(policy, simulation)
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]
-        runner.play(batch, None if on_step is None else lambda taken: on_step(simulation) if taken else None)
+        runner.play(batch, lambda taken: on_step(simulation) if taken else None)
         rows = simulation.score(np.arange(len(batch)))
         columns = (*NAMES, *extension_columns(simulation.scenario))
         yield [

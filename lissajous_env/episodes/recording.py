@@ -25,8 +25,6 @@ FORMAT = "lissajous recording 3"
 """Format written into every file; other formats are rejected."""
 MOST_BYTES = 2**30
 """Limit on the total size of a recording [bytes]."""
-_RESOLVED = {"robot": ("count", "phase_rate_max"), "formation": ("p", "alpha", "ring"), "sensing": ("radius",)}
-"""Derived fields of the scenario that a file contains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +138,8 @@ class Recorder:
 
     def __init__(self, simulation: Simulation, world: int = 0):
         self.simulation, self.world = simulation, world
-        self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name not in (*_FIXED, "contact")}
-        self._contact: list[np.ndarray] = []
-        self._slots: dict[str, list[np.ndarray]] = {name: [] for name in _FIXED}
-        """The arrays of `_FIXED` at each moment, if targets appear anew."""
+        fixed = () if simulation.scenario.targets.respawn else _FIXED
+        self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name not in fixed}
         self._last: Snapshot | None = None
         self._bytes = 0
 
@@ -157,15 +153,10 @@ class Recorder:
         due = 0 if self._last is None else self._last.step + 1
         if now.step != due:
             raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
-        others = self._others()
+        others = self._others() | {"contact": np.insert(now.contact, 0, now.step, axis=1)}
         for name, history in self._moments.items():
             history.append(np.array(others[name] if name in others else getattr(now, name)))
-        moments = np.full((len(now.contact), 1), now.step)
-        self._contact.append(np.concatenate([moments, now.contact], axis=1, dtype=np.int32))
-        if self.simulation.scenario.targets.respawn:
-            for name, history in self._slots.items():
-                history.append(getattr(now, name))
-        self._bytes += sum(history[-1].nbytes for history in (*self._moments.values(), self._contact))
+        self._bytes += sum(history[-1].nbytes for history in self._moments.values())
         _check_size(self._bytes)
         self._last = now
 
@@ -187,36 +178,31 @@ class Recorder:
         """Return the recording so far, with the current score and the name of the policy."""
         if self._last is None:
             raise ValueError("a recording must contain at least one moment, got none")
-        arrays: dict[str, Any] = {name: np.stack(history) for name, history in self._moments.items()}
-        arrays |= {name: getattr(self._last, name) for name in _FIXED}
-        if self.simulation.scenario.targets.respawn:
-            slots = {name: np.stack(history) for name, history in self._slots.items()}
-            arrays |= _split_lives(arrays["target_position"], slots)
-        arrays["contact"] = np.concatenate(self._contact)
+        join: dict[str, Any] = {"contact": np.concatenate}
+        arrays = {name: join.get(name, np.stack)(history) for name, history in self._moments.items()}
+        respawn, last = self.simulation.scenario.targets.respawn, self._last
+        arrays |= _split_lives(arrays) if respawn else {name: getattr(last, name) for name in _FIXED}
         arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         score = {"policy": policy, "episode": 0} | self.simulation.score([self.world])[0]
         names = self.simulation.layout.names, self.simulation.reward_term_names
         return Recording(self.simulation.scenario, score, *names, **arrays)
 
 
-def _split_lives(places: np.ndarray, slots: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _split_lives(slots: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the arrays of targets that appear anew in their slots, as if each time another target appeared.
 
     Args:
-        places: (F, T, 2) positions of the slots [m].
-        slots: (F, T) the arrays of `_FIXED` at each moment.
+        slots: (F, T, 2) positions of the slots [m], and (F, T) the arrays of `_FIXED` at each moment.
     """
-    moments = np.arange(len(places))
-    columns: list[np.ndarray] = []
-    fixed: dict[str, list[Any]] = {name: [] for name in _FIXED}
-    for t, appears in enumerate(slots["appears_at"].T):
-        begins = np.flatnonzero(np.diff(appears)) + 1
-        for begin, end in pairwise([0, *begins.tolist(), len(moments)]):
-            columns.append(places[np.clip(moments, begin, end - 1), t])
-            for name in _FIXED:
-                fixed[name].append(slots[name][end - 1, t])
-    arrays = {name: np.array(values, dtype=slots[name].dtype) for name, values in fixed.items()}
-    return arrays | {"target_position": np.stack(columns, axis=1) if columns else places}
+    lives = [
+        (slot, begin, end - 1)
+        for slot, appears in enumerate(slots["appears_at"].T)
+        for begin, end in pairwise([0, *np.flatnonzero(np.diff(appears)) + 1, len(appears)])
+    ]
+    slot, begin, last = np.array(lives, dtype=int).reshape(-1, 3).T
+    moment = np.clip(np.arange(len(slots["appears_at"]))[:, None], begin, last)
+    places = {"target_position": slots["target_position"][moment, slot]}
+    return {name: slots[name][last, slot] for name in _FIXED} | places
 
 
 def record(
@@ -288,9 +274,6 @@ def _loaded(file: BinaryIO) -> Recording:
     for name, dtype in ARRAYS.items():
         _require(arrays[name].dtype == dtype, name, f"be {dtype}, got {arrays[name].dtype}")
     scenario = scenario_of_json(about["scenario"])
-    for part, fields in _RESOLVED.items():
-        for field in fields:
-            _require(getattr(getattr(scenario, part), field) is not None, f"{part}.{field}", "be given")
     names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
     recording = Recording(scenario, about["score"], *names, **arrays)
     _check_arrays(recording)

@@ -16,12 +16,12 @@ from lissajous_env.device.structs import allocate
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, Clock, EpisodeTotals, Robots, StepEvents
+from lissajous_env.world.state import FAILED, NOWHERE, REMOVED, WORKING, Clock, EpisodeTotals, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
 
-COLLISION, EDGE, HIDDEN = 1, 2, 3
-"""Events of a step: a collision or the edge stops or removes a robot at its end, or nothing is known of the robot."""
+FAULT, COLLISION, EDGE = 0, 1, 2
+"""Causes of a status: a fault from the beginning of a step on; a collision or the edge at its end."""
 
 
 @wp.struct
@@ -36,36 +36,43 @@ class Paths:
     """(M, N) speeds over the ground [m/s]."""
     phase: wp.array2d(dtype=wp.float64)
     """(M, N) phases [rad]; NaN where the phase follows the curve from the one before."""
-    event: wp.array2d(dtype=wp.int32)
-    """(M, N) COLLISION, EDGE or HIDDEN in the step to a moment, else 0."""
+    status: wp.array2d(dtype=wp.int32)
+    """(M, N) WORKING, FAILED or REMOVED."""
+    cause: wp.array2d(dtype=wp.int32)
+    """(M, N) FAULT, COLLISION or EDGE, the cause of a status if it is another one than before."""
+    hidden: wp.array2d(dtype=wp.int32)
+    """(M, N) 1 if nothing is known of a robot in the step to a moment, in which it has then failed or been removed."""
+
+
+@stage(ROBOT, writes="latest: terminated; robots: resumed_at, sensor, status")
+def follow_statuses(w: int, i: int, paths: Paths, cause: int, clock: Clock, robots: Robots, latest: StepEvents):
+    """Let robots fail, resume or be removed by a cause."""
+    moment = clock.step[w]
+    if paths.cause[moment, i] == cause:
+        status = paths.status[moment, i]
+        if status == WORKING and robots.status[w, i] == FAILED:
+            robots.resumed_at[w, i] = moment - 1
+        robots.status[w, i] = status
+        if cause != FAULT:
+            robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+            latest.terminated[w, i] = status == REMOVED
 
 
 @stage(ROBOT, writes="robots: status")
 def hide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
     """Mark robots of which nothing is known as removed, so that none collides with them and no column counts them."""
-    if paths.event[clock.step[w], i] == HIDDEN:
+    if paths.hidden[clock.step[w], i] == 1:
         robots.status[w, i] = REMOVED
 
 
 @stage(ROBOT, writes="robots: status; tally: fault_end, faulted")
 def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: EpisodeTotals):
     """Mark these robots as failed again, unless they were removed."""
-    if paths.event[clock.step[w], i] == HIDDEN and robots.removed_at[w, i] >= clock.step[w]:
+    moment = clock.step[w]
+    if paths.hidden[moment, i] == 1 and paths.status[moment, i] == FAILED:
         robots.status[w, i] = FAILED
         tally.faulted[w] = 1
         tally.fault_end[w] = -1
-
-
-@stage(ROBOT, writes="latest: terminated; robots: sensor, status, failed_until")
-def end_paths(w: int, i: int, paths: Paths, cause: int, effect: int, clock: Clock, robots: Robots, latest: StepEvents):
-    """Let a collision or the edge stop or remove robots, `effect` FAILED or REMOVED, as the log has it."""
-    if paths.event[clock.step[w], i] == cause:
-        robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
-        robots.status[w, i] = effect
-        if effect == FAILED:
-            robots.failed_until[w, i] = NEVER
-        else:
-            latest.terminated[w, i] = True
 
 
 @stage(ROBOT, writes="robots: heading, path, phase, position, speed, status")
@@ -84,15 +91,14 @@ def follow_paths(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
         robots.speed[w, i] = paths.speed[moment, i]
         if not wp.isnan(paths.phase[moment, i]):
             robots.phase[w, i] = wrap_phase(paths.phase[moment, i])
-        if moment == 0 and paths.event[0, i] == HIDDEN:
-            robots.status[w, i] = FAILED
 
 
 class PrescribedSimulation(Simulation):
     """A simulation whose robots follow given paths, whatever their actions are.
 
     Args:
-        scenario: The scenario, of at most M - 1 steps; `paths` has the effects of collisions and of the edge.
+        scenario: The scenario, of at most M - 1 steps; `paths` has its faults and the effects of collisions and of the
+            edge.
         paths: The fields of `Paths`.
         num_worlds: Number of worlds, which have the same paths and different targets.
     """
@@ -102,7 +108,6 @@ class PrescribedSimulation(Simulation):
         self._paths: Any = allocate(Paths, {"path": (m, n, places)}, (m, n), as_device("cpu"))
         for name, values in paths.items():
             getattr(self._paths, name).assign(values)
-        self._collided = int(FAILED if scenario.task.on_collision == "stop" else REMOVED)
         boundary = "wall" if scenario.task.boundary == "wall" else "open"  # contacts with walls are counted
         task = dataclasses.replace(scenario.task, boundary=boundary, on_collision="count")
         super().__init__(dataclasses.replace(scenario, task=task), num_worlds)
@@ -110,13 +115,18 @@ class PrescribedSimulation(Simulation):
     def _own_stages(self, begins: bool) -> list[Stage]:
         """Return the stages in which robots follow their paths, and are hidden from the measurements to the score."""
         own = {"paths": self._paths}
+        faults, collisions, edge = (
+            Stage(name, follow_statuses, own=own | {"cause": cause})
+            for name, cause in (("faults", FAULT), ("collided", COLLISION), ("outside", EDGE))
+        )
         follow = Stage("motion", follow_paths, own=own)
         phase = Stage("phase", follow_curve, when=bool(np.isnan(self._paths.phase.numpy()).any()))
-        replaced, after = {"motion": [follow], "phase": [phase]}, {"robots": [follow]}
-        after["measurement"] = [Stage("hiding", hide, own=own)]
-        after["score"] = [Stage("showing", unhide, own=own)]
-        ends = {COLLISION: Stage("collided", end_paths, own=own | {"cause": COLLISION, "effect": self._collided})}
-        ends[EDGE] = Stage("outside", end_paths, own=own | {"cause": EDGE, "effect": REMOVED})
-        stages = super()._own_stages(begins)
-        replaced["boundary"] = [ends[COLLISION], *(one for one in stages if one.name == "boundary"), ends[EDGE]]
-        return [new for one in stages for new in (*replaced.get(one.name, [one]), *after.get(one.name, ()))]
+        replaced = {"faults": [faults], "motion": [follow], "phase": [phase]}
+        before = {"boundary": [collisions]}
+        after = {"robots": [faults, follow], "boundary": [edge]}
+        after |= {"measurement": [Stage("hiding", hide, own=own)], "score": [Stage("showing", unhide, own=own)]}
+        return [
+            new
+            for one in super()._own_stages(begins)
+            for new in (*before.get(one.name, ()), *replaced.get(one.name, [one]), *after.get(one.name, ()))
+        ]

@@ -10,9 +10,9 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.commands import COMMAND_NAMES, actions_of_commands, named_commands
-from lissajous_env.logs.log import Log, runs
+from lissajous_env.logs.log import Log
 from lissajous_env.logs.motion import Motion, motion_of
-from lissajous_env.logs.prescribed import COLLISION, EDGE, HIDDEN, PrescribedSimulation
+from lissajous_env.logs.prescribed import COLLISION, EDGE, FAULT, PrescribedSimulation
 from lissajous_env.logs.writing import episode_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import model_of
@@ -46,7 +46,7 @@ class Scored:
     rows: list[dict[str, Any]]
     """A score row for each seed of the virtual targets."""
     recording: Recording
-    """The episode of the first of these seeds, in the scenario with the faults and the duration of the log."""
+    """The episode of the first of these seeds, in the scenario with the duration of the log."""
     log: Log
     """The log with this scenario, and without commands that do not fit it."""
     notes: tuple[str, ...]
@@ -103,17 +103,14 @@ def score(
     require(gap >= scenario.task.step, "gap", f"must be at least the control step of {scenario.task.step:g} s", gap)
     times = _moments(log, scenario.task.step, gap)
     motions = _motions(log, scenario, gap)
-    before = np.maximum(times - scenario.task.step, times[0])
-    hidden = np.stack([motion.unknown(before, times) for motion in motions], axis=1)
-    status = _statuses(log, times, hidden)
-    poses = [motion.at(times) for motion in motions]
-    places = np.stack([place for place, _, _ in poses], axis=1)
-    ended = _ended(scenario, places, status) * ~hidden
-    scenario = _as_logged(scenario, times, status, ended, places)
+    paths = _paths(log, scenario, motions, times)
+    status = _statuses(log, times, paths["hidden"])
+    cause = np.where(paths["hidden"], FAULT, _causes(scenario, paths["path"][:, :, -1], status))
+    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * scenario.task.step)
+    scenario = dataclasses.replace(scenario, task=task)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    paths = _paths(log, scenario, motions, poses, times, hidden) | {"event": np.where(hidden, HIDDEN, ended)}
-    simulation = PrescribedSimulation(scenario, paths, len(seeds))
+    simulation = PrescribedSimulation(scenario, paths | {"status": status, "cause": cause}, len(seeds))
     simulation.reset(seeds=list(seeds))
     actions, refused = _actions(log, scenario, times)
     notes = [*log.notes, *_remarks(log, scenario, motions, times, status), *refused]
@@ -191,21 +188,25 @@ def _remarks(
 
 
 def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """Return the status (M, N) of each robot at each moment; one of which nothing is known has failed."""
+    """Return the status (M, N) of each robot at each moment; one of which nothing is known has failed.
+
+    A robot that was removed remains so.
+    """
     status = np.full(hidden.shape, WORKING)
     for robot, series in log.statuses.items():
         status[:, robot] = series.before(times, _LATE_STATUS * (times[1] - times[0]))
     status[hidden & (status == WORKING)] = FAILED
+    status[np.logical_or.accumulate(status == REMOVED)] = REMOVED
     return status
 
 
-def _ended(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.ndarray:
-    """Return (M, N) COLLISION or EDGE where one of them stops or removes a robot at the end of a step, else 0.
+def _causes(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.ndarray:
+    """Return the causes (M, N) of the statuses: FAULT, COLLISION or EDGE.
 
-    A robot that was removed without another one in reach left at the edge if it moved in this step; otherwise a fault
-    removed it.
+    A collision is a cause if another robot is in reach and no later status is WORKING. A robot that was removed without
+    another one in reach left at the edge if it moved in this step; otherwise a fault removed it.
     """
-    ended, reach = np.zeros(status.shape, int), 2 * (1 + _REACHED) * scenario.robot.radius
+    cause, reach = np.full(status.shape, FAULT), 2 * (1 + _REACHED) * scenario.robot.radius
     effect = {"stop": FAILED, "remove": REMOVED}.get(scenario.task.on_collision)
     for last, robot in np.argwhere(status[1:] != status[:-1]):
         moment, (before, after) = last + 1, places[last : last + 2]
@@ -216,53 +217,33 @@ def _ended(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.nda
         near = np.linalg.norm(begin + share[:, None] * way, axis=1) < reach
         near[robot] = False
         if now == effect and (near & (status[last] != REMOVED)).any():
-            ended[moment, robot] = COLLISION * bool((status[moment:, robot] != WORKING).all())
+            cause[moment, robot] = COLLISION if (status[moment:, robot] != WORKING).all() else FAULT
         elif now == REMOVED and (before[robot] != after[robot]).any():
-            ended[moment, robot] = EDGE
-    return ended
+            cause[moment, robot] = EDGE
+    return cause
 
 
-def _as_logged(
-    scenario: Scenario, times: np.ndarray, status: np.ndarray, ended: np.ndarray, places: np.ndarray
-) -> Scenario:
-    """Return a scenario with the duration of a log and with the faults of its robots, and no others."""
-    step, schedule, removed = scenario.task.step, [], []
-    stood = (places[1:] == places[:-1]).all(axis=2)
-    failed = status[1:] == FAILED
-    failed |= stood & (ended[1:] == COLLISION) & (status[:-1] == FAILED)  # it was hit, and removed
-    for robot in range(status.shape[1]):
-        gone = np.flatnonzero(status[:, robot] == REMOVED)
-        if len(gone):
-            removed.append((robot, max(int(gone[0]) - (ended[gone[0], robot] == 0), 0) * step))
-        faults = [(begin, end) for begin, end in runs(failed[:, robot]) if not ended[begin + 1, robot]]
-        schedule += [(robot, begin * step, end * step) for begin, end in faults]
-    faults = dataclasses.replace(scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0)
-    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * step)
-    return dataclasses.replace(scenario, faults=faults, task=task)
-
-
-def _paths(
-    log: Log, scenario: Scenario, motions: Sequence[Motion], poses: Sequence[Any], times: np.ndarray, hidden: np.ndarray
-) -> Any:
-    """Return the fields of `lissajous_env.logs.prescribed.Paths` but the events: the motion of the robots.
-
-    The poses are those of the motions at the times, as `Motion.at` returns them.
-    """
+def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the fields of `lissajous_env.logs.prescribed.Paths` but the statuses and their causes."""
     shares, columns = np.linspace(0, 1, scenario.task.substeps + 1), []
-    within = np.linspace(np.append(times[0], times[:-1]), times, len(shares), axis=1)
-    for robot, (motion, (_, heading, speed)) in enumerate(zip(motions, poses, strict=True)):
-        places = motion.at(within.ravel())[0].reshape(*within.shape, 3)
-        seen = ~motion.unknown(times, times)
-        if seen.any():  # where a step is not wholly known, on straight lines between the moments around it
-            lines = [np.interp(within, times[seen], places[seen, -1, axis]) for axis in range(3)]
-            places = np.where(hidden[:, robot, None, None], np.stack(lines, axis=-1), places)
-        pose = np.column_stack([places[:, -1, :2], heading])
-        phase = _phases(log, scenario, robot, times, pose, hidden[:, robot])
+    before = np.append(times[0], times[:-1])
+    within = np.linspace(before, times, len(shares), axis=1)
+    for robot, motion in enumerate(motions):
+        places, headings, speeds = (
+            values.reshape(*within.shape, *values.shape[1:]) for values in motion.at(within.ravel())
+        )
+        hidden, known = motion.unknown(before, times), ~motion.unknown(times, times)
+        if known.any():  # where a step is not wholly known, on straight lines between the moments around it
+            lines = [np.interp(within, times[known], places[known, -1, axis]) for axis in range(3)]
+            places = np.where(hidden[:, None, None], np.stack(lines, axis=-1), places)
+        pose = np.column_stack([places[:, -1, :2], headings[:, -1]])
+        phase = _phases(log, scenario, robot, times, pose, hidden)
         if model_of(scenario.robot.kind).keeps_to_curve and robot in log.phases:
             turn = np.angle(np.exp(1j * np.diff(phase, prepend=phase[0])))
             between = phase[:, None] + (shares - 1) * turn[:, None]
             places[:, 1:-1] = closed_forms.curve_point_3d(scenario.driven, scenario.alpha * between[:, 1:-1])
-        columns.append({"path": places, "heading": heading, "speed": speed, "phase": phase})
+        own = {"path": places, "heading": headings[:, -1], "speed": speeds[:, -1], "phase": phase, "hidden": hidden}
+        columns.append(own)
     return {name: np.stack([column[name] for column in columns], axis=1) for name in columns[0]}
 
 
@@ -271,16 +252,15 @@ def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: n
 
     The phase of a point is its place, so that all of its logged phases count.
     """
-    phase, logged = np.full(len(times), np.nan), log.phases.get(robot)
-    if logged is not None and model_of(scenario.robot.kind).keeps_to_curve:
-        return logged.before(times, _LATE_STATUS * scenario.task.step)
-    for k in np.flatnonzero(np.append(True, hidden[:-1] & ~hidden[1:])):
-        if logged is None:
-            x, y, heading = pose[k].tolist()
-            near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
-            phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
-        else:
-            phase[k] = logged.before(times[k], _LATE_STATUS * scenario.task.step)
+    begins, logged = np.append(True, hidden[:-1] & ~hidden[1:]), log.phases.get(robot)
+    if logged is not None:
+        counts = begins | model_of(scenario.robot.kind).keeps_to_curve
+        return np.where(counts, logged.before(times, _LATE_STATUS * scenario.task.step), np.nan)
+    phase = np.full(len(times), np.nan)
+    near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
+    for k in np.flatnonzero(begins):
+        x, y, heading = pose[k].tolist()
+        phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
     return phase
 
 

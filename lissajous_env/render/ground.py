@@ -74,16 +74,13 @@ def draw_union(layer: pygame.Surface, middles: np.ndarray, radius: float) -> Non
 
 def _curve(scenario: Scenario, view: View) -> pygame.Surface:
     """Draw the Lissajous curve of a formation; at crossings, the lower branch is interrupted."""
-    curve, rectangle = scenario.driven, view.rectangle()
+    curve = scenario.driven
     surface = transparent(view.fine_size)
     if not scenario.has_formation:
         return surface
     # Dense curves are drawn fainter.
     share = float(np.clip(16 / curve.oscillations, 0.35, 1.0)) ** 0.5
     width, colour = max(round(1.3 * share * FINE), 2), (*palette.CURVE, round(235 * share))
-    if curve.oscillations > max(rectangle.size) / width:
-        surface.fill(colour, rectangle)  # the lines are too dense
-        return surface
     lap = np.linspace(0.0, 2 * np.pi, min(max(180 * curve.oscillations, 2000), _MOST_POINTS))
     points = view.fine(closed_forms.curve_point(curve, lap))
     if curve.half_depth == 0:

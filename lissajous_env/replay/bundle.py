@@ -49,7 +49,8 @@ def bundled(
         The page.
     """
     sheets = [text_of(name) for name in styles]
-    module = _joined(entry)
+    # No two modules declare the same name.
+    module = "\n".join(_EXPORT.sub("", _IMPORT.sub("", text_of(name))) for name in _modules(entry))
     within = _ALLOWED.search(html.unescape(framed))
     of_scripts, of_styles = within.groups() if within else ("", "")
     policy = (
@@ -87,18 +88,9 @@ def text_of(name: str) -> str:
 
 
 @functools.cache
-def _joined(entry: str) -> str:
-    """Join a module and all modules that it imports; no two of them declare the same name."""
-    order: list[str] = []
-    _visit(entry, order)
-    return "\n".join(_EXPORT.sub("", _IMPORT.sub("", text_of(name))) for name in order)
-
-
-def _visit(name: str, order: list[str]) -> None:
-    for needed in _IMPORT.findall(text_of(name)):
-        _visit(needed, order)
-    if name not in order:
-        order.append(name)
+def _modules(entry: str) -> tuple[str, ...]:
+    """Return the names of all modules that a module imports, each after those that it imports, and its own."""
+    return *dict.fromkeys(name for imported in _IMPORT.findall(text_of(entry)) for name in _modules(imported)), entry
 
 
 def _element(name: str, text: str, attributes: str = "") -> str:

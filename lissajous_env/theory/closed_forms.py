@@ -199,13 +199,8 @@ def curve_point_3d(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
 
 
 def curve_speed(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
-    """||r'(gamma)|| [m/rad], below equation (14)."""
-    gamma = np.asarray(curve_phase, dtype=float)
-    if curve.harmonics:
-        return np.hypot(*np.moveaxis(_series(curve, gamma, 1), -1, 0))
-    return np.hypot(
-        curve.half_width * curve.a * np.sin(curve.a * gamma), curve.half_height * curve.b * np.cos(curve.b * gamma)
-    )
+    """Return ||r'(gamma)|| of the plane curve [m/rad], below equation (14), for gamma [rad] of any shape."""
+    return np.hypot(*np.moveaxis(curve_derivatives(curve, curve_phase)[0], -1, 0))
 
 
 def curve_derivatives(curve: Curve, curve_phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

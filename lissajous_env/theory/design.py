@@ -26,11 +26,11 @@ class Design:
     phase_rate: float
     """Phase rate along the curve, omega [rad/s]."""
     p: int
-    """p of the stable equilibrium (2) that recovers fastest."""
+    """p of `best_formation`."""
     alpha: int
-    """alpha of Lemma 2, which makes ring neighbours neighbours on the ellipse (5)."""
+    """alpha of `best_formation`."""
     robot_radius_bound: float
-    """Bound r_max of (6) [m], below which the bodies must be; 0 if robots share a place."""
+    """Bound r_max of (6) [m], below which the bodies must be; 0 for a team without a stable equilibrium apart."""
     sensor_radius_bound: float
     """Least sensing radius by (7) and (8) [m]: those of the driven curve, and sqrt(2) times the inset."""
     tight_share: float
@@ -50,41 +50,39 @@ class Design:
     @property
     def overrides(self) -> dict[str, Any]:
         """Fields of curve and formation that turn a scenario into this design."""
-        return {
-            "curve.half_width": self.curve.half_width,
-            "curve.half_height": self.curve.half_height,
-            "curve.a": self.curve.a,
-            "curve.b": self.curve.b,
-            "formation.phase_rate": self.phase_rate,
-            "formation.coupling": None if self.alpha == 1 else self.phase_rate / (0.3 * self.alpha),
-            "formation.p": self.p,
-            "formation.alpha": self.alpha,
-            "formation.ring": None,
-            "formation.displaced": (),
-        }
+        halves = {"curve.half_width": self.curve.half_width, "curve.half_height": self.curve.half_height}
+        return halves | formation_fields(self.curve, self.phase_rate, self.p, self.alpha)
+
+
+def formation_fields(curve: Curve, phase_rate: float, p: int, alpha: int) -> dict[str, Any]:
+    """Return the fields that put robots in equilibrium on a Lissajous curve of their rectangle, at a rate [rad/s]."""
+    return {
+        "curve.a": curve.a,
+        "curve.b": curve.b,
+        "curve.harmonics": (),
+        "curve.half_depth": 0.0,
+        "formation.phase_rate": phase_rate,
+        "formation.coupling": phase_rate / (0.3 * alpha),
+        "formation.p": p,
+        "formation.alpha": alpha,
+        "formation.ring": None,
+        "formation.displaced": (),
+    }
 
 
 def best_formation(curve: Curve, num_robots: int) -> tuple[int, int]:
     """Return p and alpha of the stable equilibrium (2) that recovers fastest, its ring neighbours adjacent on (5).
 
     At a coupling that is proportional to omega / alpha, deviations along the curve vanish at a rate proportional to
-    -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. If no p gives each robot a place of its own, return
-    the default of a scenario.
+    -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. Two robots have no stable equilibrium, and four and six
+    share places in each (Lemma 1): for them, return p = alpha = 1, equally spaced.
     """
-    best, rate = None, 0.0
+    stable, rates = closed_forms.stable_equilibria(num_robots), {}
     for alpha in range(1, num_robots):
-        if rate >= 1 / alpha:
-            break
-        if math.gcd(alpha * curve.a, num_robots) > 1:
-            continue
-        p = pow(alpha * curve.a, -1, num_robots)
-        candidate = -math.cos(2 * math.pi * p / num_robots) / alpha
-        if candidate > rate and num_robots < 4 * p < 3 * num_robots:
-            best, rate = (p, alpha), candidate
-    if best is None:
-        p = closed_forms.default_p(num_robots)
-        return p, closed_forms.default_alpha(curve, num_robots, p)
-    return best
+        p = closed_forms.alpha_for(num_robots, alpha * curve.a, 1)
+        if p in stable:
+            rates[p, alpha] = -math.cos(2 * math.pi * p / num_robots) / alpha
+    return max(rates, key=rates.__getitem__, default=(1, 1))
 
 
 def largest_phase_rate(curve: Curve, speed: float, turning_radius: float = 0.0, grip: float = math.inf) -> float:
@@ -148,14 +146,14 @@ def _designed(whole: Curve, num_robots: int, speed: float, turning_radius: float
     """Return the design of a curve, whose robots drive as fast as they can."""
     curve, corner = whole.driven, math.sqrt(2) * (whole.inset or 0.0)
     p, alpha = best_formation(curve, num_robots)
-    kappa = closed_forms.cluster_size(num_robots, p, alpha)
-    reach = max(closed_forms.coverage_radius(curve), closed_forms.detection_radius(curve, num_robots, kappa))
+    has_places = closed_forms.has_unclustered_equilibrium(num_robots)
+    reach = max(closed_forms.coverage_radius(curve), closed_forms.detection_radius(curve, num_robots))
     return Design(
         curve=whole,
         phase_rate=largest_phase_rate(curve, speed, turning_radius, grip),
         p=p,
         alpha=alpha,
-        robot_radius_bound=closed_forms.robot_radius_bound(curve, num_robots) if kappa == 1 else 0.0,
+        robot_radius_bound=closed_forms.robot_radius_bound(curve, num_robots) if has_places else 0.0,
         sensor_radius_bound=reach + corner,
         tight_share=geometry.tight_share(curve, turning_radius) if turning_radius > 0 else 0.0,
     )

@@ -6,7 +6,7 @@ With many robots, a robot searches the bins near it for robots and targets, with
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, TARGET_SIZE
 from lissajous_env.world.robots.nearby import bin_of, column_of, row_of
@@ -245,7 +245,7 @@ def observe(
     nearest,
     latest,
     observation_out,
-    bins=OPTIONAL,
+    bins,
 ):
     """Fill the row of each robot."""
     observe_self(w, i, curve, speed_unit, robots, observation_out)

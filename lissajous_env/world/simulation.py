@@ -238,8 +238,8 @@ class Simulation(Copyable):
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         blocks = blocks_of(work, self.num_worlds, self.device, self.threads)
-        if (bins := bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)) is not None:
-            values["bins"], sizes[BIN] = bins, bins.columns * bins.rows
+        values["bins"] = bins = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
+        sizes[BIN] = bins.columns * bins.rows
         launch = self.num_worlds, self.device, blocks, self.threads
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
         self._reset, self._step = (

@@ -142,6 +142,9 @@ def test_settings_that_no_call_wrote_are_refused(copied, change, words):
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(ValueError, match=words):
         run(small(copied), console=QUIET)
+    path.unlink()
+    with pytest.raises(ValueError, match=r"must contain settings\.json"), Folder(copied, FILES) as folder:
+        Results(folder)
 
 
 def test_scenarios_policies_and_episodes_are_added_and_nothing_is_played_twice(whole, tmp_path):
@@ -164,7 +167,7 @@ def test_scenarios_policies_and_episodes_are_added_and_nothing_is_played_twice(w
 
 def test_fewer_episodes_are_the_first_of_those_there_and_another_reference_plays_nothing(whole, copied, monkeypatch):
     before = (copied / "episodes.csv").read_bytes()
-    monkeypatch.setattr(local, "play", None)
+    monkeypatch.setattr(local, "batches", None)
     outcome = measure(small(copied, policies=("kuramoto",), episodes=2), console=QUIET)
     assert str(outcome.rows) == str(whole[1][:2])
     assert (outcome.resumed, len(outcome.table.rows)) == (2, 10)
@@ -240,6 +243,7 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
     [
         ({"scenarios": ("failur",)}, "did you mean failure"),
         ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
+        ({"scenarios": ("failure", "evaders")}, "one for evaders, which has robots of kind car; got kuramoto"),
         ({"episodes": 0}, "episodes must be a whole number from 1 to 1000000, got 0"),
         ({"episodes": 10**9}, "episodes must be a whole number from 1"),
         ({"address": ""}, "address must be given only with engine ray"), ({"seed": 2**31 - 2}, "seed must be"),
@@ -266,7 +270,10 @@ def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
 
 def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_all_plays_every_one():
     baselines.register("theirs", "car", lambda scenario, num_worlds, device: None)
-    names = lambda *policies: [cell.policy for cell in cells_of(Benchmark(("evaders",), policies))]  # noqa: E731
+    names = lambda *given, **own: [cell.policy for cell in cells_of(Benchmark(("evaders",), given), own)]  # noqa: E731
     usual = names()
     assert [name for name in usual if name not in types.POLICIES] == ["theirs"]
     assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))
+    assert names("all", mine=Mine) == [*names("all"), "mine"]
+    driven = [cell.scenario.name for cell in cells_of(Benchmark(policies=("sweep",)))]  # one of nine has points
+    assert driven == [name for name in types.SCENARIOS if lissajous_env.scenario(name).actuation == "car"]

@@ -12,7 +12,6 @@ from benchmarks_in_the_small import QUIET, lines, small
 
 import baselines
 from baselines.benchmark import cluster
-from baselines.benchmark.cluster import _packed, _play
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.types import Cell
 from lissajous_env import scenario as make_scenario
@@ -147,9 +146,9 @@ def test_what_cannot_be_played_on_a_cluster_is_refused(tmp_path, monkeypatch):
     lock = threading.Lock()
     cell = Cell(make_scenario("failure"), "mine", lambda *_: lock)
     with pytest.raises(ValueError, match=r"policy mine cannot be sent .* give a function"):
-        _packed(ray, cell, small(tmp_path))
+        cluster._packed(ray, cell, small(tmp_path))
     with pytest.raises(ValueError, match=r"every node must have \{'lissajous-env': '0'\}, got .* on \d"):
-        _play(b"", [0], {"lissajous-env": "0"})
+        cluster._play_batch(b"", [0], {"lissajous-env": "0"})
     with pytest.raises(ValueError, match="device of engine ray must be cpu or cuda"):
         run(small(tmp_path / "out", engine="ray", device="cuda:1"), console=QUIET)
     monkeypatch.setitem(sys.modules, "ray", None)

@@ -8,7 +8,6 @@ from benchmarks_in_the_small import QUIET, SHORT, small
 import baselines
 import lissajous_env
 from baselines.benchmark import local, results_folder, types
-from baselines.benchmark.local import may_be_shared, on_cores
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.types import Cell
 
@@ -75,13 +74,13 @@ def fast(world):
 def test_code_of_users_is_played_by_the_main_thread():
     scenario = lissajous_env.scenario("failure")
     baselines.register("theirs", None, still([]))
-    assert may_be_shared(Cell(scenario, "kuramoto", None), "cpu")
+    assert local.may_be_shared(Cell(scenario, "kuramoto", None), "cpu")
     for cell, device in (
         (Cell(lissajous_env.scenario("failure", extensions=(fast,)), "kuramoto", None), "cpu"),
         (Cell(scenario, "theirs", None), "cpu"),
         (Cell(scenario, "kuramoto", None), "cuda"),
     ):
-        assert not may_be_shared(cell, device)
+        assert not local.may_be_shared(cell, device)
 
 
 def test_an_error_stops_the_other_jobs_and_is_raised(monkeypatch):
@@ -95,7 +94,7 @@ def test_an_error_stops_the_other_jobs_and_is_raised(monkeypatch):
 
     cell = Cell(lissajous_env.scenario("failure"), "kuramoto", None)
     with pytest.raises(OSError, match="full"):
-        on_cores([(cell, [1]), (cell, [])], "cpu", play)
+        local.on_cores([(cell, [1]), (cell, [])], "cpu", play)
     assert waited == [True]
 
 

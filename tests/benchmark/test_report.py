@@ -144,7 +144,7 @@ def test_a_replay_is_the_episode_as_it_was_scored(small_one):
 
 def test_a_second_call_makes_the_same_report_from_the_rows_alone(small_one, monkeypatch):
     folder, _, blocks = small_one
-    monkeypatch.setattr(local, "play", None)  # nothing is played for it
+    monkeypatch.setattr(local, "batches", None)  # nothing is played for it
     (folder / "report.html").unlink()
     run(small(folder, **GIVEN, replays=4), console=QUIET)
     again = blocks_of(folder)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import bootstrap, trim_mean
 
-from baselines.benchmark.shown import best_number, in_words, number
+from baselines.benchmark.shown import best_value, in_words, number
 from baselines.benchmark.statistics import (
     IMPROVEMENT,
     SHARE_OF_SEEDS,
@@ -16,7 +16,6 @@ from baselines.benchmark.statistics import (
     interquartile_mean,
     summarize,
     summarize_largest,
-    wins,
 )
 from lissajous_env.world.columns import DETECTION_TIME, MEAN
 
@@ -53,11 +52,8 @@ def test_infinite_values_do_not_count_as_none():
     assert (every.value, every.low, every.high) == (math.inf, math.inf, math.inf)
 
 
-def test_wins_by_hand_and_the_share_of_seeds():
-    won = wins([1.0, 2.0, 3.0, np.nan, 5.0, np.inf, np.inf], [2.0, 2.0, 1.0, 1.0, 9.0, 4.0, np.inf])
-    assert won.tolist()[:3] + won.tolist()[4:] == [1, 0.5, 0, 1, 0, 0.5]
-    assert np.isnan(won[3])
-    of = summarize(won, SHARE_OF_SEEDS)
+def test_the_share_of_seeds_is_a_mean_of_those_that_have_a_number():
+    of = summarize([1, 0.5, 0, np.nan, 1, 0, 0.5], SHARE_OF_SEEDS)
     assert (of.n, of.known, of.value) == (7, 6, 0.5)
     assert in_words(of)[0] == "50 %"
 
@@ -66,9 +62,9 @@ def test_numbers_and_the_best_in_words():
     # Oracle: by hand; (15 / 22) 22 is not 15 in float64.
     assert [number(value) for value in (99.97, -99.97, 9.999, 0.9996)] == ["100", "-100", "10.0", "1.00"]
     policies = [{DETECTION_TIME.name: summarize([time] * 15 + [math.nan] * 7)} for time in (2.0, 1.0)]
-    assert best_number(policies, DETECTION_TIME) == "1"
+    assert best_value(policies, DETECTION_TIME) == "1"
     shares = [{IMPROVEMENT.name: summarize(won, SHARE_OF_SEEDS)} for won in ([0.0, 0.0], [1.0, 0.0], [1.0, 0.5])]
-    assert [best_number(shares[:k], IMPROVEMENT) for k in (2, 3)] == ["", "75 %"]
+    assert [best_value(shares[:k], IMPROVEMENT) for k in (2, 3)] == ["", "75 %"]
 
 
 def test_largest_values_in_words():

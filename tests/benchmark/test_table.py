@@ -17,7 +17,6 @@ from rich.text import Text
 import baselines
 import lissajous_env
 from baselines.benchmark import bounds, shown, types
-from baselines.benchmark.bounds import Bounds, as_played, bounds_of
 from baselines.benchmark.report_page import page as report_page
 from baselines.benchmark.shown import in_words, lines_of, number
 from baselines.benchmark.statistics import MAIN, OVER_LOWER_BOUND, SHOWN, with_numbers
@@ -69,12 +68,12 @@ def test_over_the_lower_bound_is_a_mean_and_a_bound_of_nothing_has_no_ratio():
     assert of.low < of.value < of.high
     experiment = lissajous_env.scenario("experiment")
     assert mean_time_lower_bound(experiment) == 0
-    assert math.isnan(bounds_of(experiment).mean_time)
+    assert math.isnan(bounds.bounds_of(experiment).mean_time)
 
 
 def derived(first, second):
-    """Derived rows of two policies of a scenario with bounds of 0.5 and 2 s, the first being the reference."""
-    of = with_derived({"a": [*first], "b": [*second]}, Bounds(0.5, 2.0, math.nan), DETECTION_TIME, "a")
+    """Derived rows of two policies of a scenario with a lower bound of 0.5 s, the first being the reference."""
+    of = with_derived({"a": [*first], "b": [*second]}, 0.5, DETECTION_TIME, "a")
     return [[[row[name] for name in RATIOS] for row in of[policy]] for policy in "ab"]
 
 
@@ -102,6 +101,8 @@ def test_a_task_with_another_score_is_ranked_and_compared_by_it():
     estimates = table.estimates["watch"]
     assert list(estimates) == ["a", "b", "c"]
     assert [estimates[policy]["score_improvement"].value for policy in "ac"] == pytest.approx([2 / 3, 1 / 6])
+    won = [row["score_improvement"] for row in table.rows]
+    assert won == pytest.approx([math.nan] * 3 + [0.0, 0.0, 0.5, 1.0, 0.5, 0.5], nan_ok=True)
     ratios = [2.0, 1.0, math.nan, 4.0, math.inf, math.nan, 1.0, 1.0, math.nan]
     assert [row["score_over_best"] for row in table.rows] == pytest.approx(ratios, nan_ok=True)
     assert table_of(table)["columns"][2:4] == ["observed", "detection [s]"]
@@ -312,7 +313,7 @@ def test_the_command_makes_the_table_of_the_docs():
     assert stored.splitlines()[0] == f"| scenario | policy | {' | '.join(column.heading for column in MAIN)} |"
     known = {each.name for each in bounds.all_known()} & set(types.SCENARIOS)
     assert {name for name, of in policies_of(stored).items() if "*best known*" in of} == known
-    cells = cells_of(Benchmark(), scenarios=[as_played(name) for name in types.SCENARIOS])
+    cells = cells_of(Benchmark(), scenarios=[bounds.as_played(name) for name in types.SCENARIOS])
     listed = {(name, policy.strip("`")) for name, of in policies_of(stored).items() for policy in of - {"*best known*"}}
     assert listed <= {(cell.scenario.name, cell.policy) for cell in cells}
     for cell in cells:

@@ -31,24 +31,15 @@ def imported(name):
 
 
 def modules_with_kernels():
-    """Warp modules with their kernels, by their names; a Python module of an extra that is not there has none.
-
-    A kernel that reads optional structs has a module of its own beside that of the kernel without them.
-    """
+    """Warp modules with their kernels, by their names; a Python module of an extra that is not there has none."""
     modules = {}
     for package in (lissajous_env, baselines, training):
         for of in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             module = None if of.name.endswith("__main__") else imported(of.name)
-            for value in [] if module is None else vars(module).values():
-                for kernel in (value, getattr(value, "reduced", None)):
-                    if isinstance(kernel, wp.Kernel) and kernel.module.name in (of.name, apart(of.name, value)):
-                        modules.setdefault(kernel.module.name, []).append(kernel)
+            for kernel in [] if module is None else vars(module).values():
+                if isinstance(kernel, wp.Kernel) and kernel.module.name == of.name:
+                    modules.setdefault(of.name, []).append(kernel)
     return modules
-
-
-def apart(name, kernel):
-    """Name of the Warp module of a kernel that reads optional structs."""
-    return ".".join([name, *getattr(kernel, "optional", ())])
 
 
 KERNELS = modules_with_kernels()

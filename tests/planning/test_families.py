@@ -84,6 +84,8 @@ def test_a_scenario_is_the_task_as_it_is():
     assert changed_.curve == evaders.curve
     seven = Request(evaders, robots=7).scenario_of(7)
     assert (seven.num_robots, seven.curve.half_width, seven.robot.wheelbase) == (7, 1.8, evaders.robot.wheelbase)
+    series = lissajous_env.scenario("evaders-walls").resolve()  # with a rounded curve
+    assert Request(series, robots=7).scenario_of(7).curve.harmonics == () != series.curve.harmonics
     with pytest.warns(UserWarning, match="evaders: plans are made without its extensions top_speed; targets of"):
         assert Request(lissajous_env.scenario(evaders, extensions=(top_speed,))).scenario_of(5) == evaders
 

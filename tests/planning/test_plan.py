@@ -16,7 +16,7 @@ import lissajous_env
 from baselines.planning import report
 from baselines.planning.families import default_policies, defaults, families_of
 from baselines.planning.plans import Family, Figures, Plan, Planned, best_of, pareto_optimal
-from baselines.planning.rehearse import BEST, CONFIRMED, Episodes, look_at
+from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, look_at
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, PlanOutcome, Search
 from baselines.policies.settings import PolicySettings
@@ -64,12 +64,12 @@ def planned(worst, settled=1.0, failed=math.nan, detection=1.0, distance=1.0, co
 def test_the_best_plan_is_no_worse_than_any_default(small):
     """Oracle: every included classical policy on the same scenario and seeds, evaluated apart."""
     task = lissajous_env.scenario(small)
-    search = Search(task, Episodes(), [defaults(task)])
+    search = Search(task, [defaults(task)])
     search.run()  # it ends when the defaults have been played
     best = pareto_optimal(search.finals)[0].figures
     assert best.collisions == 0
     for name in default_policies(task):
-        rows = lissajous_env.evaluate(baselines.make(name, task, BEST), task, range(BEST))
+        rows = lissajous_env.evaluate(baselines.make(name, task, BEST_EPISODES), task, range(BEST_EPISODES))
         if not any(row["collisions"] for row in rows):
             assert best.worst_case <= float(worst_of(rows)), name
 
@@ -104,7 +104,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
     assert 1 <= len(shown) <= 2
     for k, each in enumerate(shown, start=1):
         count = len(each["rows"])
-        assert count == (BEST if k == 1 else CONFIRMED)
+        assert count == (BEST_EPISODES if k == 1 else CONFIRMING_EPISODES)
         rows = evaluated(capsys, out / str(k), "--episodes", count)
         figures, made = each["figures"], lissajous_env.scenario(str(out / str(k) / "scenario.toml"))
         at = made.task.duration / 4
@@ -237,22 +237,22 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, h
 
 def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_every_start(small, monkeypatch, hours):
     monkeypatch.setattr("baselines.planning.search.cores", lambda: 64)
-    search = Search(lissajous_env.scenario(small), Episodes(), families_of(lissajous_env.scenario(small)))
-    search.run(seconds=1)
+    search = Search(lissajous_env.scenario(small), families_of(lissajous_env.scenario(small)), seconds=1)
+    search.run()
     assert len(search.looks) == AHEAD < sum(len(family.first) for family in search.families)
 
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):
     """Law: when a plan is changed for the first time, every start of every family was begun."""
     scenario, changed = lissajous_env.scenario(small), []
-    search = Search(scenario, Episodes(), families_of(scenario))
+    search = Search(scenario, families_of(scenario), plans=80)
 
     def recorded(family, *given):
         changed.append((search.untried(), sum(len(each.looks) + len(each.refused) for each in search.families)))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Family, "changed", recorded)
-    search.run(plans=80)
+    search.run()
     ((untried, looks),) = changed
     assert untried == []
     assert looks >= sum(len(family.first) for family in search.families) - AHEAD - 1
@@ -260,8 +260,8 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
 
 
 def test_a_family_without_a_plan_says_whether_its_plans_collide_when_they_are_played_to_the_end():
-    family = Family("hand", looks=[({}, planned(1.0)), ({}, planned(2.0))])
-    search = Search(family.looks[0][1].plan.scenario, Episodes(), [family])
+    family = Family("hand", looks=[planned(1.0), planned(2.0)])
+    search = Search(family.looks[0].plan.scenario, [family])
     assert search.refusals()["hand"].endswith("2 without collisions, but none was simulated to the end")
     search._finals = {0: planned(1.0, collisions=2)}
     assert search.refusals()["hand"].endswith("but 1 of them collided in simulations to the end")

@@ -23,8 +23,6 @@ from lissajous_env.logs.writing import save_mcap
 PAIR = {"robot.count": 2, "formation.p": 1, "formation.ring": (0, 1), "faults.schedule": (), "task.grid": (18, 8)}
 SCENARIO = lissajous_env.scenario("experiment", **PAIR)
 STEP = SCENARIO.task.step
-SAME = 1e-6
-"""Difference up to which two times are the same [s]."""
 COUNTED = ("targets", "collisions")
 """Columns that must be equal."""
 CONTINUOUS = {
@@ -154,7 +152,7 @@ def an_end_of_messages_is_a_failure(folder, story):
     whole = scored(folder, list(story.messages()))
     # A log ends with the robot that ends first, so that the other one may have later poses, which do not count.
     end = whole.log.start - story.header_begin + whole.recording.duration
-    story.samples = [s for s in story.samples if (s.time < end + SAME if s.robot == 0 else s.time < 1.5)]
+    story.samples = [s for s in story.samples if (s.time < end + 1e-6 if s.robot == 0 else s.time < 1.5)]
     got = scored(folder, list(story.messages()))
     assert any("robot 1: no pose after" in note for note in got.notes)
     first, last = (max(s.time for s in story.samples if s.robot == robot) for robot in (1, 0))

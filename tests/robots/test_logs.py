@@ -14,13 +14,10 @@ import lissajous_env
 from lissajous_env.episodes.recording import record
 from lissajous_env.logs.log import Log, Track
 from lissajous_env.logs.motion import motion_of
-from lissajous_env.logs.scoring import score
-from lissajous_env.world.columns import NAMES
-
-pytest.importorskip("rosbags")
-
 from lissajous_env.logs.reading import read
+from lissajous_env.logs.scoring import score
 from lissajous_env.logs.writing import START, save_mcap
+from lissajous_env.world.columns import NAMES
 
 SHORT = {"task.duration": 12.0, "faults.schedule": ((0, 4.0, 7.0), (4, 4.0, 8.0))}
 APPROXIMATE = {"distance_mean": 2e-3, "contact_time": 1e-9, "smoothness": 1e-5}

@@ -80,12 +80,15 @@ def test_some_faults_stop_a_robot_until_a_person_resumes_it(fault, words):
     assert robot.call().stopped == ""
 
 
-def test_a_robot_whose_clock_went_back_rests_until_the_clock_has_caught_up():
+@pytest.mark.parametrize(("jump", "steps"), [(-0.4, [3, 2, 1]), (3.0, [21, 12]), (-3600.0, []), (1e6, [])])
+def test_a_policy_makes_up_for_a_jump_of_the_clock_or_begins_anew_after_one_by_more_than_an_episode(jump, steps):
     robot = Robot()
-    assert [robot.call().stopped, robot.call(after=-0.4).stopped] == ["", "the clock went back by 0.4 s"]
+    assert [robot.call().stopped, "the clock" in robot.call(after=jump).stopped] == ["", True]
     robot.onboard.resume()
-    words = [robot.call().stopped.partition(" ahead")[0] for _ in range(5)]
-    assert words == ["the policy is 3 steps", "the policy is 2 steps", "the policy is 1 step", "", ""]
+    assert [f"the policy is {off} step" in robot.call().stopped for off in steps] == [True] * len(steps)
+    assert robot.call().stopped == ""
+    age = robot.call(hears=False).row[9] * robot.onboard.scenario.time_unit
+    assert age == pytest.approx(STEP, rel=1e-3), "messages since then count"
 
 
 def test_a_robot_with_good_input_drives_until_it_is_told_to_stop_and_then_still_sends_its_phase():

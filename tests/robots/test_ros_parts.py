@@ -170,6 +170,7 @@ def test_a_robot_waits_for_its_neighbours_but_not_for_long():
     loop.start(1.9)
     assert acts_at(2.1), "without a pose"
     assert not acts_at(2.2), "the pose of this step may still come"
+    assert loop.act(1.0).stopped == "the clock went back by 1.1 s"
 
 
 def test_old_detections_are_not_passed_on():

@@ -112,12 +112,9 @@ def test_detection_bound_8_is_what_neighbours_on_the_ellipse_reach(curve):
 def test_ring_that_is_not_on_the_ellipse_breaks_8():
     # Oracle: N = 15, p = 7, a = 7 at alpha = 1: a p = 4 (mod 15), ring neighbours are fourth neighbours on the ellipse.
     curve = Curve(5, 5, 7, 8)
-    assert (
-        geometry.largest_neighbour_distance(curve, 15, p=7, alpha=1) > 2 * closed_forms.detection_radius(curve, 15) * 3
-    )
-    assert geometry.largest_neighbour_distance(curve, 15, p=7, alpha=4) == pytest.approx(
-        2 * closed_forms.detection_radius(curve, 15)
-    )
+    reach = 2 * closed_forms.detection_radius(curve, 15)
+    assert geometry.largest_neighbour_distance(curve, 15, p=7, alpha=1) > reach * 3
+    assert geometry.largest_neighbour_distance(curve, 15, p=7, alpha=4) == pytest.approx(reach)
 
 
 def test_detection_time_bound():

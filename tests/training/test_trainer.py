@@ -14,7 +14,7 @@ import lissajous_env
 import training
 from lissajous_env.world.observation import layout
 from training.learned import checkpoint
-from training.learned.perception import OWN, TOKEN, Perception, axes_of, base_action, commanded_velocity, perceive
+from training.learned.perception import OWN, TOKEN, Perception, actions_of, axes_of, base_action, perceive
 
 pytest.importorskip("torch")
 
@@ -25,7 +25,7 @@ from training.trainer import TeamModule, Training, train
 from training.validation import limit_of, rating_of
 from training.worlds import TRUTH, Rollout, Worlds, true_view
 
-QUIET = Console(quiet=True)
+QUIET, NOTHING = Console(quiet=True), {"sensing.robots_seen": 0, "sensing.targets_seen": 0}
 SMALL = {
     "worlds": 8, "rollout": 8, "minibatch": 128, "hidden": 16, "features": 8, "episodes": 2, "steps": 640,
     "evaluate_every": 320, "threads": 1, "overrides": {"task.duration": 16.0},
@@ -47,6 +47,7 @@ def arrays_of(folder):
     ({"scenario": "hotspots"}, "index-learned"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "messages.size": 1}}, "arc-mpcc"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "arc-mpcc"),
+    ({"scenario": "failure", "overrides": NOTHING | {"task.duration": 2.0}}, "kuramoto"),
     ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-herd"),
     ({"base": "none", "critic": "own"}, "greedy-herd"),
 ], ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value)  # fmt: skip
@@ -280,7 +281,7 @@ def test_cars_rest_where_a_network_wishes_a_slow_velocity():
     scenario = lissajous_env.scenario("watch").resolve()
     alone = np.zeros((1, 3, len(layout(scenario).names)), np.float32)
     wish = np.array([[[0.2, -0.1], [0.26, 0.0], [0.6, -0.8]]], np.float32)
-    assert commanded_velocity(wish, alone, scenario) == pytest.approx(wish * np.array([[0], [1], [1]]))
+    assert actions_of(wish, alone, scenario) == pytest.approx(wish * np.array([[0], [1], [1]]))
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])

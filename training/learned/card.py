@@ -48,23 +48,22 @@ class Card:
         base = self.base
         known = base is None or (isinstance(base, str) and registry.is_classical(base))
         require(known, "base", "must be a registered classical policy, or none", base)
-        require(isinstance(self.settings, Mapping), "settings", "must be an object", self.settings)
 
     @classmethod
     def of(cls, scenario: Scenario, **more: Any) -> "Card":
-        """Return the card of a policy for a scenario whose network reads what `perceive` returns."""
-        fields = plain(scenario.resolve().to_dict())
-        return cls(scenario.name, scenario.actuation, (), scenario.action_size, fields, **more)
+        """Return the card of a policy that is trained on a scenario; by default, it drives the robots."""
+        fields = {"scenario": scenario.name, "scenario_fields": plain(scenario.resolve().to_dict())}
+        robots = {"kind": scenario.actuation, "inputs": (), "action_size": scenario.action_size}
+        return cls(**fields | robots | more)
 
     @classmethod
     def from_dict(cls, policy: Mapping[str, Any], settings: Mapping[str, Any], fields: Mapping[str, Any]) -> "Card":
         """Return the card that `to_dict` converted.
 
         Raises:
-            ValueError: an entry is missing or invalid.
+            KeyError: an entry is missing.
+            ValueError: an entry is invalid.
         """
-        for name in _NAMES:
-            require(name in policy, "policy", f"must contain {name}", list(policy))
         values: dict[str, Any] = {name: policy[name] for name in _NAMES}
         if isinstance(values["inputs"], list):
             values["inputs"] = tuple(values["inputs"])

@@ -3,7 +3,6 @@
 Each world is computed by matrix products of its own, so that actions do not depend on the other worlds of a batch.
 """
 
-import re
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -66,11 +65,10 @@ class Network:
         Raises:
             ValueError: the arrays do not fit together.
         """
-        weights, biases, kinds = {}, {}, re.compile(rf"{cls.prefix}\.(.+)\.(weight|bias)")
-        for name, array in arrays.items():
-            if match := kinds.fullmatch(name):
-                (weights if match[2] == "weight" else biases)[match[1]] = array
-        return cls(weights, biases)
+        start, ends = f"{cls.prefix}.", (".weight", ".bias")
+        named = {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
+        parts = ({name.removesuffix(end): named[name] for name in named if name.endswith(end)} for end in ends)
+        return cls(*parts)
 
 
 class RogueNetwork(Network):

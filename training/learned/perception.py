@@ -77,12 +77,9 @@ class Perception(NamedTuple):
 
 def unread_entries(scenario: Scenario) -> list[str]:
     """Return what an observation contains that no network of `perceive` reads: messages, cells and own entries."""
-    included = {
-        "messages.size": scenario.messages.size > 0,
-        "sensing.cells_seen": scenario.sensing.cells_seen is not None,
-    }
+    sizes = {"messages.size": scenario.messages.size, "sensing.cells_seen": scenario.sensing.cells_seen}
     own = [extension.name for extension in scenario.extensions if isinstance(extension, ObservationEntry)]
-    return [name for name, is_included in included.items() if is_included] + own
+    return [name for name, size in sizes.items() if size] + own
 
 
 def base_action(base: Policy, observation: np.ndarray) -> np.ndarray:
@@ -93,29 +90,34 @@ def base_action(base: Policy, observation: np.ndarray) -> np.ndarray:
     return (velocity / np.maximum(np.linalg.norm(velocity, axis=-1, keepdims=True), 1.0)).astype(np.float32)
 
 
-def commanded_velocity(velocity: np.ndarray, observation: np.ndarray, scenario: Scenario) -> np.ndarray:
-    """Return the commands (W, N, 2) [top speed] of cars for the velocities (W, N, 2) [top speed] of a network.
+def actions_of(outputs: np.ndarray, observation: np.ndarray, scenario: Scenario) -> np.ndarray:
+    """Return the actions (W, N, A) for the outputs of a network (W, N, A), which are clipped to [-1, 1].
 
-    They also lead away from robots that are near, as those of the classical policies do. Slow ones become zero, because
-    a car that stays near a point cannot turn without leaving it.
+    Velocities among them, which are along the robots' axes, are also led away from robots that are near, as those of
+    the classical policies are. Slow ones become zero, because a car that stays near a point cannot turn without leaving
+    it.
     """
-    fast = velocity * (_length(velocity) >= _REST)[..., None]
-    return away_from_others(fast, Rows(observation, scenario)).astype(np.float32)
+    actions = outputs.clip(-1.0, 1.0)
+    if scenario.task.action == "velocity":
+        velocity = actions[..., :2] * axes_of(observation, scenario)
+        fast = velocity * (_length(velocity) >= _REST)[..., None]
+        actions[..., :2] = away_from_others(fast, Rows(observation, scenario))
+    return actions
 
 
-def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarray | None = None) -> Perception:
+def perceive(observation: np.ndarray, scenario: Scenario, of_base: np.ndarray | None = None) -> Perception:
     """Return the inputs of a network for observation rows.
 
     Args:
         observation: (W, N, D) rows.
         scenario: The scenario, resolved.
-        base_action: (W, N, A) actions of the base, if there is one.
+        of_base: (W, N, A) `base_action`, if there is a base.
     """
     sensing, sight, top = scenario.sensing, scenario.sight, scenario.speed_unit
     half = half_of(scenario)
     axes = axes_of(observation, scenario)
     here = observation[..., :2] * half * axes
-    parts = {}
+    signs, none, parts = {"x": axes[..., :1], "y": axes[..., 1:]}, np.ones_like(axes[..., :1]), {}
     for start, kinds in (
         (len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES), {"robot": ROBOT_ENTRIES, "target": TARGET_ENTRIES}),
         (track_start(scenario), {"track": TRACK_ENTRIES, "teammate": TEAMMATE_ENTRIES}),
@@ -124,10 +126,12 @@ def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarra
         for kind, entries in kinds.items():
             count, size = getattr(sensing, f"{kind}s_seen"), len(entries)
             part = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
-            parts[kind] = _along_axes(axes, part, [name for name, *_ in entries])
+            along_axes = np.concatenate([signs.get(name[0], none) for name, *_ in entries], axis=-1)
+            parts[kind] = part * along_axes[:, :, None]
             first += count * size
     chosen = ["track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"]
-    count = sum(parts[kind].shape[2] for kind in chosen)
+    # At least one slot, so that a network of a team that observes no objects has something to pool.
+    count = max(sum(parts[kind].shape[2] for kind in chosen), 1)
     tokens = np.zeros((*here.shape[:2], count, len(TOKEN)), np.float32)
     first = 0
     for kind in chosen:
@@ -160,19 +164,10 @@ def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarra
         own[..., columns_of(OWN, "cos_phase", "sin_phase")] = observation[..., 5:7]
         links = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES)]
         own[..., OWN.index("pace") + 1 : OWN.index("first_base")] = links
-    if base_action is not None:
-        first, count = OWN.index("first_base"), base_action.shape[-1]
-        own[..., first : first + count] = base_action[..., :2] * axes[..., :count]
+    if of_base is not None:
+        first, count = OWN.index("first_base"), of_base.shape[-1]
+        own[..., first : first + count] = of_base[..., :2] * axes[..., :count]
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
-
-
-def _along_axes(axes: np.ndarray, part: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Return entries (W, N, K, E) with these names, their vectors converted to components along the robots' axes.
-
-    `axes` is the result of `axes_of`, (W, N, 2).
-    """
-    signs, none = {"x": axes[..., :1], "y": axes[..., 1:]}, np.ones_like(axes[..., :1])
-    return part * np.concatenate([signs.get(name[0], none) for name in names], axis=-1)[:, :, None]
 
 
 def _fill_track_tokens(

@@ -15,7 +15,7 @@ from lissajous_env.wording import few_of, nearest
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import TeamNetwork
-from training.learned.perception import axes_of, base_action, commanded_velocity, perceive
+from training.learned.perception import actions_of, base_action, perceive
 
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -81,7 +81,7 @@ def names() -> tuple[str, ...]:
 class LearnedTeam(Policy):
     """Policy whose action is a network's output, added to the action of the base if the card has one, in [-1, 1].
 
-    Velocities are changed by `commanded_velocity`. The same network computes the action of each robot, from the robot's
+    `actions_of` changes velocities. The same network computes the action of each robot, from the robot's
     own row and memory alone, on the CPU.
 
     Raises:
@@ -109,12 +109,10 @@ class LearnedTeam(Policy):
         """Return the actions; entries of rows are clipped to [-10, 10], for rows far outside of their ranges."""
         observation = observation.clip(-10.0, 10.0)
         of_base = None if self.base is None else base_action(self.base, observation)
-        outputs, self._memory = self.network(perceive(observation, self.scenario, of_base), self._memory)
-        outputs[..., :2] *= axes_of(observation, self.scenario)[..., : outputs.shape[-1]]
+        seen = perceive(observation, self.scenario, of_base)
+        outputs, self._memory = self.network(seen, self._memory)
         if of_base is not None:
-            outputs[..., :2] += of_base[..., :2]
+            outputs[..., :2] += seen.own[..., -2:][..., : outputs.shape[-1]]
         action = np.zeros(self.action.shape, np.float32)
-        action[..., : outputs.shape[-1]] = outputs.clip(-1.0, 1.0)
-        if self.scenario.task.action == "velocity":
-            action[..., :2] = commanded_velocity(action[..., :2], observation, self.scenario)
+        action[..., : outputs.shape[-1]] = actions_of(outputs, observation, self.scenario)
         return action

@@ -8,10 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lissajous_env import Scenario
-from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.rogues import Rogue
 from lissajous_env.world.rogues.acting import ACTION_NAMES, rogue_entries, rogue_layout
 from training.learned import checkpoint
@@ -24,8 +21,8 @@ KIND = "rogue"
 
 def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> Card:
     """Return the card of a rogue that reads the whole row of a scenario."""
-    fields, names = plain(scenario.resolve().to_dict()), rogue_layout(scenario).names
-    return Card(scenario.name, KIND, tuple(names), len(ACTION_NAMES), fields, settings=settings or {})
+    inputs = rogue_layout(scenario).names
+    return Card.of(scenario, kind=KIND, inputs=inputs, action_size=len(ACTION_NAMES), settings=settings or {})
 
 
 def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
@@ -49,11 +46,6 @@ def as_rogue(name: str, network: RogueNetwork, card: Card) -> Rogue:
     A scenario may have other numbers of robots than that of the training: the network reads the nearest robots, and the
     entries of absent ones are zero in every row.
     """
-
-    def decide(rows: np.ndarray) -> np.ndarray:
-        """Return the actions (W, T, 2) in [-1, 1] for rows (W, T, D)."""
-        return network(rows).clip(-1.0, 1.0)
-
     against = str(card.settings.get("against") or "")
     words = f"learned on {card.scenario}" + (f" against {against}" if against else "")
-    return Rogue(name, decide, words)
+    return Rogue(name, lambda rows: network(rows).clip(-1.0, 1.0), words)

@@ -77,12 +77,11 @@ class BatchVecEnv(VecEnv):
         """Return False for each row: rows are not wrapped."""
         return [False for _ in self._get_indices(indices)]
 
-    def seed(self, seed: int | None = None) -> Any:
-        """Seed world k with seed + k N at the next reset: the N rows of a world use the seed of the first."""
-        return super().seed(seed)
-
     def reset(self) -> np.ndarray:
-        """Begin an episode in every world; return the rows (W N, inputs)."""
+        """Begin an episode in every world, with the seed of its first row after `seed`; return the rows (W N, inputs).
+
+        So `seed(s)` seeds world k of N rows with s + k N.
+        """
         if self._seeds[0] is not None:
             self.batch.seed([seed % 2**31 for seed in self._seeds[:: self._side.slots]])  # type: ignore[operator]
         self._reset_seeds()

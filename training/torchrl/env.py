@@ -159,7 +159,7 @@ class LissajousTorchEnv(EnvBase):
         world: dict[str, Any] = {"score": self._batched(dict(zip(SCORES, scores, strict=True)))}
         for side in self.batch.sides:
             rows = self.batch.rows(side, torch)
-            copied = ("mask", "terminated", "truncated", "reward") if rewards else ("mask", "terminated", "truncated")
+            copied = ("mask", "terminated", "truncated", *(["reward"] if rewards else []))
             team = {name: getattr(rows, name).unsqueeze(-1).clone() for name in copied}
             team |= {"observation": rows.observation.clone(), "done": team["terminated"] | team["truncated"]}
             if side.is_robots:

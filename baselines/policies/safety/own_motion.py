@@ -1,6 +1,6 @@
 """Motion of a robot's own car over a step, with bounds on where it can be after an action.
 
-Every number is an interval: the errors of measured positions, headings and speeds are within `Bounds`. A robot stores
+Every number is an interval: the errors of measured positions, headings and speeds are within `Terms`. A robot stores
 bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and narrow with
 each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`add_step`). A way
 is the distance that the car drives in a step.
@@ -18,15 +18,15 @@ from lissajous_env.world.robots.inside import Walls
 
 wp.set_module_options(OPTIONS)
 
-BIAS = wp.constant(0.003)
+_BIAS = wp.constant(0.003)
 """Bound of the bias of a mean of factors, from the curvature's dependence on the steering and from noisy ways."""
-EDGE = wp.constant(1.0e-6)
+_EDGE = wp.constant(1.0e-6)
 """Distance of a throttle from the dead zone, in full throttles, within which rounding decides if the motor is on."""
 
 
 @wp.struct
-class Bounds:
-    """Constants of the theorem, for one scenario."""
+class Terms:
+    """The terms of the theorem in one scenario: the cars, the bounds of errors, and the actions that are tried."""
 
     step: wp.float32
     """Control step, h [s]."""
@@ -79,7 +79,14 @@ def curvature_of(robot: RobotStruct, steering: float) -> float:
 
 
 @wp.func
-def tail_from(bounds: Bounds, factors: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float) -> Tail:
+def arc_of(terms: Terms, factors: wp.vec4, steering: float) -> tuple[float, float]:
+    """Return the curvature of the path at an action of the steering, and the bound of its error [1/m]."""
+    nominal = curvature_of(terms.robot, steering)
+    return 0.5 * (factors[0] + factors[1]) * nominal, 0.5 * (factors[1] - factors[0]) * wp.abs(nominal)
+
+
+@wp.func
+def tail_from(terms: Terms, factors: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float) -> Tail:
     """Return the tail from x, y, heading, speed, with bounds on their errors: position [m], heading [rad], speed [m/s].
 
     The distance of two cars that begin with these differences is at most
@@ -87,66 +94,67 @@ def tail_from(bounds: Bounds, factors: wp.vec4, car: wp.vec4, errors: wp.vec3, s
         |p_1 - p_2|(q) <= place + integral of (along + L |heading_1 - heading_2|) dq,
         |heading_1 - heading_2|(q) <= heading + bend L q + (|kappa| + bend) along q.
     """
-    nominal = curvature_of(bounds.robot, steering)
-    curvature = 0.5 * (factors[0] + factors[1]) * nominal
-    bend = 0.5 * (factors[1] - factors[0]) * wp.abs(nominal)
-    length = car[3] / bounds.robot.drag
-    along = errors[2] / bounds.robot.drag + bounds.coarseness * length
+    curvature, bend = arc_of(terms, factors, steering)
+    length = car[3] / terms.robot.drag
+    along = errors[2] / terms.robot.drag + terms.coarseness * length
     w2 = 0.5 * length * (bend * length + (wp.abs(curvature) + bend) * along)
     return Tail(car[0], car[1], car[2], length, curvature, steering, errors[0], along + errors[1] * length, w2)
 
 
 @wp.func
-def chord_slack(bounds: Bounds, tail: Tail) -> float:
-    """Return the largest distance of the simulation's straight sub-steps from a tail [m]."""
-    drag = bounds.robot.drag
+def acceleration_on(terms: Terms, tail: Tail) -> float:
+    """Return the bound of the acceleration on a tail, that at its beginning [m/s^2]."""
+    drag = terms.robot.drag
     speed = tail.length * drag
-    return bounds.chord * speed * (drag + speed * wp.abs(tail.curvature))
+    return speed * (drag + speed * wp.abs(tail.curvature))
 
 
 @wp.func
-def drive(bounds: Bounds, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
+def bulge_of(terms: Terms, acceleration: float) -> float:
+    """Return the bound by which a car with a bounded acceleration leaves the chord of half a step [m]."""
+    return acceleration * (terms.step * terms.step / 32.0 + terms.chord)
+
+
+@wp.func
+def step_from(terms: Terms, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
     """Return the car after an action of one step, the bounds of its errors, and the middle of the step.
 
     `car` is the measured x, y, heading, speed. The middle is x, y and the bound by which either half of the step leaves
     the straight line [m]. v(t) = v e^(-ct) + (push / c) (1 - e^(-ct)).
     """
-    robot = bounds.robot
-    nominal = curvature_of(robot, action[0])
-    curvature = 0.5 * (factors[0] + factors[1]) * nominal
-    bend = 0.5 * (factors[1] - factors[0]) * wp.abs(nominal)
-    if bounds.noise.actuator > 0.0:
+    robot = terms.robot
+    curvature, bend = arc_of(terms, factors, action[0])
+    if terms.noise.actuator > 0.0:
         slope = wp.tan(steering_angle(robot, action[0]))
-        bend += factors[1] * bounds.noise.actuator * robot.steering_max * (1.0 + slope * slope) / robot.wheelbase
+        bend += factors[1] * terms.noise.actuator * robot.steering_max * (1.0 + slope * slope) / robot.wheelbase
     tau = throttle(robot, action[1])
     push = float(0.0)
     slack = float(0.0)
     if tau > robot.dead_zone:
         push = 0.5 * (factors[2] + factors[3]) * robot.drive * tau - robot.offset
         slack = 0.5 * (factors[3] - factors[2]) * robot.drive * tau
-        slack += factors[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * bounds.noise.actuator
+        slack += factors[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * terms.noise.actuator
     speed = car[3]
-    lost = 1.0 - bounds.decay
-    late = (bounds.step - lost / robot.drag) / robot.drag  # way per push [s^2]
-    after = wp.max(speed * bounds.decay + push * lost / robot.drag, 0.0)
+    lost = 1.0 - terms.decay
+    late = (terms.step - lost / robot.drag) / robot.drag  # way per push [s^2]
+    after = wp.max(speed * terms.decay + push * lost / robot.drag, 0.0)
     way = wp.max(speed * lost / robot.drag + push * late, 0.0)
-    way_error = bounds.speed_error * lost / robot.drag + slack * late
-    way_error += 0.5 * bounds.step * bounds.step * wp.max(slack - push, 0.0)  # a car that stops within the step
-    turn_error = bounds.heading_error + (wp.abs(curvature) + bend) * way_error
+    way_error = terms.speed_error * lost / robot.drag + slack * late
+    way_error += 0.5 * terms.step * terms.step * wp.max(slack - push, 0.0)  # a car that stops within the step
+    turn_error = terms.heading_error + (wp.abs(curvature) + bend) * way_error
     errors = wp.vec3(
-        bounds.position_error + bounds.coarseness * way + way_error + turn_error * way + 0.5 * bend * way * way,
+        terms.position_error + terms.coarseness * way + way_error + turn_error * way + 0.5 * bend * way * way,
         turn_error + bend * way,
-        bounds.speed_error * bounds.decay + slack * lost / robot.drag,
+        terms.speed_error * terms.decay + slack * lost / robot.drag,
     )
     end = arc_end(car[0], car[1], car[2], way, curvature)
-    half_lost = 1.0 - wp.sqrt(bounds.decay)
-    half_late = (0.5 * bounds.step - half_lost / robot.drag) / robot.drag
+    half_lost = 1.0 - wp.sqrt(terms.decay)
+    half_late = (0.5 * terms.step - half_lost / robot.drag) / robot.drag
     half_way = wp.clamp(speed * half_lost / robot.drag + push * half_late, 0.0, way)
     middle = arc_end(car[0], car[1], car[2], half_way, curvature)
     fastest = wp.max(speed, after)
-    rate = wp.abs(push - robot.drag * speed) + fastest * fastest * wp.abs(curvature)
-    bulge = rate * (bounds.step * bounds.step / 32.0 + bounds.chord)
-    return wp.vec4(end[0], end[1], end[2], after), errors, wp.vec3(middle[0], middle[1], bulge)
+    middle[2] = bulge_of(terms, wp.abs(push - robot.drag * speed) + fastest * fastest * wp.abs(curvature))
+    return wp.vec4(end[0], end[1], end[2], after), errors, middle
 
 
 @wp.func
@@ -160,34 +168,42 @@ def narrowed(low: float, high: float, value: float, error: float, widest: wp.vec
 
 
 @wp.func
-def learn(bounds: Bounds, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
+def push_of(terms: Terms, before: float, after: float, error: float) -> tuple[float, float]:
+    """Return the acceleration by the motor in a step, c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), and its error [m/s^2].
+
+    `before` and `after` are the measured speeds v_0 and v_1, each with an error [m/s].
+    """
+    drag = terms.robot.drag
+    lost = 1.0 - terms.decay
+    return drag * (after - before * terms.decay) / lost, drag * error * (1.0 + terms.decay) / lost
+
+
+@wp.func
+def learn(terms: Terms, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
     """Return the bounds of curvature and drive, narrowed by the motion of the latest step (condition 2 of the theorem).
 
     `last` is the measured heading [rad] and speed [m/s] before it, and its action.
 
-    push = c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), way = (v_0 - v_1 + push h) / c, kappa = turn / way.
+    way = (v_0 - v_1 + push h) / c, kappa = turn / way.
     """
-    robot = bounds.robot
-    lost = 1.0 - bounds.decay
-    push = robot.drag * (speed - last[1] * bounds.decay) / lost
-    push_error = robot.drag * bounds.speed_error * (1.0 + bounds.decay) / lost
+    robot = terms.robot
+    push, push_error = push_of(terms, last[1], speed, terms.speed_error)
     tau = throttle(robot, last[3])
     narrow = factors
     if tau > robot.dead_zone and speed > 0.0:
-        unit = robot.drive * tau
-        value = (push + robot.offset) / unit
-        span = narrowed(factors[2], factors[3], value, push_error / unit, wp.vec2(widest[2], widest[3]))
+        nominal = robot.drive * tau
+        value = (push + robot.offset) / nominal
+        span = narrowed(factors[2], factors[3], value, push_error / nominal, wp.vec2(widest[2], widest[3]))
         narrow[2] = span[0]
         narrow[3] = span[1]
-    way = (last[1] - speed + push * bounds.step) / robot.drag
-    way_error = (2.0 * bounds.speed_error + push_error * bounds.step) / robot.drag
-    unit = way * curvature_of(robot, last[2])
+    way = (last[1] - speed + push * terms.step) / robot.drag
+    way_error = (2.0 * terms.speed_error + push_error * terms.step) / robot.drag
+    turn = way * curvature_of(robot, last[2])
     # A car that has stopped within the step has driven less than this; one that turns by more than pi hides a turn.
-    shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading_error
-    if shows and wp.abs(unit) * factors[1] < 3.0:
-        turned = wrap(heading - last[0])
-        value = turned / unit
-        error = (2.0 * bounds.heading_error / wp.abs(unit) + wp.abs(value) * way_error / way) * way / (way - way_error)
+    shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(turn) > 10.0 * terms.heading_error
+    if shows and wp.abs(turn) * factors[1] < 3.0:
+        value = wrap(heading - last[0]) / turn
+        error = (2.0 * terms.heading_error / wp.abs(turn) + wp.abs(value) * way_error / way) * way / (way - way_error)
         span = narrowed(factors[0], factors[1], value, error, wp.vec2(widest[0], widest[1]))
         narrow[0] = span[0]
         narrow[1] = span[1]
@@ -211,72 +227,70 @@ def mean_and_deviation(action: float, noise: float) -> wp.vec2:
 
 
 @wp.func
-def add_step(bounds: Bounds, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
+def add_step(terms: Terms, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
     """Return the sums with the latest step: weight and weighted factor less 1 of curvature, then those of drive.
 
     The motion of a step with a noisy command shows a factor with a standard deviation; the weight is 1 over its square.
     Steps in which noise may turn off the motor, or grip may limit the turn, do not count.
     """
-    robot = bounds.robot
-    lost = 1.0 - bounds.decay
-    push = robot.drag * (speed - last[1] * bounds.decay) / lost
-    push_deviation = robot.drag * bounds.noise.speed * (1.0 + bounds.decay) / lost
+    robot = terms.robot
+    push, push_deviation = push_of(terms, last[1], speed, terms.noise.speed)
     summed = sums
-    pull = mean_and_deviation(last[3], bounds.noise.actuator)
-    tau = throttle(robot, pull[0])
-    tau_deviation = 0.5 * (robot.throttle_max - robot.throttle_min) * pull[1]
-    if tau - 3.0 * tau_deviation > robot.dead_zone and pull[1] > 0.0 and speed > 0.0:
-        unit = robot.drive * tau
-        weight = 1.0 / (tau_deviation * tau_deviation / (tau * tau) + push_deviation * push_deviation / (unit * unit))
+    throttling = mean_and_deviation(last[3], terms.noise.actuator)
+    tau = throttle(robot, throttling[0])
+    tau_deviation = 0.5 * (robot.throttle_max - robot.throttle_min) * throttling[1]
+    if tau - 3.0 * tau_deviation > robot.dead_zone and throttling[1] > 0.0 and speed > 0.0:
+        nominal = robot.drive * tau
+        of_push = push_deviation * push_deviation / (nominal * nominal)
+        weight = 1.0 / (tau_deviation * tau_deviation / (tau * tau) + of_push)
         summed[2] += weight
-        summed[3] += weight * ((push + robot.offset) / unit - 1.0)
-    way = 0.5 * (last[1] + speed) * bounds.step
-    way_deviation = 0.7071 * bounds.noise.speed * bounds.step
-    turn = mean_and_deviation(last[2], bounds.noise.actuator)
-    slope = wp.tan(steering_angle(robot, wp.abs(turn[0])))
-    unit = way * curvature_of(robot, turn[0])
+        summed[3] += weight * ((push + robot.offset) / nominal - 1.0)
+    way = 0.5 * (last[1] + speed) * terms.step
+    way_deviation = 0.7071 * terms.noise.speed * terms.step
+    steering = mean_and_deviation(last[2], terms.noise.actuator)
+    slope = wp.tan(steering_angle(robot, wp.abs(steering[0])))
+    turn = way * curvature_of(robot, steering[0])
     fastest = wp.max(speed, last[1])
-    grips = fastest * fastest * curvature_of(robot, wp.abs(last[2]) + 3.0 * bounds.noise.actuator)
+    grips = fastest * fastest * curvature_of(robot, wp.abs(last[2]) + 3.0 * terms.noise.actuator)
     if (
         way > 10.0 * way_deviation
         and slope > 1.0e-3
-        and wp.abs(unit) < 2.0
-        and turn[1] > 0.0
+        and wp.abs(turn) < 2.0
+        and steering[1] > 0.0
         and grips < 0.9 * robot.lateral_acceleration_max
     ):
-        turned = wrap(heading - last[0])
-        turn_deviation = bounds.noise.heading / unit
-        steering_deviation = turn[1] * robot.steering_max * (1.0 + slope * slope) / slope
+        turn_deviation = terms.noise.heading / turn
+        steering_deviation = steering[1] * robot.steering_max * (1.0 + slope * slope) / slope
         variance = (
             2.0 * turn_deviation * turn_deviation
             + steering_deviation * steering_deviation
             + way_deviation * way_deviation / (way * way)
         )
         summed[0] += 1.0 / variance
-        summed[1] += (turned / unit - 1.0) / variance
+        summed[1] += (wrap(heading - last[0]) / turn - 1.0) / variance
     return summed
 
 
 @wp.func
 def bounds_from_sums(weight: float, weighted: float, widest: wp.vec2) -> wp.vec2:
-    """Return the bounds of a factor from its two sums: the mean of the steps -+ four standard errors and BIAS."""
+    """Return the bounds of a factor from its two sums: the mean of the steps -+ four standard errors and a bias."""
     if weight <= 0.0:
         return widest
-    return narrowed(widest[0], widest[1], 1.0 + weighted / weight, 4.0 / wp.sqrt(weight) + BIAS, widest)
+    return narrowed(widest[0], widest[1], 1.0 + weighted / weight, 4.0 / wp.sqrt(weight) + _BIAS, widest)
 
 
 @wp.func
-def within_limits(bounds: Bounds, factors: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
+def within_limits(terms: Terms, factors: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
     """Return an action clipped to the box, and so that grip never limits the yaw rate from then on (condition 1)."""
-    robot = bounds.robot
+    robot = terms.robot
     throttling = wp.clamp(wanted[1], -1.0, 1.0)
-    if wp.abs(throttle(robot, throttling) - robot.dead_zone) < EDGE * robot.throttle_max:
+    if wp.abs(throttle(robot, throttling) - robot.dead_zone) < _EDGE * robot.throttle_max:
         throttling = -1.0
     most = float(1.0)
     if wp.isfinite(robot.lateral_acceleration_max):
         push = wp.max(factors[3] * robot.drive * throttle(robot, throttling) - robot.offset, 0.0)
-        fastest = speed + bounds.speed_error
-        fastest = wp.max(fastest, fastest * bounds.decay + push * (1.0 - bounds.decay) / robot.drag)
+        fastest = speed + terms.speed_error
+        fastest = wp.max(fastest, fastest * terms.decay + push * (1.0 - terms.decay) / robot.drag)
         curvature = 0.999 * robot.lateral_acceleration_max / wp.max(fastest * fastest, 1.0e-20)
         most = wp.min(wp.atan(curvature * robot.wheelbase / factors[1]) / robot.steering_max, 1.0)
     return wp.vec2(wp.clamp(wanted[0], -most, most), throttling)

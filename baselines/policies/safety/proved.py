@@ -1,8 +1,8 @@
-"""The proved filter under any car policy: each robot can always come to rest without colliding with the others.
+"""The proved filter after any policy of cars: each robot can always come to rest without colliding with the others.
 
 * The **tail** of a car is its path to rest with the motor off and constant steering (`tails.py`).
-* Two tails are **compatible** if the cars stay 2 r + margin apart for ever, wherever each is within its error bounds,
-  and wherever on its tail a car that can stop dead stands from any time on.
+* Two tails are **compatible** if the cars stay 2 r + margin apart for ever, for all errors within their bounds, and
+  also if a car that can stop dead stops anywhere on its tail.
 * In every step each robot in its turn applies the wanted action only if the tail after it is compatible with the
   committed tails of all others. Otherwise it applies the smallest change of the action for which this is so, and
   without one it continues its old tail.
@@ -21,8 +21,8 @@ import warp as wp
 
 from baselines.policies.base import Filter
 from baselines.policies.inside import Inside
-from baselines.policies.safety.commitment import PLANS, Memory, commit
-from baselines.policies.safety.own_motion import Bounds
+from baselines.policies.safety.commitment import COURSES, Memory, commit
+from baselines.policies.safety.own_motion import Terms
 from baselines.policies.safety.tails import POINTS
 from baselines.similarity import motion_scale
 from lissajous_env.device.curve import curve_struct
@@ -36,10 +36,14 @@ from lissajous_env.world.selection import clear_worlds
 
 _STEERING_CHANGES = (0.0, 0.06, 0.13, 0.22, 0.33, 0.47, 0.65, 0.9, 1.3, 2.0)
 _THROTTLE_CHANGES = (0.0, 0.5, 2.0)
-"""Changes of the wanted action that are tried, to either side; each result is clipped to [-1, 1]."""
-
 _THROTTLE_WEIGHT = 0.1
 """Weight of a change of the throttle's action relative to one of the steering's, in the order of the changes."""
+_CHANGES = sorted(
+    {(s * x, t * y) for x in _STEERING_CHANGES for y in _THROTTLE_CHANGES for s in (1, -1) for t in (1, -1)},
+    key=lambda change: (change[0] ** 2 + _THROTTLE_WEIGHT * min(abs(change[1]), 1.0) ** 2, -change[0], change[1]),
+)
+"""Changes of the wanted steering and throttle that are tried, the smallest first; the first is none. Each result is
+clipped to [-1, 1]."""
 _ROUNDING = 4e-6
 """Bound on the rounding error of observed numbers, relative to their range."""
 _COARSEST = 0.01
@@ -87,13 +91,11 @@ class Proved(Filter):
         if self.scenario.robot.reverses:
             rule = f"must be 0 for cars behind {self.suffix}, whose tails end at rest [m/s]"
             raise ValueError(f"robot.speed_min {rule}, got {self.scenario.robot.lowest_speed:g}")
-        self._bounds = bounds_of(self.scenario, self.parameters, self.device)
+        self._terms = terms_of(self.scenario, self.parameters, self.device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         worlds = (self.num_worlds,)
-        shapes = {"steps": worlds, "compatible": worlds, "plans": (*self.shape, int(PLANS), int(POINTS))}
+        shapes = {"steps": worlds, "compatible": worlds, "courses": (*self.shape, int(COURSES), int(POINTS))}
         self._memory = allocate(Memory, shapes, self.shape, self.device)
-        # A struct of Warp cannot be copied; its arrays, stored by name, are copied with the filter.
-        self._arrays = fields_of(self._memory)
 
     @property
     def tails_compatible(self) -> np.ndarray:
@@ -104,48 +106,49 @@ class Proved(Filter):
         return self._memory.compatible.numpy() == 1
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget tails, and the bounds that robots have narrowed; plans are laid out anew in every step."""
-        for name, array in self._arrays.items():
-            if name != "plans":
+        """Forget tails, and the bounds that robots have narrowed; the large array of courses is overwritten anyway."""
+        for name, array in fields_of(self._memory).items():
+            if name != "courses":
                 clear_worlds(array, mask)
 
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones; a robot whose wanted action is not finite continues its old tail."""
         out = self.action if out is None else out
-        self.launch(commit, self.num_worlds, [self._bounds, self._curve, observation, wanted, self._memory], [out])
+        self.launch(commit, self.num_worlds, [self._terms, self._curve, observation, wanted, self._memory], [out])
         return out
 
 
-def bounds_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cpu") -> Any:
-    """Return the constants of the theorem for a scenario (conditions 1 to 3)."""
+def terms_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cpu") -> Any:
+    """Return the terms of the theorem for a scenario (conditions 1 to 3)."""
     curve, robot, noise, task = scenario.curve, scenario.robot, scenario.noise, scenario.task
-    bounds: Any = Bounds()
-    bounds.step, bounds.decay = task.step, math.exp(-robot.drag * task.step)
-    bounds.required = 2 * robot.radius + parameters.margin
+    terms: Any = Terms()
+    terms.step, terms.decay = task.step, math.exp(-robot.drag * task.step)
+    terms.required = 2 * robot.radius + parameters.margin
     size = curve.half_width + curve.half_height
-    bounds.position_error = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
-    bounds.heading_error = parameters.deviations * noise.heading + _ROUNDING
+    terms.position_error = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
+    terms.heading_error = parameters.deviations * noise.heading + _ROUNDING
     decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
-    error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * farthest_speed(scenario))
-    bounds.speed_error = parameters.deviations * noise.speed + error
-    bounds.speed_unit = robot.top_speed
+    error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * largest_speed_change(scenario))
+    terms.speed_error = parameters.deviations * noise.speed + error
+    terms.speed_unit = robot.top_speed
     room, body = (1.0, robot.radius) if task.boundary == "wall" else (_IN_RANGE, 0.0)
-    bounds.half_width, bounds.half_height = room * curve.half_width - body, room * curve.half_height - body
-    bounds.message_loss = noise.message_loss**parameters.repeats
-    bounds.chord = (task.step / task.substeps) ** 2 / 8
-    bounds.coarseness = integration_error(scenario)
-    bounds.coasts = int(scenario.faults.stop == "coast" and any(may_fail(scenario)))
-    # A robot that coasts continues with the steering of its action, so its tail cannot have another one. With noise, a
-    # straight tail is the narrowest, because it does not depend on the wheelbase.
-    # Within walls, a car could hardly drive straight on if it had to coast straight on.
-    turns = any(stops_of(scenario)) or task.boundary == "wall"
-    bounds.num_tails = 1 if bounds.coasts else 4 if noise.actuator > 0 else 3 if turns else 1
-    bounds.robot, bounds.noise = to_struct(RobotStruct, robot), to_struct(NoiseStruct, noise)
-    bounds.walls = walls_of(scenario) if Inside.suits(scenario) else Walls()
-    bounds.widest = wp.array(widest_of(scenario), dtype=wp.vec4, device=device)
-    bounds.changes = wp.array(changes_of(), dtype=wp.vec2, device=device)
-    bounds.stops = wp.array(stops_of(scenario), dtype=wp.int32, device=device)
-    return bounds
+    terms.half_width, terms.half_height = room * curve.half_width - body, room * curve.half_height - body
+    terms.message_loss = noise.message_loss**parameters.repeats
+    terms.chord = (task.step / task.substeps) ** 2 / 8
+    terms.coarseness = integration_error(scenario)
+    terms.coasts = int(scenario.faults.stop == "coast" and any(may_fail(scenario)))
+    if terms.coasts:
+        terms.num_tails = 1  # a robot that coasts continues with the steering of its action
+    elif noise.actuator > 0:
+        terms.num_tails = 4  # a straight tail is the narrowest, because it does not depend on the wheelbase
+    else:  # tails that turn cross a smaller area, and end farther from the wall ahead
+        terms.num_tails = 3 if any(stops_of(scenario)) or task.boundary == "wall" else 1
+    terms.robot, terms.noise = to_struct(RobotStruct, robot), to_struct(NoiseStruct, noise)
+    terms.walls = walls_of(scenario) if Inside.suits(scenario) else Walls()
+    terms.widest = wp.array(widest_of(scenario), dtype=wp.vec4, device=device)
+    terms.changes = wp.array(_CHANGES, dtype=wp.vec2, device=device)
+    terms.stops = wp.array(stops_of(scenario), dtype=wp.int32, device=device)
+    return terms
 
 
 def may_fail(scenario: Scenario) -> np.ndarray:
@@ -167,24 +170,13 @@ def widest_of(scenario: Scenario) -> np.ndarray:
     return np.array(rows, dtype=np.float32)
 
 
-def changes_of() -> np.ndarray:
-    """Return the changes (K, 2) of an action that are tried, in order of size; the first is no change."""
-    signed = [(s * x, t * y) for x in _STEERING_CHANGES for y in _THROTTLE_CHANGES for s in (1, -1) for t in (1, -1)]
-
-    def cost(change: tuple[float, float]) -> tuple[float, ...]:
-        steering, throttle = change
-        return steering**2 + _THROTTLE_WEIGHT * min(abs(throttle), 1.0) ** 2, -steering, throttle
-
-    return np.array(sorted(set(signed), key=cost), dtype=np.float32)
-
-
 def fastest_of(scenario: Scenario) -> float:
     """Return the largest speed that a car can reach under the filter [m/s], at least a thousandth of the top speed."""
     return max(scenario.top_speed_bound, 1e-3 * scenario.robot.top_speed)
 
 
-def farthest_speed(scenario: Scenario) -> float:
-    """Return a bound of the difference of a car's speed from the steady one that it approaches [m/s].
+def largest_speed_change(scenario: Scenario) -> float:
+    """Return a bound of the change of a car's speed until it is steady [m/s].
 
     The weakest motor brakes just above the dead zone where its drive is less than the offset.
     """
@@ -215,7 +207,7 @@ def integration_error(scenario: Scenario) -> float:
     h = scenario.task.step / scenario.task.substeps
     shortest = robot.wheelbase * noise.wheelbase_range[0]
     turn = fastest_of(scenario) * h / turning_radius(shortest, robot.steering_max)
-    change = robot.drag * h * farthest_speed(scenario) / fastest_of(scenario)
+    change = robot.drag * h * largest_speed_change(scenario) / fastest_of(scenario)
     mixed = (turn / 7.33 + change / 3) ** 4
     return mixed if mixed > _MIXED else turn**4 / 2880 + (robot.drag * h) ** 4 / 120
 

@@ -6,9 +6,9 @@ is left to it. All cars have the same c, so for q from 0 to 1 every car moves al
 within w(q) = w0 + w1 q + w2 q^2 of the arc's point at q, for every position, heading, speed and curvature that the
 bounds of noise and model allow (`own_motion.tail_from`).
 
-A plan is a step and the tail after it, as sampled points (`lay_out`). Two plans are compared at equal times
-(`gap_between`) or, where a robot may stop dead, at any two times that matter (`swept_gap`): a car that stops dead at
-a time stands at its plan's place of that time while the other one drives on.
+A course is a step and the tail after it, as sampled points (`lay_out`). Two courses are compared at equal times
+(`gap_at_equal_times`) or, where a robot may stop dead, at any two times that matter (`swept_gap`): a car that stops
+dead at a time stands at its course's place of that time while the other one drives on.
 """
 
 import warp as wp
@@ -19,13 +19,13 @@ from lissajous_env.world.robots.contacts import closest_approach
 PIECES = wp.constant(16)
 """Pieces of a tail between its sampled points, in equal steps of q."""
 POINTS = wp.constant(int(PIECES) + 3)
-"""Sampled points of a plan: the position of the car, and the beginning, inner points and end of its tail."""
-Plan = wp.array(dtype=wp.vec3)
-"""Sampled points of a plan (POINTS,), as `lay_out` writes them."""
+"""Sampled points of a course: the position of the car, and the beginning, inner points and end of its tail."""
+Course = wp.array(dtype=wp.vec3)
+"""Sampled points of a course (POINTS,), as `lay_out` writes them."""
 BLOCK = wp.constant(4)
 """Pieces of a tail that are compared together first."""
 BLOCKS = wp.constant(int(PIECES) // int(BLOCK) + 1)
-"""Blocks of a plan: the step, and those of the tail."""
+"""Blocks of a course: the step, and those of the tail."""
 
 
 @wp.struct
@@ -80,17 +80,17 @@ def roll_on(tail: Tail, decay: float) -> Tail:
 
 
 @wp.func
-def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: float):
-    """Sample a plan: points x, y, each with a bound on the deviation from the straight line before it [m].
+def lay_out(course_out: Course, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: float):
+    """Sample a course: points x, y, each with a bound on the deviation from the straight line before it [m].
 
     `middle` is the middle of the step before the tail: x, y and the bound for either half of the step. Along a piece of
     the tail, an arc leaves its chord by at most kappa (L / pieces)^2 / 8, to which `slack` is added. The third
-    coordinate of the first point is the reach, a bound on the distance of the whole plan from the car's position.
+    coordinate of the first point is the reach, a bound on the distance of the whole course from the car's position.
     """
     part = 1.0 / float(PIECES)
     length = tail.length * part
-    plan_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tail.w0)
-    plan_out[2] = wp.vec3(tail.x, tail.y, middle[2] + tail.w0)
+    course_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tail.w0)
+    course_out[2] = wp.vec3(tail.x, tail.y, middle[2] + tail.w0)
     sagitta = wp.abs(tail.curvature) * length * length / 8.0 + slack
     half = 0.5 * length * tail.curvature
     end = arc_end(0.0, 0.0, tail.heading, length, tail.curvature)
@@ -101,30 +101,18 @@ def lay_out(plan_out: Plan, now: wp.vec2, middle: wp.vec3, tail: Tail, slack: fl
         place += onward
         onward = wp.vec2(turn[0] * onward[0] - turn[1] * onward[1], turn[1] * onward[0] + turn[0] * onward[1])
         q = float(k + 1) * part
-        plan_out[k + 3] = wp.vec3(place[0], place[1], sagitta + tail.w0 + q * (tail.w1 + q * tail.w2))
+        course_out[k + 3] = wp.vec3(place[0], place[1], sagitta + tail.w0 + q * (tail.w1 + q * tail.w2))
     widest = wp.max(middle[2], sagitta) + tail.w0 + tail.w1 + tail.w2
     reach = wp.length(wp.vec2(tail.x, tail.y) - now) + tail.length + widest
-    plan_out[0] = wp.vec3(now[0], now[1], reach)
+    course_out[0] = wp.vec3(now[0], now[1], reach)
 
 
 @wp.func
-def gap_of_reaches(one: Plan, other: Plan, required: float) -> float:
-    """Return a lower bound of the distance of two plans from their reaches, less `required` [m]."""
-    apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1]))
-    return apart - one[0][2] - other[0][2] - required
+def gap_at_equal_times(one: Course, other: Course, required: float, enough: float) -> float:
+    """Return `gap_between` two courses of which none can end before its time.
 
-
-@wp.func
-def gap_between(one: Plan, other: Plan, required: float, enough: float) -> float:
-    """Return a lower bound of the distance of two cars at equal times on two plans, less `required` [m].
-
-    If the bound is below `enough`, any value below `enough` is returned. Along each piece it is the closest approach of
-    the chords at equal times, less the bounds on both deviations. For two plans that are too far apart to meet, their
-    reaches suffice.
+    Along each piece it is the closest approach of the chords at equal times, less the bounds on both deviations.
     """
-    least = gap_of_reaches(one, other, required)
-    if least >= 0.0:
-        return least
     least = float(wp.inf)
     before = wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])
     for k in range(1, POINTS):
@@ -159,28 +147,35 @@ def segment_distance(a: wp.vec3, a_end: wp.vec3, b: wp.vec3, b_end: wp.vec3) -> 
 
 @wp.func
 def block_start(block: int) -> int:
-    """Return the point of a plan at which a block begins; it ends where the next one begins."""
+    """Return the point of a course at which a block begins; it ends where the next one begins."""
     return wp.where(block == 0, 0, 2 + (block - 1) * BLOCK)
 
 
 @wp.func
-def chord_bound(plan: Plan, block: int) -> float:
+def chord_bound(course: Course, block: int) -> float:
     """Return a bound on the distance of the car from a block's chord [m]: that of the points, and their own bound."""
     begin = block_start(block)
     end = block_start(block + 1)
-    along = plan[end] - plan[begin]
+    along = course[end] - course[begin]
     square = wp.max(along[0] * along[0] + along[1] * along[1], 1.0e-30)
     away = float(0.0)
     for k in range(begin + 1, end):
-        offset = plan[k] - plan[begin]
+        offset = course[k] - course[begin]
         share = wp.clamp((offset[0] * along[0] + offset[1] * along[1]) / square, 0.0, 1.0)
         away = wp.max(away, wp.length(wp.vec2(offset[0] - share * along[0], offset[1] - share * along[1])))
-    return away + wp.max(plan[begin + 1][2], plan[end][2])
+    return away + wp.max(course[begin + 1][2], course[end][2])
 
 
 @wp.func
 def gap_of_blocks(
-    one: Plan, other: Plan, block: int, other_block: int, stops: bool, other_stops: bool, required: float, enough: float
+    one: Course,
+    other: Course,
+    block: int,
+    other_block: int,
+    stops: bool,
+    other_stops: bool,
+    required: float,
+    enough: float,
 ) -> float:
     """Return `swept_gap` of two blocks."""
     least = float(wp.inf)
@@ -196,16 +191,13 @@ def gap_of_blocks(
 
 
 @wp.func
-def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, required: float, enough: float) -> float:
-    """Return a lower bound of the distance of two cars, of which either may stop dead, less `required` [m].
+def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
+    """Return `gap_between` two courses of which either may end before its time.
 
-    If the bound is below `enough`, any value below `enough` is returned. A car that `stops` can be at any earlier place
-    of its plan than at equal times: the places of piece k are compared with those of all pieces m >= k of the other
-    plan, with those of k >= m if the other one stops, and with all if both do.
+    A car that `stops` can be at any earlier place of its course than at equal times: the places of piece k are compared
+    with those of all pieces m >= k of the other course, with those of k >= m if the other one stops, and with all if
+    both do.
     """
-    least = gap_of_reaches(one, other, required)
-    if least >= 0.0:
-        return least
     least = float(wp.inf)
     for block in range(BLOCKS):
         begin = one[block_start(block)]
@@ -228,3 +220,18 @@ def swept_gap(one: Plan, other: Plan, stops: bool, other_stops: bool, required: 
                 if least < enough:
                     return least
     return least
+
+
+@wp.func
+def gap_between(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
+    """Return a lower bound of the distance of two cars on two courses, which may stop dead, less `required` [m].
+
+    If the bound is below `enough`, any value below `enough` is returned. For two courses that are too far apart to
+    meet, their reaches suffice.
+    """
+    apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])) - one[0][2] - other[0][2] - required
+    if apart >= 0.0:
+        return apart
+    if stops or other_stops:
+        return swept_gap(one, other, stops, other_stops, required, enough)
+    return gap_at_equal_times(one, other, required, enough)

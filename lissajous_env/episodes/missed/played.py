@@ -160,14 +160,10 @@ def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:
 def _introduce(simulation: Simulation, path: Path) -> None:
     """Let the first target be a rogue, and no other target appear."""
     targets = simulation.targets
-    shape = targets.status.shape
-    appears, status = np.full(shape, NEVER, dtype=np.int32), np.full(shape, HIDDEN, dtype=np.int32)
-    appears[:, 0] = path.appears_at
-    if path.appears_at == 0:
-        status[:, 0] = PRESENT
-    targets.appears_at.assign(appears)
-    targets.status.assign(status)
-    targets.found_at.assign(np.full(shape, NEVER, dtype=np.int32))
+    is_rogue = np.arange(targets.status.size)[None] == 0
+    targets.appears_at.assign(np.where(is_rogue, path.appears_at, NEVER))
+    targets.status.assign(np.where(is_rogue & (path.appears_at == 0), PRESENT, HIDDEN))
+    targets.found_at.fill_(NEVER)
     targets.found_early.zero_()
     targets.in_sight.zero_()
     position = targets.position.numpy().copy()

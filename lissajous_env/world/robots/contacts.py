@@ -11,7 +11,7 @@ from lissajous_env.device import abreast
 from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
-from lissajous_env.device.stage import OPTIONAL, ROBOT, part, stage
+from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
@@ -116,7 +116,7 @@ def compare_with_others(
 
 
 @stage(ROBOT, writes="latest: collisions; tally: collisions, contact, contact_steps, min_separation")
-def count_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins=OPTIONAL):
+def count_collisions(w, lane, lanes, robot, places, clock, robots, latest, tally, bins):
     """Compare each robot with those of larger index, over the sub-steps of the latest step."""
     contact = 2.0 * robot.radius
     # A pair that is farther apart neither collides nor is the nearest of the episode.

@@ -33,7 +33,7 @@ PARTED = wp.constant(1.05)
 
 @named_struct("bins")
 class Bins:
-    """The K bins of each world; programs for few robots have none, and `columns` is 0 there."""
+    """The K bins of each world; worlds with few robots have none: K and `columns` are 0."""
 
     half_width: wp.float32
     half_height: wp.float32
@@ -199,10 +199,10 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
 
 
 def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Any:
-    """Make the `Bins` of a resolved scenario whose robots rarely exceed `speed` [m/s]; None if it needs none."""
-    if not has_bins(scenario):
-        return None
+    """Make the `Bins` of a resolved scenario whose robots rarely exceed `speed` [m/s]; none if it needs none."""
     filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
+    if not has_bins(scenario):
+        return filled
     filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
     bins_across = 2 * filled.widened / filled.size + 2

@@ -13,7 +13,7 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.stage import OPTIONAL, TARGET, part, stage
+from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.robots.nearby import Bins, bin_of, max_displacement, nearest_listed, nearest_sensors
@@ -110,7 +110,7 @@ def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
 
 
 @stage(TARGET, writes="targets: position")
-def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins=OPTIONAL):
+def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins):
     """Put targets that appear now at the first of 64 random positions outside all sensing discs, or at the last."""
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
@@ -328,7 +328,7 @@ def detect_together(
         "found_at, found_early, heading, in_sight, position, status"
     ),
 )
-def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, latest, bins=OPTIONAL):
+def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots, targets, latest, bins):
     """Remove detected targets, let others appear or move, and let robots detect them.
 
     A target appears at the end of a step. It can be detected at that moment, and at any moment of the later steps.
