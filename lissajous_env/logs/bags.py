@@ -65,6 +65,8 @@ class Bags(contextlib.ExitStack):
         paths: Files (.mcap) or folders of rosbag2.
 
     Attributes:
+        name: Name of the log.
+        poses: Poses of the topics that were read, by topic and part.
         kinds: Types of each topic's messages; a topic may have several. A type of another encoding than that of ROS 2
             has it in its name.
         remarks: Number of messages with a remark, by remark and topic.
@@ -78,6 +80,8 @@ class Bags(contextlib.ExitStack):
     def __init__(self, paths: Sequence[Path]):
         super().__init__()
         self.paths = tuple(paths)
+        self.name = paths[0].name if len(paths) == 1 else f"{paths[0].name} and {len(paths) - 1} more"
+        self.poses: dict[str, dict[str, Samples]] = {}
         self._store = type_store()  # of ROS alone: the types that a file defines are not compiled
         self.kinds: dict[str, set[str]] = {}
         self.remarks: dict[str, Counter[str]] = defaultdict(Counter)

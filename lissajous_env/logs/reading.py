@@ -53,25 +53,24 @@ def read(
     require(len(origin) == 3 and all(map(math.isfinite, origin)), "origin", rule, origin)
     paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(part) for part in path]
     require(paths, "path", "must name at least one log", path)
-    name = paths[0].name if len(paths) == 1 else f"{paths[0].name} and {len(paths) - 1} more"
     with Bags(paths) as bags:
-        return _Reading(bags, name, (topics,) if isinstance(topics, str) else tuple(topics)).log(commands, origin)
+        return _Reading(bags, (topics,) if isinstance(topics, str) else tuple(topics)).log(commands, origin)
 
 
 class _Reading:
     """The files of a log that is being read."""
 
-    def __init__(self, bags: Bags, name: str, topics: tuple[str, ...]):
-        self._bags, self._name = bags, name
-        self._robots = robots_of(bags, name, topics)
+    def __init__(self, bags: Bags, topics: tuple[str, ...]):
+        self._bags, self._name = bags, bags.name
+        self._robots = robots_of(bags, topics)
         poses = [robot.poses for robot in self._robots]
-        self._blank = Log(name, (), labels=tuple(robot.label for robot in self._robots))
+        self._blank = Log(self._name, (), labels=tuple(robot.label for robot in self._robots))
         self._called = self._blank.called
         frames = sorted({str(frame) for own in poses for frame in own.frame})
         if len(frames) > 1:
             those = [[k for k, own in enumerate(poses) if frame in own.frame] for frame in frames]
             got = [f"{frame or 'no name'} of {self._called(k)}" for frame, k in zip(frames, those, strict=True)]
-            raise ValueError(f"the poses of {name} must be in one frame, got {'; '.join(got)}")
+            raise ValueError(f"the poses of {self._name} must be in one frame, got {'; '.join(got)}")
         self._clock = Clock(poses, self._blank)
         self._notes = list(self._clock.notes)
 

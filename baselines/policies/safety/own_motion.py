@@ -116,7 +116,7 @@ def bulge_of(terms: Terms, acceleration: float) -> float:
 
 
 @wp.func
-def drive(terms: Terms, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
+def step_from(terms: Terms, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
     """Return the car after an action of one step, the bounds of its errors, and the middle of the step.
 
     `car` is the measured x, y, heading, speed. The middle is x, y and the bound by which either half of the step leaves
