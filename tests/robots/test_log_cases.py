@@ -293,7 +293,7 @@ def test_robots_are_in_the_order_of_their_numbers(tmp_path):
 REFUSED = {
     "frames": (
         of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), frame="map" if k else "odom")), {},
-        "must be in one frame, got map of robots 1, 2, 3 and 4; odom of robot 0",
+        "must be in one frame, got robot 0: odom; robots 1, 2, 3 and 4: map",
     ),
     "an hour": (of_robots(shifted), {}, "got those of robot 3 from 1700003600.000"),
     "a missing robot": ([each for each in shrunk() if each[0][7] != "2"], {}, "got 4: robots 0, 1, 3 and 4"),
