@@ -45,8 +45,8 @@ def read(
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
-        ValueError: a file is damaged or no log, has no such topic, its poses are in several frames or of times that do
-            not overlap, or a clock was set while it was recorded.
+        ValueError: a file is damaged or no log, has no such topic, its poses are in several frames, or a clock was set
+            while it was recorded.
         OSError: a file cannot be read.
     """
     rule = "must be three finite numbers, x, y [m] and heading [rad]"
@@ -78,7 +78,6 @@ class _Reading:
         if "{}" not in commands and len(self._robots) > 1 and self._robots[0].bag is None:
             raise ValueError(f"commands must be a topic in which {{}} stands for a robot's number, got {commands}")
         tracks = [self._track(k, poses, origin) for k, poses in enumerate(self._clock.poses)]
-        self._check_times(tracks)
         episode, begin = self._episode(tracks)
         series = self._series(commands, COMMANDS), self._series(PHASE, PHASES), self._series(STATUS, STATUSES)
         notes = *self._notes, *self._bags.notes()
@@ -96,17 +95,6 @@ class _Reading:
         heading[known] = np.unwrap(heading[known]) - origin[2]
         speed[~np.isfinite(speed)] = np.nan
         return Track(poses.stamp, position, heading, speed)
-
-    def _check_times(self, tracks: Sequence[Track]) -> None:
-        """Check that there is a time at which all robots have poses."""
-        first, last = (np.array([track.time[place] for track in tracks]) for place in (0, -1))
-        late, early = int(first.argmax()), int(last.argmin())
-        if first[late] >= last[early]:
-            raise ValueError(
-                f"the poses of all robots of {self._name} must overlap in time, got those of {self._called([late])} "
-                f"from {first[late]:.3f} s on and those of {self._called([early])} until {last[early]:.3f} s: is a "
-                "clock set wrong?"
-            )
 
     def _series(self, pattern: str, decoders: dict[str, Decoder]) -> dict[int, Series]:
         """Return the values of the robots that have any on the topics of a pattern."""

@@ -288,6 +288,7 @@ def test_robots_are_in_the_order_of_their_numbers(tmp_path):
     log = read(write(tmp_path / "log", [(topic.replace("_1", "_10"), *rest) for topic, *rest in shrunk()]))
     assert log.labels == ("0", "2", "3", "4", "10")
     np.testing.assert_allclose(log.tracks[4].position[0, :2], circle(1, 0.0)[:2])
+    assert len(read(write(tmp_path / "later", of_robots(shifted))).tracks) == 5, "one by one, robots can be identified"
 
 
 REFUSED = {
