@@ -263,6 +263,11 @@ class Batch(Stateful):
                 parts[k].terminated[:, -missing:] = True
         return parts[0] if len(parts) == 1 else Rows(*map(library.concatenate, zip(*parts, strict=True)))
 
+    def live(self, side: Side) -> np.ndarray:
+        """Return (W, N) bool: robots that are in their world, or rogues that act in the next step."""
+        rows = self.rows(side)
+        return rows.mask & ~rows.terminated
+
     @property
     def over(self) -> np.ndarray:
         """(W,) bool on the host: worlds whose episode has ended or, if only rogues act, that have no rogue left."""
