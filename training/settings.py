@@ -107,7 +107,7 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     credit: float = number(1.0, 0, 1)
     """Share of the reward for targets in sight that a robot receives for those that no other robot has in sight; the
     rest is the team's reward."""
-    collisions: float | None = None
+    collisions: float | None = number(None, 0, 1e6)
     """Collisions per episode, with the noise of exploration, above which their cost rises, and below which it falls. By
     default four fifths of those, without noise, of the policy with which validations are compared; 0 without one."""
     penalty: float = number(0.3, 0.01, 100)
@@ -119,8 +119,6 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
 
     def _check_together(self) -> None:
         as_device(self.device)
-        collisions = self.collisions
-        self._require(collisions is None or 0 <= collisions < 1e6, "collisions", "must be from 0 to 1e6 collisions")
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
@@ -144,11 +142,6 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     def without_warnings(self) -> AbstractContextManager:
         """Return a context in which scenarios of a space that violate assumptions of the paper are not reported."""
         return nullcontext() if self.space is None else quietly()
-
-    @property
-    def num_groups(self) -> int:
-        """Number of scenarios that are played at the same time."""
-        return 1 if self.space is None else self.groups
 
     @property
     def corrected_base(self) -> str | None:

@@ -1,6 +1,7 @@
 """Progress of long work, on stderr: a bar in a terminal, a line for each finished piece elsewhere."""
 
 import time
+from contextlib import ExitStack
 from typing import Any
 
 from rich import progress as bars
@@ -31,7 +32,7 @@ def bar(console: Console, counts: str = "") -> bars.Progress:
     )
 
 
-class Progress:
+class Progress(ExitStack):
     """Display of the finished episodes, the elapsed and the remaining time; cells may be played at the same time.
 
     Args:
@@ -40,10 +41,11 @@ class Progress:
     """
 
     def __init__(self, work: list[tuple[Any, list[int]]], console: Console):
+        super().__init__()
         self._console = console
         self._left = {id(cell): len(numbers) for cell, numbers in work}
         self._began: dict[int, float] = {}
-        self._bar = bar(console, "{task.completed}/{task.total} episodes")
+        self._bar = self.enter_context(bar(console, "{task.completed}/{task.total} episodes"))
         self._task = self._bar.add_task("", total=sum(self._left.values()))
 
     def begin(self, cell: Any) -> None:
@@ -65,13 +67,6 @@ class Progress:
         if not self._left[id(cell)] and not self._console.is_interactive:
             took = time.monotonic() - self._began[id(cell)]
             self._console.print(f"{_name_of(cell)}: {word}, {took:.1f} s", highlight=False, soft_wrap=True)
-
-    def __enter__(self) -> "Progress":
-        self._bar.__enter__()
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._bar.__exit__(*error)
 
 
 def _name_of(cell: Any) -> str:

@@ -41,6 +41,8 @@ from lissajous_env.world.columns import (
     task_score,
 )
 
+FORMAT = "lissajous report 3"
+"""Format of the page's data, which `report.js` requires."""
 MOST_EPISODES = 20_000
 """Largest number of episodes that are listed, the worst first."""
 _ROBOTS = {
@@ -138,6 +140,7 @@ def page(
     columns, by = _columns(table), grouped(ranked)
     replayed = {f"replay-{k}": key for k, key in enumerate(replays)}
     data = {
+        "format": FORMAT,
         "made": dict(origin),
         "kinds": [{"name": mode.name, "words": mode.words, "about": mode.about} for mode in FAILURE_MODES],
         "policies": _policies(policies),

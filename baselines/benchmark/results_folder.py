@@ -48,8 +48,8 @@ class Results:
         scenarios: Scenarios of the folder by name.
 
     Raises:
-        ValueError: the folder contains results of other settings (the message shows the differences), or a file in it
-            is damaged, or has an episode of other settings; file, line and value are named.
+        ValueError: the folder contains results of other settings (the message shows the differences), or none without
+            settings; or a file in it is damaged, or has an episode of other settings (file, line and value are named).
     """
 
     def __init__(self, folder: Folder, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):

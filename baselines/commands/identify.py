@@ -41,8 +41,9 @@ def identify(
     Args:
         logs: rosbag2 file (.mcap) or folder, with poses and commands of one or more robots, or several that
             belong together.
-        scenario: name of a scenario, .toml file, or module:attribute, from whose robots the fit starts; by default that
-            of the log, or the paper's experiment. Its robot.kind, car or differential, selects the model.
+        scenario: name of a scenario, .toml file, or module:attribute; by default that of the log, or the paper's
+            experiment. Its robot.kind, car or differential, selects the model, and a constant that the log does not
+            determine is that of its robots.
         topics: topics of the robots' poses in their order, or one name in which {} stands for their numbers; for /tf
             and arrays of poses also with a part, as in /tf:car_{}.
         commands: topic of the commands with {}: sensor_msgs/JointState with the joints steering [rad] and throttle, or

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -201,33 +201,33 @@ class Onboard:
         robots, targets = detection_rows("robots", robots, 4), detection_rows("targets", targets, 2)
         self._listen(now, heard)
         measured = odometry if odometry is not None and odometry.is_finite else None
-        clock_fault = self._clock_fault(now)
-        self._latched = self._latched or clock_fault or self._fence_fault(measured)
-        reason = self._latched or ("there is no pose" if odometry is None else "")
-        reason = reason or self._pose_fault(now, measured) or self._silence(now)
+        fault = self._lasting_fault(now, measured)
+        self._latched = self._latched or fault
+        reasons = [self._latched] if self._latched else []
+        reasons += ["there is no pose"] if odometry is None else self._faults(now, measured)
         if not all(np.isfinite(numbers).all() for numbers in (robots, targets, () if phase is None else phase)):
-            reason = reason or "a number of the phase or of the sensor's data is not finite"
+            reasons.append("a number of the phase or of the sensor's data is not finite")
             robots, targets, phase = robots[:0], targets[:0], None
         if not works:
-            reason = reason or "the robot does not work"
+            reasons.append("the robot does not work")
         pose = measured or self._row.pose
         if pose is None or not math.isfinite(now):
-            return self._stopped(now, reason)
+            return self._stopped(now, reasons[0])
         due = round((now - self._begun) / self.scenario.task.step) + 1 - self._steps
         if not 0 <= due <= _MOST_STEPS:
             off = f"the policy is {counted(abs(due), 'step')} {'behind' if due > 0 else 'ahead of'} the clock"
             if abs(due) > self.scenario.task.steps:
                 off, due = f"{off}, so it begins anew", 1
                 self._begin(now)
-            reason = reason or off
+            reasons.append(off)
         self._row.place_detections(robots, targets)
-        row = self._row.fill(pose, self._heard, not reason, phase if pose is odometry else None)
+        row = self._row.fill(pose, self._heard, not reasons, phase if pose is odometry else None)
         for _ in range(min(due, _MOST_STEPS)):
             self._decide(row)
         if not np.isfinite(self._action).all():
-            reason = reason or "the action of the policy is not finite"
-        if reason:
-            return self._stopped(now, reason)
+            reasons.append("the action of the policy is not finite")
+        if reasons:
+            return self._stopped(now, reasons[0])
         if self._size:
             self._numbers = tuple(np.clip(self._action[-self._size :], -1, 1).tolist())
         self._command, self._since = self._actuation.command(self._action), now
@@ -253,42 +253,37 @@ class Onboard:
                 if comes_later and message.sent_at - now <= self.limits.clock_jump:
                     self._heard[side] = message
 
-    def _clock_fault(self, now: float) -> str:
-        """Return a fault of the clock, after which the robot stays stopped; "" for none."""
-        before, step, limit = self._now, self.scenario.task.step, self.limits.clock_jump
+    def _lasting_fault(self, now: float, pose: Odometry | None) -> str:
+        """Store the time, and return a fault of the clock or the place, after which the robot stays stopped, or ""."""
+        before, step, limits, curve = self._now, self.scenario.task.step, self.limits, self.scenario.curve
         if not math.isfinite(now):
             return "the clock is not finite"
-        self._now = now
+        self._now, passed = now, now - before
         if math.isnan(before):
             self._begun = now
-        elif now <= before:
+        elif passed <= 0:
             return f"the clock went back by {before - now:.3g} s"
-        elif abs(now - before - step) > limit:
-            return f"the clock jumped by {now - before:.3g} s, where a step of {step:g} s may be off by {limit:g} s"
-        return ""
-
-    def _fence_fault(self, pose: Odometry | None) -> str:
-        """Return by how much a pose is outside of the fence, after which the robot stays stopped; "" if it is not."""
-        curve, limit = self.scenario.curve, self.limits.fence
+        elif abs(passed - step) > limits.clock_jump:
+            return (
+                f"the clock jumped by {passed:.3g} s, where a step of {step:g} s may be off by {limits.clock_jump:g} s"
+            )
         out = 0.0 if pose is None else max(abs(pose.x) - curve.half_width, abs(pose.y) - curve.half_height)
-        return f"the robot is {out:.3g} m outside of the rectangle, the limit is {limit:g} m" if out > limit else ""
+        is_out, rule = out > limits.fence, f"the limit is {limits.fence:g} m"
+        return f"the robot is {out:.3g} m outside of the rectangle, {rule}" if is_out else ""
 
-    def _pose_fault(self, now: float, pose: Odometry | None) -> str:
-        """Return a fault of the latest pose, which is None if it is not finite; "" for none."""
+    def _faults(self, now: float, pose: Odometry | None) -> Iterator[str]:
+        """Yield the faults of the latest pose, which is None if it is not finite, and of the ring neighbours."""
+        limits = self.limits
         if pose is None:
-            return "the pose is not finite"
-        age, limits = now - pose.stamp, self.limits
-        if age > limits.pose_age:
-            return f"the pose is {age:.3g} s old, the limit is {limits.pose_age:g} s"
-        return f"the pose is of {-age:.3g} s from now" if -age > limits.clock_jump else ""
-
-    def _silence(self, now: float) -> str:
-        """Return which ring neighbour has been silent for too long; "" for none."""
+            yield "the pose is not finite"
+        elif now - pose.stamp > limits.pose_age:
+            yield f"the pose is {now - pose.stamp:.3g} s old, the limit is {limits.pose_age:g} s"
+        elif pose.stamp - now > limits.clock_jump:
+            yield f"the pose is of {pose.stamp - now:.3g} s from now"
         for neighbour, message in zip(self.neighbours, self._heard, strict=True):
             since = now - (self._begun if message is None else message.sent_at)
-            if self.listens and neighbour >= 0 and since > self.limits.silence:
-                return f"robot {neighbour} has been silent for {since:.3g} s, the limit is {self.limits.silence:g} s"
-        return ""
+            if self.listens and neighbour >= 0 and since > limits.silence:
+                yield f"robot {neighbour} has been silent for {since:.3g} s, the limit is {limits.silence:g} s"
 
     def _decide(self, row: np.ndarray) -> None:
         self._rows_host[:], self._steps = row, self._steps + 1

@@ -18,6 +18,7 @@ from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import require
 from lissajous_env.world.observation import layout
 from lissajous_env.world.observing import observe
+from lissajous_env.world.robots.nearby import Bins
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.robots.signals import measure
 from lissajous_env.world.state import FAILED, NOWHERE, REMOVED, WORKING, Robots, Targets
@@ -48,7 +49,7 @@ class Row:
         nearest = wp.zeros((1, 1, sensing.most_seen), dtype=wp.vec2, device=device)
         row = wp.zeros((1, 1, size), dtype=wp.float32, device=device)
         values = constants_of(scenario, device) | state | {"nearest": nearest, "observation_out": row}
-        values |= {"noise": NoiseStruct(), "age_per_step": values["age_per_step"] / _TICKS}
+        values |= {"noise": NoiseStruct(), "bins": Bins(), "age_per_step": values["age_per_step"] / _TICKS}
         with compile_quietly():
             self._follow, self._measure, self._observe = (
                 Program([Stage(stage.key, stage)], values, {ROBOT: 1}, 1, device)

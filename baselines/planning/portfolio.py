@@ -73,11 +73,6 @@ class Feature(NamedTuple):
         return f"{math.exp(min(read, 700.0)) if self.as_logarithm else read:.4g}"
 
 
-def spacing(scenario: Scenario) -> float:
-    """Return the side of a square that is as large as a robot's share of the rectangle [m]."""
-    return math.sqrt(4 * scenario.curve.half_width * scenario.curve.half_height / scenario.num_robots)
-
-
 def scheduled_failures(scenario: Scenario) -> list[float]:
     """Return the durations of the scheduled failures in an episode [s]; rows of a robot that overlap are one."""
     failures: list[list[float]] = []
@@ -93,7 +88,8 @@ def described_features(scenario: Scenario) -> tuple[Feature, ...]:
     """Return the features (F,) of a scenario of cars in the order in which the network reads them."""
     curve, robot, targets, faults = scenario.curve, scenario.robot, scenario.targets, scenario.faults
     count, duration = scenario.num_robots, scenario.task.duration
-    sensing, unit, reach = scenario.sensing_radius, spacing(scenario), robot.top_speed * duration
+    unit = math.sqrt(4 * curve.half_width * curve.half_height / count)  # the robots' spacing
+    sensing, reach = scenario.sensing_radius, robot.top_speed * duration
     turning, failures = turning_radius(robot.wheelbase, robot.steering_max), scheduled_failures(scenario)
     fleeing = targets.fleeing * targets.flee_radius / sensing
     standstill = min(faults.rate * faults.mean_duration + sum(failures) / (count * duration), 1.0)
@@ -288,12 +284,10 @@ def ordered(prior: Prior, scenario: str | Scenario, count: int | None = None) ->
         UnsuitableScenarioError: the prior does not include the scenario.
     """
     scenario = named.build(scenario).resolve()
-    order = np.argsort(prior.predicted(scenario), kind="stable").tolist()
+    order = np.argsort(prior.predicted(scenario), kind="stable")
     count = (REHEARSED if prior.has_seen(scenario) else 2 * REHEARSED) if count is None else count
     best = best_rehearsed(prior, scenario, count) if count else None
-    if best is not None:
-        order = [best, *(k for k in order if k != best)]
-    return [absolute(prior.patrols[k], scenario) for k in order]
+    return [absolute(prior.patrols[k], scenario) for k in sorted(order, key=lambda k: k != best)]
 
 
 def rehearsal_of(scenario: Scenario, objective: str) -> Scenario:

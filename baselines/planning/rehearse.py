@@ -153,7 +153,9 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     If the worst case exceeds the cutoff, the result has no bound. A plan without a bound is not played with failures:
     its worst case with failures is infinite, too. Episodes with failures are played to the end, on the same grid.
     """
-    scenario, until = on_coarse_grid(plan.scenario), max(round(_SHARE * plan.scenario.task.steps), 1)
+    full, until = plan.scenario.task.contamination or (1, 1), max(round(_SHARE * plan.scenario.task.steps), 1)
+    coarse = min(cells(plan.scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
+    scenario = named.build(plan.scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
     run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
     run.play(until, lambda: run.collisions > 0 or run.longest > cutoff)
     planned = _planned(run, episodes)
@@ -230,10 +232,3 @@ def cells(scenario: Scenario, longest: int, cells_in_a_sensor: float = 0.0) -> t
     longest = max(longest, min(math.ceil(2 * max(halves) * cells_in_a_sensor / scenario.sensing_radius), 2 * longest))
     columns, rows = (max(round(longest * half / max(halves)), 1) for half in halves)
     return columns, rows
-
-
-def on_coarse_grid(scenario: Scenario) -> Scenario:
-    """Return a scenario whose contamination is computed on the grid of a first look."""
-    full = scenario.task.contamination or (1, 1)
-    coarse = min(cells(scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
-    return named.build(scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})

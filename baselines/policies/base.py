@@ -15,7 +15,7 @@ import warp as wp
 from baselines.policies.inside import Inside, WallRule
 from baselines.policies.stopping import Stopping
 from lissajous_env.device.copies import Copyable
-from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
+from lissajous_env.device.devices import as_device, copy_in, is_torch
 from lissajous_env.device.program import launcher
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -148,7 +148,6 @@ class Policy(Copyable, Remembering):
         for rule in (Inside, Stopping) if self.wall_rule else ():
             if rule.suits(self.scenario):
                 self._stay_inside = rule(self.scenario, self.num_worlds, self.device)
-        self._compiled = False
         self.launch = launcher(self.device)
         """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
 
@@ -202,12 +201,7 @@ class Policy(Copyable, Remembering):
             return self._act_by_agent(observation)
         with self._on_torch_stream(observation):
             given = self._as_warp(observation)
-            if self._compiled:
-                self._write_action(given)
-            else:
-                with compile_quietly():
-                    self._write_action(given)
-                self._compiled = True
+            self._write_action(given)
             if isinstance(observation, wp.array):
                 return self.action
             return wp.to_torch(self.action).clone() if is_torch(observation) else self.action.numpy().copy()

@@ -8,8 +8,10 @@ the longest one.
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,8 @@ from lissajous_env.settings.checks import Checked, flag, number, whole
 
 _EXTENTS = (0.0, 0.3, 0.6, 0.9)
 """Extents of loops that are compared, from the smallest to that of the cell."""
+_RATING = itemgetter(0)
+"""Key by which plans that are compared are sorted, the best first."""
 _ALIKE = (0, 0, 0.0, 0.0)
 """Pattern in which all loops have the same direction and phase."""
 _TIMES, _REACH = 256, 0.25
@@ -151,14 +155,14 @@ def _with_middles(placed: np.ndarray) -> np.ndarray:
     return np.concatenate([placed, (placed + np.roll(placed, -1, axis=1)) / 2], axis=1)
 
 
-def shapes_of(problem: Problem, parameters: PartitionParameters):
+def shapes_of(problem: Problem, parameters: PartitionParameters) -> Iterator[Shape]:
     """Yield the shapes of loops that cars can drive: in own cells, and within an inset also in shared ones."""
     for members in range(1, problem.robots + 1 if problem.inside and not parameters.in_phase else 2):
         if problem.robots % members == 0:
             yield from _loops_in_cells(problem, parameters, members)
 
 
-def _loops_in_cells(problem: Problem, parameters: PartitionParameters, members: int):
+def _loops_in_cells(problem: Problem, parameters: PartitionParameters, members: int) -> Iterator[Shape]:
     """Yield the shapes of loops on each of which `members` cars follow one another at even distances."""
     layouts = divisions(problem.robots // members, problem.half)
     if parameters.rows is not None:
@@ -244,7 +248,7 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
         rule = f"{rule}, in phase at least {problem.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
     plans = []
-    for _, shape, loop in sorted(ranked, key=_score)[:_MOST_PLANS]:
+    for _, shape, loop in sorted(ranked, key=_RATING)[:_MOST_PLANS]:
         speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
         plans.append(PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
     return plans if problem.inside else plans[:1]
@@ -270,49 +274,39 @@ def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
 
 @lru_cache(maxsize=256)
 def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tuple, Shape, np.ndarray]]:
-    """Return scores, shapes and their loops (N, K, 2) at the cells, the best first; none where no shape has room."""
+    """Return ratings, shapes and their loops (N, K, 2) at the cells, the best first; none where no shape has room."""
+    compared: list[tuple] = []
+
+    def compare(shape: Shape, *pattern: Any) -> None:
+        """Rate a shape in a pattern, the further arguments of `Shape.placed`, unless robots come too near."""
+        placed = shape.placed(problem.driven, *pattern)
+        if smallest_distance(placed) >= problem.apart:
+            limit = 1.5 * min(compared, key=_RATING)[0][0] if compared else math.inf
+            thin, step = _thinned(placed, problem)
+            compared.append((rating_of(thin, problem.half, problem, step, limit), shape, pattern))
+
     shapes = []
     for shape in shapes_of(problem, parameters):
         placed = shape.placed(problem.driven)
         if smallest_distance(placed) >= problem.apart:
             thin, step = _thinned(placed, problem)
-            never, longest = unvisited_and_gap(thin, problem.half, problem.sensing, coarse=True)
-            shapes.append((never, longest * step, len(shapes), shape))
-    if not shapes:
-        return []
-    compared: list[tuple] = []
-    ordered = [shape for *_, shape in sorted(shapes, key=lambda rating: rating[:3])]
-    for k, shape in enumerate(ordered[: _MOST_SHAPES if problem.inside else _SHAPES]):
-        if k >= _SHAPES and min(compared, key=_score)[0][0] < math.inf:
-            break
-        _compare(compared, problem, shape, _ALIKE)
-    leading = sorted(compared, key=_score)[:_PATTERNS]
-    for _, shape, _ in () if parameters.in_phase else leading:
+            unvisited, gap = unvisited_and_gap(thin, problem.half, problem.sensing, coarse=True)
+            shapes.append(((unvisited, gap * step), shape))
+    shapes = [shape for _, shape in sorted(shapes, key=itemgetter(0))[: _MOST_SHAPES if problem.inside else _SHAPES]]
+    for k, shape in enumerate(shapes):
+        if k < _SHAPES or min(compared, key=_RATING)[0][0] == math.inf:
+            compare(shape, *_ALIKE)
+    for _, shape, _ in () if parameters.in_phase else sorted(compared, key=_RATING)[:_PATTERNS]:
         for turns in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
-            _compare(compared, problem, shape, turns)
-    _, shape, (turn_x, turn_y, *_) = min(compared, key=_score)
+            compare(shape, *turns)
     quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
-    for phases in itertools.product(quarters, quarters):
-        _compare(compared, problem, shape, (turn_x, turn_y, *phases))
+    for _, shape, (turn_x, turn_y, *_) in sorted(compared, key=_RATING)[:1]:
+        for phases in itertools.product(quarters, quarters):
+            compare(shape, turn_x, turn_y, *phases)
     best: dict[int, tuple[tuple, Shape, np.ndarray]] = {}
-    for score, shape, pattern in sorted(compared, key=_score):
-        best.setdefault(id(shape), (score, shape, shape.placed(problem.driven, *pattern)))
+    for rating, shape, pattern in sorted(compared, key=_RATING):
+        best.setdefault(id(shape), (rating, shape, shape.placed(problem.driven, *pattern)))
     return list(best.values())[: _MOST_PLANS if problem.inside else 1]
-
-
-def _score(entry: tuple) -> tuple[float, float, float]:
-    """Return the rating of a shape or plan."""
-    return entry[0]
-
-
-def _compare(compared: list[tuple], problem: Problem, shape: Shape, pattern: tuple) -> None:
-    """Add a shape in a pattern with its score to those that were compared, unless robots come too near."""
-    placed = shape.placed(problem.driven, *pattern)
-    if smallest_distance(placed) < problem.apart:
-        return
-    limit = 1.5 * min(compared, key=_score)[0][0] if compared else math.inf
-    thin, step = _thinned(placed, problem)
-    compared.append((rating_of(thin, problem.half, problem, step, limit), shape, pattern))
 
 
 def rating_of(

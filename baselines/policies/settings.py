@@ -75,7 +75,7 @@ class PolicySettings:
         """Read the settings in a folder.
 
         Raises:
-            ValueError: the file is missing, no TOML, or has an unknown entry; the message names it.
+            ValueError: the file is missing, no TOML, has an unknown entry or names a folder; the message names it.
         """
         path = Path(folder) / POLICY_FILE
         given = read_toml(str(path), _LARGEST)
@@ -83,6 +83,8 @@ class PolicySettings:
             check_keys(given, {"policy": str} | dict.fromkeys(_TABLES, dict))
             if "policy" not in given:
                 raise ValueError("file must contain policy, the name of a policy")
+            name = given["policy"]
+            require(not registry.is_folder(name), "policy", "must be a name, and not a folder", name)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
         return cls(**given)

@@ -11,7 +11,6 @@ tangents", American Journal of Mathematics 79 (1957).
 """
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -80,38 +79,6 @@ def required_distance(scenario: Scenario, clearance: float | None = None) -> flo
     return 2 * radius + (radius if clearance is None else clearance)
 
 
-@dataclass(frozen=True)
-class Car:
-    """Limits on the motion in a transit, which every car of a scenario can drive."""
-
-    turning: float
-    """Radius of turns [m]."""
-    speed: float
-    """Largest speed [m/s]."""
-    slowest: float
-    """Smallest speed [m/s]."""
-    top_speeds: list[float]
-    """Steady speed of each robot at full throttle [m/s]; not below a given speed, at which slower cars fall behind."""
-    drag: float
-    """Damping of the speed [1/s]."""
-    grip: float
-    """Largest lateral acceleration in turns [m/s^2]; infinite without a limit."""
-    within: tuple[float, float]
-    """Half width and half height of the rectangle that the car does not leave [m]; infinite without an inset."""
-
-    @classmethod
-    def of(cls, scenario: Scenario, speed: float | None) -> "Car":
-        """Return the limits of the cars of a scenario; the largest speed is that of `planned_limits` by default."""
-        robot, turning, driven = scenario.robot, radius_for_all_cars(scenario), scenario.driven
-        largest, grip = planned_limits(scenario)
-        given = min((speed or 0.0) / _SLOWEST_SHARE, weakest_top_speed(scenario))
-        top_speeds = [max(weakest_top_speed(scenario, factor), given) for factor in scenario.drive_factors]
-        speed = speed_on_arc(turning, speed or largest, grip, scenario.task.step)
-        slowest = max(1.02 * robot.idle_speed, _LEAST_SHARE * robot.top_speed)
-        within = (driven.half_width, driven.half_height) if scenario.inset else (math.inf, math.inf)
-        return cls(turning, max(speed, slowest), slowest, top_speeds, robot.drag, grip, within)
-
-
 def start_is_known(scenario: Scenario) -> bool:
     """Return whether the scenario determines all starts, but for deviations after which all cars reach their ways."""
     if scenario.formation.start != "equilibrium":
@@ -161,16 +128,14 @@ def planned_transit(
     Args:
         scenario: The scenario, of cars whose start is known.
         loop: (N, K, 2) places on the loops at control steps 0, 1 ... of the episode [m].
-        speed: Largest speed on the ways [m/s]; None for that of `Car.of`.
+        speed: Largest speed on the ways [m/s]; None for that of `planned_limits`.
         clearance: Least distance of two bodies [m]; None for the radius of a body.
         assignments: (A, N) loops of the robots that may be chosen; all by default.
         after: Control steps for which the robots first move in formation, on a curve that they can drive.
     """
     turned = scenario.formation.phase_rate * scenario.task.step / scenario.alpha * np.arange(after + 1)
-    search = _Search(scenario, np.roll(loop, -after, axis=1), Car.of(scenario, speed), turned[-1])
+    search = _Search(scenario, np.roll(loop, -after, axis=1), speed, turned[-1])
     arrival = search.arrival()
-    if not np.isfinite(arrival).any(axis=1).all():
-        return None
     cost = np.where(np.isfinite(arrival), arrival, 100.0 * search.times[-1]) ** 4
     robots = np.arange(len(loop))
     if assignments is None:
@@ -191,13 +156,30 @@ def planned_transit(
 
 
 class _Search:
-    """The search for the ways of cars from the equilibrium of a scenario, turned [rad], into loops (N, K, 2) [m]."""
+    """The search for the ways of cars from the equilibrium of a scenario, turned [rad], into loops (N, K, 2) [m].
 
-    def __init__(self, scenario: Scenario, loop: np.ndarray, car: Car, turned: float):
-        self.loop, self.car, self.step = loop, car, scenario.task.step
+    Every car of the scenario can drive within the limits on its motion; at a `speed` [m/s], slower cars fall behind.
+
+    Attributes:
+        slowest: Smallest speed on ways [m/s].
+        fastest: Largest speed on ways [m/s].
+        top_speeds: (N,) steady speed of each robot at full throttle [m/s], at least that at which `speed` is possible.
+        grip: Largest lateral acceleration in turns [m/s^2]; infinite without a limit.
+        within: Half width and half height of the rectangle that cars do not leave [m]; infinite without an inset.
+    """
+
+    def __init__(self, scenario: Scenario, loop: np.ndarray, speed: float | None, turned: float):
+        robot, driven, turning = scenario.robot, scenario.driven, radius_for_all_cars(scenario)
+        planned, self.grip = planned_limits(scenario)
+        self.loop, self.step, self.drag = loop, scenario.task.step, robot.drag
+        self.slowest = max(1.02 * robot.idle_speed, _LEAST_SHARE * robot.top_speed)
+        self.fastest = max(speed_on_arc(turning, speed or planned, self.grip, self.step), self.slowest)
+        given = min((speed or 0.0) / _SLOWEST_SHARE, weakest_top_speed(scenario))
+        self.top_speeds = [max(weakest_top_speed(scenario, factor), given) for factor in scenario.drive_factors]
+        self.within = np.array([driven.half_width, driven.half_height]) if scenario.inset else np.full(2, math.inf)
         self.farthest = _FARTHEST * np.array([scenario.curve.half_width, scenario.curve.half_height])
         self.start, self.speed = formation_starts(scenario, turned)
-        self.turning = np.maximum(car.turning, self.speed**2 / car.grip)  # wider for a car that starts faster
+        self.turning = np.maximum(turning, self.speed**2 / self.grip)  # wider for a car that starts faster
         time = _LONGEST * (scenario.curve.half_width + scenario.curve.half_height) / speed_of(loop, self.step)
         self.times = np.arange(2, math.ceil(time / self.step) + 1)
         velocity = (np.roll(loop, -1, axis=1) - np.roll(loop, 1, axis=1)) / (2 * self.step)
@@ -218,27 +200,27 @@ class _Search:
 
     def drivable(self, robot: int, loops: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the pieces (M, T, 6, 3) of a robot's paths into M loops [m], and which of these it can drive."""
-        car, start, before, after = self.car, self.start[robot], self.speed[robot], self.entry_speed[loops]
+        start, before, after = self.start[robot], self.speed[robot], self.entry_speed[loops]
         turning = float(self.turning[robot])
         pieces = dubins_lengths(start, self.entry[loops], turning)
-        fastest = max(car.speed, math.sqrt(car.grip * turning))  # in a turn
+        fastest_turning = max(self.fastest, math.sqrt(self.grip * turning))
         lengths, duration = pieces.sum(axis=-1), (self.times * self.step)[:, None]
         swell = lengths / duration - (before + after) / 2
         possible = np.isfinite(lengths)
         for share in _PROFILE:
             speed = before + (after - before) * share + 6 * swell * share * (1 - share)
             gain = (after - before + 6 * swell * (1 - 2 * share)) / duration
-            possible &= speed >= np.minimum(car.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * car.speed
-            possible &= speed <= np.maximum(car.speed, np.maximum(before, after)) * (1 + 1e-9)
-            possible &= (gain <= car.drag * (car.top_speeds[robot] - speed)) & (gain >= -0.85 * car.drag * speed)
-            if math.isfinite(fastest):
+            possible &= speed >= np.minimum(self.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * self.fastest
+            possible &= speed <= np.maximum(self.fastest, np.maximum(before, after)) * (1 + 1e-9)
+            possible &= (gain <= self.drag * (self.top_speeds[robot] - speed)) & (gain >= -0.85 * self.drag * speed)
+            if math.isfinite(fastest_turning):
                 along = _distance(before, after, swell, duration, share)
                 is_straight = (along >= pieces[..., 0]) & (along <= lengths - pieces[..., 2]) & (TURNS[:, 1] == 0)
-                possible &= is_straight | (speed <= fastest * (1 + 1e-9))
-        if np.isfinite(car.within).all():
+                possible &= is_straight | (speed <= fastest_turning * (1 + 1e-9))
+        if np.isfinite(self.within).all():
             turns = np.broadcast_to(TURNS, pieces.shape)[possible]
             reach = dubins_reach(start, pieces[possible], turns, np.array(turning))
-            possible[possible] = (reach <= np.maximum(car.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
+            possible[possible] = (reach <= np.maximum(self.within, np.abs(start[:2])) * (1 + 1e-9)).all(axis=-1)
         return pieces, possible
 
     def ways(self, robot: int, loop: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:

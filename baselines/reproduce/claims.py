@@ -53,14 +53,15 @@ Part = Iterator[Claim | Picture]
 
 def near(claim: str, paper: float, result: float, tolerance: float, unit: str = "", why: str = "") -> Claim:
     """Claim that a number, `result`, differs from `paper` by at most the tolerance, all in the same unit."""
-    rule, agrees = f"\N{PLUS-MINUS SIGN} {tolerance:g}{_of(unit)}", bool(abs(result - paper) <= tolerance)
-    return Claim(claim, f"{paper:g}{_of(unit)}", f"{result:.4g}{_of(unit)}", rule, agrees, why)
+    number, ours = f"{paper:g} {unit}".rstrip(), f"{result:.4g} {unit}".rstrip()
+    rule, agrees = f"\N{PLUS-MINUS SIGN} {tolerance:g} {unit}".rstrip(), bool(abs(result - paper) <= tolerance)
+    return Claim(claim, number, ours, rule, agrees, why)
 
 
 def within_range(claim: str, paper: float, result: np.ndarray, unit: str = "", why: str = "") -> Claim:
     """Claim that the paper's number is between the smallest and the largest of our seeds (K,)."""
     agrees, rule = bool(result.min() <= paper <= result.max()), f"inside the range of {len(result)} seeds"
-    return Claim(claim, f"{paper:g}{_of(unit)}", f"{span(result)}{_of(unit)}", rule, agrees, why)
+    return Claim(claim, f"{paper:g} {unit}".rstrip(), f"{span(result)} {unit}".rstrip(), rule, agrees, why)
 
 
 def all_of(claim: str, paper: str, results: Iterable[Any], things: str, why: str = "") -> Claim:
@@ -73,8 +74,8 @@ def at_most(
     claim: str, paper: str, result: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
 ) -> Claim:
     """Claim that a number, `result`, does not exceed a bound."""
-    rule = f"at most {bound:g}{_of(unit)}"
-    return Claim(claim, paper, f"{result:{digits}}{_of(unit)}", rule, bool(result <= bound), why)
+    ours, rule = f"{result:{digits}} {unit}".rstrip(), f"at most {bound:g} {unit}".rstrip()
+    return Claim(claim, paper, ours, rule, bool(result <= bound), why)
 
 
 def reported(claim: str, paper: str, result: str, why: str = "") -> Claim:
@@ -85,11 +86,6 @@ def reported(claim: str, paper: str, result: str, why: str = "") -> Claim:
 def span(values: np.ndarray, digits: str = ".3f") -> str:
     """Return the smallest and the largest of some values in words."""
     return f"{values.min():{digits}} to {values.max():{digits}}"
-
-
-def _of(unit: str) -> str:
-    """Return a unit as it follows a number, with a space before it."""
-    return f" {unit}" if unit else ""
 
 
 def print_claims(console: Console, claims: Sequence[Claim]) -> None:

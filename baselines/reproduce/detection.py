@@ -7,18 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from baselines.reproduce.claims import SILENT, Part, all_of, at_most, near, reported
-from baselines.reproduce.drawing import (
-    BLUE,
-    DARK,
-    GREEN,
-    GREY,
-    RED,
-    draw_plane,
-    draw_ring,
-    mark_time,
-    panel_name,
-    sheet,
-)
+from baselines.reproduce.drawing import BLUE, DARK, GREEN, GREY, RED, draw_plane, draw_ring, mark_time, sheet
 from baselines.reproduce.episodes import BARE, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
@@ -42,7 +31,7 @@ def fig2(player: Player) -> Part:
         across = np.linspace(-1.02, 1.02, 300)
         for k in range(8):
             axes = picture.figure.add_subplot(2, 4, k + 1)
-            panel_name(axes, f"t = {played.time[8 * k]:.2f} s")
+            axes.set_title(f"t = {played.time[8 * k]:.2f} s")
             draw_plane(axes, curve)
             position = played.position[8 * k, 0, :, :2]
             for x, y in position:

@@ -25,6 +25,8 @@ SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY)
 _SMALLER: dict[Any, Any] = {
     "font.size": 8.5,
     "axes.titlesize": 9,
+    "axes.titleweight": "normal",
+    "axes.titlelocation": "center",
     "axes.labelsize": 8.5,
     "legend.fontsize": 8,
     "savefig.dpi": 180,
@@ -59,11 +61,6 @@ def sheet(name: str, title: str, width: float, height: float) -> Iterator[Pictur
         picture.figure.suptitle(title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
         wrapped = textwrap.fill(picture.caption, int(width * 19))
         picture.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
-
-
-def panel_name(axes: Axes, name: str) -> None:
-    """Write the title of a panel, as `(a) t = 0 s`."""
-    axes.set_title(name, fontweight="normal", loc="center")
 
 
 def name_line(axes: Axes, x: float, y: float, word: str, colour: str) -> None:

@@ -1,6 +1,7 @@
 """Episodes of a batch of worlds as arrays over time; a batch that several parts of the paper need is played once."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -106,14 +107,14 @@ def spread_of_cars(scenario: Scenario) -> str:
 
 
 class Player:
-    """Plays episodes on one device, with seeds that follow from one."""
+    """Plays episodes on one device, with seeds that follow from one, and each of them once."""
 
     def __init__(self, seed: int = 0, device: Any = "cpu"):
         self.seed, self.device = seed, device
-        self._played: dict[tuple, PlayedEpisodes] = {}
+        self.play = cache(self._play)
 
-    def play(self, policy: str, scenario: str | Scenario, worlds: int = 1, **parameters: float) -> PlayedEpisodes:
-        """Play one episode in each world, from `seed` on, or return those that were played before.
+    def _play(self, policy: str, scenario: str | Scenario, worlds: int = 1, **parameters: float) -> PlayedEpisodes:
+        """Play one episode in each world, from `seed` on.
 
         Args:
             policy: Name of the policy.
@@ -122,9 +123,6 @@ class Player:
             **parameters: Parameters of the policy.
         """
         task = make_scenario(scenario).resolve()
-        key = (policy, task.digest(), worlds, tuple(parameters.items()))
-        if key in self._played:
-            return self._played[key]
         acting = PolicySettings(policy, parameters).make(task, worlds, self.device)
         simulation = Simulation(task, worlds, self.device)
         robots, frames = simulation.robots, []
@@ -136,7 +134,5 @@ class Player:
         EpisodeRunner(acting, simulation).play(range(self.seed, self.seed + worlds), record)
         phase, position, heading, status, deviation = (np.stack(array) for array in zip(*frames, strict=True))
         times, detected = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
-        failed = status == FAILED
-        arrays = phase, position, heading, failed, deviation, times, detected
-        self._played[key] = PlayedEpisodes(task, simulation.score(), *arrays)
-        return self._played[key]
+        arrays = phase, position, heading, status == FAILED, deviation, times, detected
+        return PlayedEpisodes(task, simulation.score(), *arrays)

@@ -17,7 +17,6 @@ from baselines.reproduce.drawing import (
     draw_ring,
     mark_time,
     name_line,
-    panel_name,
     sheet,
 )
 from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, phase_distance, spread_of_cars
@@ -38,7 +37,7 @@ def fig7(player: Player) -> Part:
         for k, time in enumerate(_STILLS):
             axes = picture.figure.add_subplot(2, 4, k + 1)
             moment = round(time / step)
-            panel_name(axes, f"({'abcdefgh'[k]})  t = {time:.1f} s")
+            axes.set_title(f"({'abcdefgh'[k]})  t = {time:.1f} s")
             draw_plane(axes, scenario.curve, lw=0.7, ls="--")
             draw_ring(axes, played.position[moment, 0, :, :2], scenario.neighbours, alpha=0.75)
             for robot in range(scenario.num_robots):

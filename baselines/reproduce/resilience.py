@@ -16,7 +16,6 @@ from baselines.reproduce.drawing import (
     draw_ring,
     mark_time,
     name_line,
-    panel_name,
     sheet,
 )
 from baselines.reproduce.episodes import BARE, SEEDS, PlayedEpisodes, Player
@@ -136,7 +135,7 @@ def fig6(player: Player) -> Part:
     with sheet("fig6", "Fig. 6   Two of five robots fail and resume", 7.2, 4.5) as picture:
         grid = picture.figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=(1.5, 1))
         for column, (name, played) in zip(grid.T, runs.items(), strict=True):
-            panel_name(column[0], name)
+            column[0].set_title(name)
             # The phases of world 0 are shown as if robot 0 had started at phase 0.
             phase: np.ndarray = np.unwrap(played.phase[:, 0], axis=0)
             phase -= phase[0, 0]

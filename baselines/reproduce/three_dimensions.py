@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import generate_binary_structure, minimum_filter
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most
-from baselines.reproduce.drawing import DARK, SERIES, panel_name, sheet
+from baselines.reproduce.drawing import DARK, SERIES, sheet
 from baselines.reproduce.episodes import SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Curve
@@ -61,8 +61,8 @@ def fig5(player: Player) -> Part:
             line = {"color": colour, "lw": 1.6, "ls": "--" if c == 3 else "-"}
             left.plot(depths, formation[c], label=f"{c}", **line)
             right.plot(depths, branches[c], **line)
-        panel_name(left, "in formation, on equilibrium (2)")
-        panel_name(right, "between two branches of the curve")
+        left.set_title("in formation, on equilibrium (2)")
+        right.set_title("between two branches of the curve")
         right.axhline(body, color=DARK, lw=0.9, ls=":", label=f"body in Section VII, {body:g} m")
         for axes in (left, right):
             axes.set(xlabel="C, half of the extent along z [m]", xlim=(0, depths[-1]))

@@ -111,6 +111,7 @@ def experiment1(player: Player) -> Part:
     frames = round(_SETTLED / lost.scenario.task.step)
     drift, closed, same = (played.deviation[-frames:].mean(axis=0) for played in (lost, feedback, alike))
     mean, usual = (uniform_filter1d(played.deviation, frames, axis=0, mode="nearest") for played in (lost, feedback))
+    often, seldom, rigid = (60 * played.score(COLLISIONS).mean() / _LONG for played in (lost, feedback, alike))
     is_off = mean > 2 * usual.max()
     leaves = np.where(is_off.any(axis=0), lost.time[is_off.argmax(axis=0)], np.inf)
     yield Claim(
@@ -138,20 +139,14 @@ def experiment1(player: Player) -> Part:
         f"first after {span(first, '.1f')} s",
         "in every seed",
         bool((lost.score(SEPARATION) < body).all()),
-        f"bodies of {body / 2} m collide {_each_minute(lost).mean():.0f} times a minute, with feedback "
-        f"{_each_minute(feedback).mean():.1f} times",
+        f"bodies of {body / 2} m collide {often:.0f} times a minute, with feedback {seldom:.1f} times",
     )
     yield reported(
         "without the feedback of (1), identical cars preserve the formation, too",
         SILENT,
         f"{same.max():.2f} rad off after {_LONG:g} s",
-        f"identical cars preserve their phases, but collide {_each_minute(alike).mean():.0f} times a minute",
+        f"identical cars preserve their phases, but collide {rigid:.0f} times a minute",
     )
-
-
-def _each_minute(played: PlayedEpisodes) -> np.ndarray:
-    """Return the collisions per minute (W,)."""
-    return 60 * played.score(COLLISIONS) / played.time[-1]
 
 
 def printed(player: Player) -> Part:

@@ -59,15 +59,9 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         device: Any = "cpu",
         **overrides: Any,
     ):
-        batch = Batch(
-            scenario,
-            roles="robots" if robots is None else "rogues",
-            robots=robots,
-            discrete_actions=discrete_actions,
-            max_cycles=max_cycles,
-            device=device,
-            overrides=overrides,
-        )
+        settings: dict[str, Any] = {"discrete_actions": discrete_actions, "max_cycles": max_cycles, "device": device}
+        roles = "robots" if robots is None else "rogues"
+        batch = Batch(scenario, roles=roles, robots=robots, **settings, overrides=overrides)
         (self._side,) = batch.sides
         self.observation_space, self.action_space = self._side.team_spaces()
         self._steps = batch.scenario.task.steps if batch.space is None else max_cycles

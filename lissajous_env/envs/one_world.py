@@ -75,6 +75,10 @@ class OneWorld:
         self._renderer.show(METADATA["render_fps"])
         return None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the renderer, because pictures and windows cannot be pickled."""
+        return self.__dict__ | {"_renderer": None}
+
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._renderer is not None:

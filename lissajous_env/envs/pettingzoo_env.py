@@ -213,11 +213,10 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self._rows = [Rows(*(array[0] for array in self.batch.views(0, side))) for side in self._sides]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in ("_rows", "_actions", "_renderer")}
+        return super().__getstate__() | {"_rows": None, "_actions": None}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__dict__.update(saved)
-        self._renderer = None
         self._bind()
 
 

@@ -27,7 +27,6 @@ import numpy as np
 
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.task import Targets
 from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.theory.worst_case import clearing_time, revisiting_time
 
@@ -85,7 +84,9 @@ def mean_time_lower_bound(scenario: str | Scenario) -> float:
     ):
         return math.nan
     times = np.linspace(0.0, task.duration, _INSTANTS)
-    undetected = sum(share * _undetected(scenario, motion, speed, times) for motion, share in _shares(targets).items())
+    moving = {"ambling": targets.drifting + targets.wandering, "fleeing": targets.fleeing}
+    shares = {"still": max(1.0 - sum(moving.values()), 0.0), **moving}
+    undetected = sum(share * _undetected(scenario, motion, speed, times) for motion, share in shares.items())
     later, gap = np.asarray(undetected)[1:], times[1]
     left_over = np.maximum(task.duration - task.step - times[1:], 0.0)
     start, arrivals = later.sum() * gap, (later * left_over).sum() * gap / task.duration
@@ -132,12 +133,6 @@ def _time_along_boundary(scenario: Scenario, speed: float) -> float:
     swept, length = _swept_and_whole(scenario)
     at_once, after_a_second = (float(swept(scenario.sensing_radius, driven)) for driven in (0.0, speed))
     return 0.0 if at_once >= length else (length - at_once) / (after_a_second - at_once)
-
-
-def _shares(targets: Targets) -> dict[str, float]:
-    """Return the share of the targets by kind of motion."""
-    moving = {"ambling": targets.drifting + targets.wandering, "fleeing": targets.fleeing}
-    return {"still": max(1.0 - sum(moving.values()), 0.0), **moving}
 
 
 def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from lissajous_env.wording import counted, few_of, require
 _LOG = "rosbag2 file (.mcap) or folder"
 
 Sample = tuple[str, Any, tuple[str, ...], Sequence[Any]]
-"""The part of a topic, the header or None, the names of some numbers, or (), and the numbers."""
+"""The part of a topic, the header or None, the names of its values, or (), and its values."""
 Decoder = Callable[[Any], list[Sample]]
 """Function that returns the samples in a message, and raises a ValueError with the reason for one without any."""
 
@@ -39,10 +39,10 @@ class Samples:
     """(K,) time of the header [s]; NaN for messages without one."""
     frame: np.ndarray
     """(K,) name of the header's frame."""
-    numbers: np.ndarray
+    values: np.ndarray
     """(K, A) numbers, or texts."""
     names: tuple[str, ...] = ()
-    """Names of the numbers, if the messages have any."""
+    """Names of the values, if the messages have any."""
 
     def __len__(self) -> int:
         return len(self.stamp)
@@ -65,6 +65,8 @@ class Bags(contextlib.ExitStack):
         paths: Files (.mcap) or folders of rosbag2.
 
     Attributes:
+        name: Name of the log.
+        poses: Poses of the topics that were read, by topic and part.
         kinds: Types of each topic's messages; a topic may have several. A type of another encoding than that of ROS 2
             has it in its name.
         remarks: Number of messages with a remark, by remark and topic.
@@ -78,6 +80,8 @@ class Bags(contextlib.ExitStack):
     def __init__(self, paths: Sequence[Path]):
         super().__init__()
         self.paths = tuple(paths)
+        self.name = paths[0].name if len(paths) == 1 else f"{paths[0].name} and {len(paths) - 1} more"
+        self.poses: dict[str, dict[str, Samples]] = {}
         self._store = type_store()  # of ROS alone: the types that a file defines are not compiled
         self.kinds: dict[str, set[str]] = {}
         self.remarks: dict[str, Counter[str]] = defaultdict(Counter)
@@ -119,7 +123,7 @@ class Bags(contextlib.ExitStack):
         """Return the samples of a topic by part, file by file in the order of the recording.
 
         Messages of other types, those that are damaged or without a sample, and samples with other names or another
-        number of numbers than the first, are ignored and counted in `remarks`.
+        number of values than the first, are ignored and counted in `remarks`.
 
         Args:
             topic: The topic.
@@ -128,20 +132,20 @@ class Bags(contextlib.ExitStack):
         """
         rows: dict[str, list[tuple]] = {}
         names: dict[str, tuple[str, ...]] = {}
-        for number, logged, (part, header, own_names, numbers) in self._decoded(topic, decoders, bag):
+        for number, logged, (part, header, own_names, values) in self._decoded(topic, decoders, bag):
             own = rows.setdefault(part, [])
-            if own and (own_names, len(numbers)) != (names[part], len(own[0][-1])):
+            if own and (own_names, len(values)) != (names[part], len(own[0][-1])):
                 self.remark(topic, "ignored: other names or another length than the first")
                 continue
             names[part] = own_names
             about = (math.nan, "") if header is None else (seconds(header.stamp), header.frame_id.strip("/"))
-            own.append((number, logged, *about, numbers))
+            own.append((number, logged, *about, values))
         columns = {part: list(map(np.array, zip(*own, strict=True))) for part, own in rows.items()}
         return {part: Samples(*own, names=names[part]) for part, own in columns.items()}
 
     def finite(self, topic: str, samples: Samples, count: int | None = None) -> Samples:
-        """Return the rows of a topic whose first numbers are finite, and remark that the others are ignored."""
-        sound = np.isfinite(samples.numbers[:, :count]).all(axis=1)
+        """Return the rows of a topic whose first values are finite, and remark that the others are ignored."""
+        sound = np.isfinite(samples.values[:, :count]).all(axis=1)
         if not sound.all():
             self.remark(topic, "ignored: numbers that are not finite", int((~sound).sum()))
         return samples.take(sound)

@@ -3,13 +3,12 @@
 The log is cut into segments. Each is predicted by the model from a start that is fitted too, so that noise of the first
 pose does not matter, and the constants are those of the smallest sum of squared differences in x, y, heading and speed,
 each in units of its own deviation. The dead zone, on which a prediction does not depend smoothly, is the best of the
-values between the throttles of the log. Fits begin with given constants and, for cars, with an estimate from the log.
+values between the throttles of the log. Fits begin with estimates from the log for some delays of the commands.
 """
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -64,8 +63,8 @@ _ZONES_FITTED = 4
 """Values of the dead zone to each side that are compared together with the best constants of each."""
 _DELAYS = np.arange(0.0, 0.5, 0.1)
 """Delays with which fits begin [s]."""
-_LIMIT_SHARES = (1.0, 0.1)
-"""Limits with which they begin, in the given ones."""
+_REACHED = 0.9
+"""Quantile of the changes of speed and yaw rate with which their limits begin."""
 _UNKNOWN = 0.1
 """Relative standard error above which a log does not determine a limit."""
 _START_UNITS = 100.0
@@ -160,7 +159,7 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
         track: Its path.
         commands: Its commands, with the names of the model's inputs, or these two numbers without names: steering
             [rad] and throttle of a car, speed [m/s] and yaw rate [rad/s] of a drive.
-        guess: The kind, constants that are not fitted, and those to start from; by default a car.
+        guess: The kind, constants that are not fitted, and those that a log may not determine; by default a car.
         status: Its status; segments in which it did not work are left out.
 
     Raises:
@@ -188,8 +187,8 @@ class _Fit:
         if count < 20 or last - first < 2 * _SEGMENT:
             rule = f"log must contain at least 20 poses over {2 * _SEGMENT:g} s with commands"
             raise ValueError(f"{rule}, got {count} over {max(last - first, 0.0):.3g} s")
-        period, has_speeds = float(np.median(np.diff(time))), np.isfinite(track.speed).all()
-        motion = motion_of(track, _GAP if has_speeds else max(_GAP, _PERIODS * period))
+        period = float(np.median(np.diff(time)))
+        motion = motion_of(track, max(_GAP, _PERIODS * period))
         duration = max(_SEGMENT, _POSES * period)
         measured = np.stack([*track.position.T[:2], motion.track.heading, motion.track.speed], axis=1)[inside]
         turning = 0 if is_car else 1
@@ -218,18 +217,13 @@ class _Fit:
         kinds = zip(arrays, (wp.int32, wp.float64, wp.float64, wp.vec2), strict=True)
         self._data = [wp.array(values, dtype=kind, device="cpu") for values, kind in kinds]
         self._robot = to_struct(RobotStruct, guess), int(is_car)
-        # Between two throttles of the log, of either direction, every value of the dead zone is as good.
-        self._throttles = np.unique(np.abs(commands.value[:, 1]).round(7))
-        middles = 0.5 * (self._throttles[1:] + self._throttles[:-1])
-        self._zones = np.concatenate([[self._throttles[0] - 1e-3], middles])
 
     def run(self) -> Identified:
         """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
         limits = np.isin(self._names, _LIMITS)
-        constants, zone_error = self._best_of(self._initial_constants(limits)), []
+        constants, zone_error = self._best_of(map(self._estimate, _DELAYS)), ()
         if self._is_car:
-            constants, error = self._with_dead_zone(constants)
-            zone_error.append(error)
+            constants, *zone_error = self._with_dead_zone(constants)
         for _ in range(2):
             constants, _ = self._fit(constants)
             self._scale = self._deviations(constants)
@@ -242,29 +236,22 @@ class _Fit:
         values, deviations = (dict(zip(self._names, map(float, row), strict=True)) for row in (constants, errors))
         return Identified(values, deviations, residual, len(self._time), self._misfits(residual))
 
-    def _initial_constants(self, limits: np.ndarray) -> list[np.ndarray]:
-        """Return the constants with which fits begin: the guess, of cars also an estimate, each with some delays.
-
-        `limits` is True for the constants that limit changes, which also begin with shares of the guess.
-        """
-        initial, guesses = [], [self._guess, *([self._estimate()] if self._is_car else [])]
-        for guess, delay, share in product(guesses, _DELAYS, _LIMIT_SHARES if limits.any() else (1.0,)):
-            initial.append(np.where(limits, share, 1.0) * guess)
-            initial[-1][4:] = [delay, 0.0][: len(guess) - 4]
-        return initial
-
-    def _estimate(self) -> np.ndarray:
-        """Return constants of a car by linear regression on the changes of heading and speed between two poses."""
+    def _estimate(self, delay: float) -> np.ndarray:
+        """Return constants with a delay [s] by the changes between two poses, of a car by linear regression."""
         same = (np.diff(self._segment) == 0) & (np.diff(self._time) > 0)
-        heading, speed = (np.diff(self._measured[:, k])[same] / np.diff(self._time)[same] for k in (2, 3))
-        steering, throttle = self._commands.before(self._time[:-1][same]).T
+        time, width = self._time[:-1][same], np.diff(self._time)[same]
+        yaw_rate, acceleration = (np.diff(self._measured[:, k])[same] / width for k in (2, 3))
+        if not self._is_car:
+            changes = np.abs(acceleration[1:]), np.abs(np.diff(yaw_rate) / width[1:])
+            return np.array([1.0, 1.0, *np.quantile(changes, _REACHED, axis=1), delay])
+        steering, throttle = self._commands.before(time - delay).T
         driven = 0.5 * (self._measured[1:, 3] + self._measured[:-1, 3])[same]
         turning = driven * np.tan(steering)
         on = throttle > self._guess[5]
         rows = np.stack([throttle, -np.ones_like(throttle), -driven], axis=1)[on]
-        drive, offset, drag = np.linalg.lstsq(rows, speed[on], rcond=None)[0]
-        wheelbase = (turning**2).sum() / max((turning * heading).sum(), 1e-9)
-        return np.array([*np.maximum([wheelbase, drag, drive, offset], 1e-3), *self._guess[4:]])
+        drive, offset, drag = np.linalg.lstsq(rows, acceleration[on], rcond=None)[0]
+        wheelbase = (turning**2).sum() / max((turning * yaw_rate).sum(), 1e-9)
+        return np.array([*np.maximum([wheelbase, drag, drive, offset], 1e-3), delay, self._guess[5]])
 
     def _misfits(self, residual: dict[str, float]) -> tuple[str, ...]:
         """Return the names of the residuals that the noise of the log does not explain."""
@@ -343,7 +330,10 @@ class _Fit:
         The dead zone depends on the other constants and they on it, so that they are fitted with each of some values,
         ever closer around the best.
         """
-        zones, width = self._zones, len(self._zones)
+        # Between two throttles of the log, of either direction, every value is as good.
+        throttles = np.unique(np.abs(self._commands.value[:, 1]).round(7))
+        zones = np.append(throttles[0] - 1e-3, 0.5 * (throttles[1:] + throttles[:-1]))
+        width = len(zones)
         while width > 1:
             around = int(np.argmin(np.abs(zones - constants[-1])))
             places = np.linspace(around - width, around + width, 2 * _ZONES_FITTED + 1)
@@ -354,9 +344,8 @@ class _Fit:
         cost, without = ((self._residuals(given, self._starts) ** 2).sum() for given in sets)
         if without <= cost + 1:
             return np.append(constants[:-1], self._guess[-1]), np.nan
-        # Any value between the throttles on both sides would do.
-        place = int(np.searchsorted(self._throttles, constants[-1]))
-        return constants, 0.5 * float(self._throttles[place] - self._throttles[place - 1])
+        place = int(np.searchsorted(throttles, constants[-1]))
+        return constants, 0.5 * float(throttles[place] - throttles[place - 1])
 
     def _best_of(self, sets: Iterable[np.ndarray]) -> np.ndarray:
         """Return the constants of the best of some fits that begin with sets of constants."""

@@ -63,12 +63,12 @@ class Motion:
 
         At the times of its poses they are those poses, to the last bit.
         """
-        track, known = self.track, self.known
-        k = np.clip(np.searchsorted(track.time, times + SAME_TIME, side="right") - 1, 0, len(track) - 2)
+        track = self.track
+        near = np.clip(np.searchsorted(track.time, times - SAME_TIME), 0, len(track) - 1)
+        times = np.where(np.abs(times - track.time[near]) < SAME_TIME, track.time[near], times)
+        k = np.clip(np.searchsorted(track.time, times, side="right") - 1, 0, len(track) - 2)
         width = np.diff(track.time)[k]
         share = np.clip((times - track.time[k]) / width, 0, 1)
-        share = np.where(np.abs(times - track.time[k]) < SAME_TIME, 0.0, share)
-        share = np.where(np.abs(times - track.time[k + 1]) < SAME_TIME, 1.0, share)
         begin, end = width[:, None] * self.velocity[[k, k + 1]]
         turn, way = np.diff(track.heading)[k] * (not self.why_derived), np.diff(track.position, axis=0)[k]
         whole = _driven(begin, end, turn)
@@ -77,13 +77,10 @@ class Motion:
         most = np.linalg.norm(way, axis=1) / np.maximum((1 - _STOPS) * length, 1e-12)
         slower, s = np.where(stops, np.minimum(most, 1), 1)[:, None], share[:, None]
         smooth = slower * _driven(begin, end, turn, share) + s**2 * (3 - 2 * s) * (way - slower * whole)
-        smooth = np.where(known[k, None], smooth, s * way)
+        smooth = np.where(self.known[k, None], smooth, s * way)
         place = np.where(s < 1, track.position[k] + smooth, track.position[k + 1])
-        heading, speed = (
-            np.where(share < 1, values[k] + share * np.diff(values)[k], values[k + 1])
-            for values in (track.heading, track.speed)
-        )
-        return place, heading, np.where(self.unknown(times, times), 0.0, speed)
+        speed = np.where(self.unknown(times, times), 0.0, np.interp(times, track.time, track.speed))
+        return place, np.interp(times, track.time, track.heading), speed
 
     def unknown(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Return True for the intervals between two times each that are not wholly known."""

@@ -4,15 +4,14 @@ The poses of a robot have the name of their topic, or of a topic and a part of i
 "/poses:2" for the third pose of an array.
 """
 
-import functools
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import NamedTuple
 
 from lissajous_env.logs.bags import Bags, Samples
-from lissajous_env.logs.samples import ARRAY, POSES, TRANSFORMS, poses_of
-from lissajous_env.wording import few_of, nearest, require
+from lissajous_env.logs.samples import ARRAY, TRANSFORMS, poses_of
+from lissajous_env.wording import few_of, require
 
 TOPICS = ("/robot_{}/odom",)
 """Topics of poses by default."""
@@ -36,12 +35,11 @@ class LoggedRobot(NamedTuple):
     """Its poses, as `lissajous_env.logs.samples.poses_of` returns them."""
 
 
-def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[LoggedRobot]:
+def robots_of(bags: Bags, topics: Sequence[str]) -> list[LoggedRobot]:
     """Return the robots in the order of their numbers or of the given names.
 
     Args:
         bags: The files.
-        log: Their name.
         topics: Names of topics, each of which may be followed by a colon and a part; or one such name with {}.
 
     Raises:
@@ -52,51 +50,49 @@ def robots_of(bags: Bags, log: str, topics: Sequence[str]) -> list[LoggedRobot]:
     is_clear = len(topics) == topics[0].count("{}") == topics[0].count("{") == 1
     rule = "must be names, or one name in which {} stands once for a number"
     require(is_clear or not is_pattern, "topics", rule, topics)
-    parts_of = functools.cache(functools.partial(_parts_of, bags, log))
-    sources = _numbered(bags, topics[0], parts_of) if is_pattern else _named(bags, topics, parts_of)
-    return [LoggedRobot(label, bag, _poses(bags, log, name, bag, parts_of)) for label, name, bag in sources]
+    sources = _numbered(bags, topics[0]) if is_pattern else _named(bags, topics)
+    return [LoggedRobot(label, bag, _poses(bags, name, bag)) for label, name, bag in sources]
 
 
-def _numbered(bags: Bags, pattern: str, parts_of: Callable[[str], dict[str, Samples]]) -> list[Source]:
+def _numbered(bags: Bags, pattern: str) -> list[Source]:
     """Return the robots whose numbers stand for {} in a name; of the default, else those of the one shared topic."""
     topic, _, part = pattern.partition(":")
-    names = [f"{topic}:{part}" for part in parts_of(topic)] if part else list(bags.kinds)
+    names = [f"{topic}:{part}" for part in poses_of(bags, topic)] if part else list(bags.kinds)
     number = re.compile(re.escape(pattern).replace(r"\{\}", r"(\d+)"))
     matches = [(match[1], name, None) for name in names if (match := number.fullmatch(name))]
     shared = [topic for topic, kinds in bags.kinds.items() if kinds & SHARED and not topic.endswith("_static")]
     if not matches and pattern == TOPICS[0] and len(shared) == 1:
-        return _named(bags, shared, parts_of)
+        return _named(bags, shared)
     return sorted(matches, key=lambda match: int(match[0])) or [("0", pattern.replace("{}", "0"), None)]
 
 
-def _named(bags: Bags, topics: Sequence[str], parts_of: Callable[[str], dict[str, Samples]]) -> list[Source]:
+def _named(bags: Bags, topics: Sequence[str]) -> list[Source]:
     """Return the robots with some names; of a single name without a part, those of its parts or of its files."""
     topic, _, part = topics[0].partition(":")
     files: list[int | None] = [None]
     if len(topics) == 1 and not part:
-        if SHARED & bags.kinds.get(topic, set()) and (pattern := _pattern(parts_of(topic))):
-            return _numbered(bags, f"{topic}:{pattern}", parts_of)
+        if SHARED & bags.kinds.get(topic, set()) and (pattern := _pattern(poses_of(bags, topic))):
+            return _numbered(bags, f"{topic}:{pattern}")
         files = [*bags.files_with(topic)] if len(bags.files_with(topic)) > 1 else files
     sources = list(product(topics, files))
-    first = [re.search(r"\d+", name.rpartition(":")[2]) for name, _ in sources]
-    numbers = [match[0] for match in first if match]
+    numbers = [number[0] for name, _ in sources if (number := re.search(r"\d+", name.rpartition(":")[2]))]
     if len(set(numbers)) < len(sources):
         numbers = list(map(str, range(len(sources))))
     return [(number, *source) for number, source in zip(numbers, sources, strict=True)]
 
 
-def _poses(bags: Bags, log: str, name: str, bag: int | None, parts_of: Callable[[str], dict[str, Samples]]) -> Samples:
+def _poses(bags: Bags, name: str, bag: int | None) -> Samples:
     """Return the poses of a robot, by the name of its topic, or of a topic and a part of it, and its file."""
     topic, _, part = name.partition(":")
-    parts = parts_of(topic)
-    rule = f"must name poses of {log}, as in {topic}:car_{{}}, which has {topic} of {few_of(parts)}"
+    parts = poses_of(bags, topic)
+    rule = f"must name poses of {bags.name}, as in {topic}:car_{{}}, which has {topic} of {few_of(parts)}"
     require(not parts or part in parts, "topics", rule, name)
     poses = parts.get(part)
     if poses is not None and bag is not None:
         poses = poses.take(poses.bag == bag)
     if poses is None or len(poses) < FEWEST:
         got = "; ".join([str(0 if poses is None else len(poses)), *bags.notes()])
-        raise ValueError(f"topic {name} of {log} must have at least {FEWEST} poses, got {got}")
+        raise ValueError(f"topic {name} of {bags.name} must have at least {FEWEST} poses, got {got}")
     return poses
 
 
@@ -105,14 +101,3 @@ def _pattern(parts: Iterable[str]) -> str:
     patterns = {re.sub(r"\d+", "{}", part, count=1) for part in parts if re.search(r"\d", part)}
     likely = {pattern for pattern in patterns if pattern.endswith(_BODIES)} or patterns
     return likely.pop() if len(likely) == 1 else ""
-
-
-def _parts_of(bags: Bags, log: str, topic: str) -> dict[str, Samples]:
-    """Return the poses of a topic by their parts; a topic of one robot has the part ""."""
-    kinds = bags.kinds.get(topic)
-    if kinds is None:
-        topics = sorted(topic for topic, kinds in bags.kinds.items() if kinds & POSES.keys())
-        rule = f"topics must be topics of poses in {log}, which has {few_of(topics) or 'none'}"
-        raise ValueError(f"{rule}, got {topic}{nearest(topic, topics)}")
-    require(kinds & POSES.keys(), f"topic {topic} of {log}", f"must be of type {', '.join(POSES)}", sorted(kinds))
-    return poses_of(bags, topic)

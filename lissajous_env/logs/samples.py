@@ -9,6 +9,7 @@ import numpy as np
 
 from lissajous_env.logs.bags import Bags, Decoder, Sample, Samples
 from lissajous_env.logs.commands import COMMAND_NAMES
+from lissajous_env.wording import few_of, nearest, require
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 TRANSFORMS, ARRAY = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseArray"
@@ -17,30 +18,39 @@ _UNIT = 0.01
 
 
 def poses_of(bags: Bags, topic: str) -> dict[str, Samples]:
-    """Return the poses of a topic by part: x, y, z [m], heading [rad], and speed [m/s].
+    """Return the poses of a topic by part: x, y, z [m], heading [rad], and speed [m/s]; that of one robot is "".
 
     Unknown headings and speeds are NaN. Poses in frames that have parents in the same topic are those in the root of
     the tree, in the plane and in height.
 
     Raises:
-        ValueError: an array has another number of poses than the first one.
+        ValueError: there is no such topic, its messages are no poses, or an array has another number of poses than the
+            first one.
     """
+    if topic in bags.poses:
+        return bags.poses[topic]
+    kinds = bags.kinds.get(topic)
+    if kinds is None:
+        topics = sorted(topic for topic, kinds in bags.kinds.items() if kinds & POSES.keys())
+        rule = f"topics must be topics of poses in {bags.name}, which has {few_of(topics) or 'none'}"
+        raise ValueError(f"{rule}, got {topic}{nearest(topic, topics)}")
+    require(kinds & POSES.keys(), f"topic {topic} of {bags.name}", f"must be of type {', '.join(POSES)}", sorted(kinds))
     samples = bags.samples(topic, POSES)
-    if TRANSFORMS in bags.kinds[topic]:  # transforms that never change have a topic of their own
+    if TRANSFORMS in kinds:  # transforms that never change have a topic of their own
         samples = bags.samples(f"{topic}_static", POSES) | samples
     counts = sorted({len(own) for own in samples.values()})
-    if ARRAY in bags.kinds[topic] and len(counts) > 1:
+    if ARRAY in kinds and len(counts) > 1:
         got = f"{len(samples)} in {counts[0]} and fewer in {counts[-1] - counts[0]}"
         raise ValueError(f"topic {topic} must have as many poses in every message, got {got}")
     poses = {}
     for part, whole in samples.items():
         own = bags.finite(topic, whole, 7)
-        heading, square = heading_of(*own.numbers[:, 3:7].T)
+        heading, square = heading_of(*own.values[:, 3:7].T)
         if odd := int((np.abs(square - 1) > _UNIT).sum()):
             bags.remark(topic, "accepted with quaternions that are not of length 1", odd)
-        numbers = np.column_stack([own.numbers[:, :3], heading, own.numbers[:, 7:]])
-        poses[part] = dataclasses.replace(own, numbers=numbers)
-    return {part: _in_root(part, poses) for part in poses} if TRANSFORMS in bags.kinds[topic] else poses
+        poses[part] = dataclasses.replace(own, values=np.column_stack([own.values[:, :3], heading, own.values[:, 7:]]))
+    bags.poses[topic] = {part: _in_root(part, poses) for part in poses} if TRANSFORMS in kinds else poses
+    return bags.poses[topic]
 
 
 def heading_of(x: Any, y: Any, z: Any, w: Any) -> tuple[Any, Any]:
@@ -69,9 +79,9 @@ def _in_root(child: str, samples: dict[str, Samples]) -> Samples:
         above.add(parent)
         outer = samples[parent].in_order()
         outer = outer.take(np.maximum(np.searchsorted(outer.stamp, own.stamp, side="right") - 1, 0))
-        numbers = own.numbers + outer.numbers * (0, 0, 1, 1, 0)
-        numbers[:, :2] = moved(own.numbers[:, :2], outer.numbers[:, [0, 1, 3]].T)
-        own = dataclasses.replace(own, numbers=numbers, frame=outer.frame)
+        values = own.values + outer.values * (0, 0, 1, 1, 0)
+        values[:, :2] = moved(own.values[:, :2], outer.values[:, [0, 1, 3]].T)
+        own = dataclasses.replace(own, values=values, frame=outer.frame)
     return own
 
 

@@ -59,12 +59,7 @@ def own_scenario(log: Log) -> Scenario | None:
     Raises:
         ValueError: it is damaged.
     """
-    if log.episode is None:
-        return None
-    try:
-        return scenario_of_json(log.episode["scenario"])
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"log {log.name} must contain a whole scenario: {error}") from error
+    return None if log.episode is None else scenario_of_json(log.episode["scenario"])
 
 
 def score(
@@ -103,19 +98,14 @@ def score(
     require(gap >= scenario.task.step, "gap", f"must be at least the control step of {scenario.task.step:g} s", gap)
     times = _moments(log, scenario.task.step, gap)
     motions = _motions(log, scenario, gap)
-    before = np.maximum(times - scenario.task.step, times[0])
-    hidden = np.stack([motion.unknown(before, times) for motion in motions], axis=1)
-    status = _statuses(log, times, hidden)
-    poses = [motion.at(times) for motion in motions]
-    places = np.stack([place for place, _, _ in poses], axis=1)
-    cause = np.where(hidden, FAULT, _causes(scenario, places, status))
+    paths = _paths(log, scenario, motions, times)
+    status = _statuses(log, times, paths["hidden"])
+    cause = np.where(paths["hidden"], FAULT, _causes(scenario, paths["path"][:, :, -1], status))
     task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * scenario.task.step)
     scenario = dataclasses.replace(scenario, task=task)
     if seeds is None:
         seeds = [int(log.episode["seed"]) if log.episode else 0]
-    paths = _paths(log, scenario, motions, poses, times, hidden)
-    paths |= {"status": status, "cause": cause, "hidden": hidden}
-    simulation = PrescribedSimulation(scenario, paths, len(seeds))
+    simulation = PrescribedSimulation(scenario, paths | {"status": status, "cause": cause}, len(seeds))
     simulation.reset(seeds=list(seeds))
     actions, refused = _actions(log, scenario, times)
     notes = [*log.notes, *_remarks(log, scenario, motions, times, status), *refused]
@@ -146,7 +136,8 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     They end with the last pose of a robot such that the poses of all others that ended before ended a gap before, or
     with the episode of the log's own scenario if it has one and all robots were removed before.
     """
-    lasts, steps = np.sort([track.time[-1] for track in log.tracks]), 0
+    firsts, ends = ([float(track.time[place]) for track in log.tracks] for place in (0, -1))
+    lasts, steps = np.sort(ends), 0
     for k, last in enumerate(lasts.tolist()):
         until = math.floor((last - log.start) / step + _SHORTER)
         if not k or (log.start + until * step - lasts[:k] > gap).all():
@@ -154,8 +145,13 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     removed = [robot for robot, status in log.statuses.items() if REMOVED in status.value]
     if len(removed) == len(log.tracks) and (own := own_scenario(log)) is not None:
         steps = max(steps, round(own.task.duration / step))
-    rule = f"must have poses of all robots for at least a control step of {step:g} s"
-    require(steps >= 1, f"log {log.name}", rule, round(max(float(lasts[0]) - log.start, 0), 6))
+    late, early = int(np.argmax(firsts)), int(np.argmin(ends))
+    if steps < 1 or firsts[late] >= ends[early]:
+        raise ValueError(
+            f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, got those of "
+            f"{log.called([late])} from {firsts[late]:.3f} s on and those of {log.called([early])} until "
+            f"{ends[early]:.3f} s: is a clock set wrong?"
+        )
     if steps > _MOST_STEPS:
         longest, robot = max((float(np.diff(track.time).max()), k) for k, track in enumerate(log.tracks))
         raise ValueError(
@@ -228,28 +224,27 @@ def _causes(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.nd
     return cause
 
 
-def _paths(
-    log: Log, scenario: Scenario, motions: Sequence[Motion], poses: Sequence[Any], times: np.ndarray, hidden: np.ndarray
-) -> Any:
-    """Return the fields of `lissajous_env.logs.prescribed.Paths` for the motion of the robots.
-
-    The poses are those of the motions at the times, as `Motion.at` returns them.
-    """
+def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the fields of `lissajous_env.logs.prescribed.Paths` but the statuses and their causes."""
     shares, columns = np.linspace(0, 1, scenario.task.substeps + 1), []
-    within = np.linspace(np.append(times[0], times[:-1]), times, len(shares), axis=1)
-    for robot, (motion, (_, heading, speed)) in enumerate(zip(motions, poses, strict=True)):
-        places = motion.at(within.ravel())[0].reshape(*within.shape, 3)
-        seen = ~motion.unknown(times, times)
-        if seen.any():  # where a step is not wholly known, on straight lines between the moments around it
-            lines = [np.interp(within, times[seen], places[seen, -1, axis]) for axis in range(3)]
-            places = np.where(hidden[:, robot, None, None], np.stack(lines, axis=-1), places)
-        pose = np.column_stack([places[:, -1, :2], heading])
-        phase = _phases(log, scenario, robot, times, pose, hidden[:, robot])
+    before = np.append(times[0], times[:-1])
+    within = np.linspace(before, times, len(shares), axis=1)
+    for robot, motion in enumerate(motions):
+        places, headings, speeds = (
+            values.reshape(*within.shape, *values.shape[1:]) for values in motion.at(within.ravel())
+        )
+        hidden, known = motion.unknown(before, times), ~motion.unknown(times, times)
+        if known.any():  # where a step is not wholly known, on straight lines between the moments around it
+            lines = [np.interp(within, times[known], places[known, -1, axis]) for axis in range(3)]
+            places = np.where(hidden[:, None, None], np.stack(lines, axis=-1), places)
+        pose = np.column_stack([places[:, -1, :2], headings[:, -1]])
+        phase = _phases(log, scenario, robot, times, pose, hidden)
         if model_of(scenario.robot.kind).keeps_to_curve and robot in log.phases:
             turn = np.angle(np.exp(1j * np.diff(phase, prepend=phase[0])))
             between = phase[:, None] + (shares - 1) * turn[:, None]
             places[:, 1:-1] = closed_forms.curve_point_3d(scenario.driven, scenario.alpha * between[:, 1:-1])
-        columns.append({"path": places, "heading": heading, "speed": speed, "phase": phase})
+        own = {"path": places, "heading": headings[:, -1], "speed": speeds[:, -1], "phase": phase, "hidden": hidden}
+        columns.append(own)
     return {name: np.stack([column[name] for column in columns], axis=1) for name in columns[0]}
 
 
@@ -258,16 +253,15 @@ def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: n
 
     The phase of a point is its place, so that all of its logged phases count.
     """
-    phase, logged = np.full(len(times), np.nan), log.phases.get(robot)
-    if logged is not None and model_of(scenario.robot.kind).keeps_to_curve:
-        return logged.before(times, _LATE_STATUS * scenario.task.step)
-    for k in np.flatnonzero(np.append(True, hidden[:-1] & ~hidden[1:])):
-        if logged is None:
-            x, y, heading = pose[k].tolist()
-            near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
-            phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
-        else:
-            phase[k] = logged.before(times[k], _LATE_STATUS * scenario.task.step)
+    begins, logged = np.append(True, hidden[:-1] & ~hidden[1:]), log.phases.get(robot)
+    if logged is not None:
+        counts = begins | model_of(scenario.robot.kind).keeps_to_curve
+        return np.where(counts, logged.before(times, _LATE_STATUS * scenario.task.step), np.nan)
+    phase = np.full(len(times), np.nan)
+    near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
+    for k in np.flatnonzero(begins):
+        x, y, heading = pose[k].tolist()
+        phase[k] = locate(scenario.driven, scenario.alpha, x, y, heading, near)
     return phase
 
 

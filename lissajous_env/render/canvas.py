@@ -129,7 +129,7 @@ def _disc(radius: float, hole: float, colour: palette.Colour, alpha: int) -> pyg
     return sprite
 
 
-def plain(words: str) -> str:
+def printable(words: str) -> str:
     """Return text as one line of at most 80 printable characters."""
     shown = words if len(words) <= _LONGEST else words[: _LONGEST - 3] + "..."
     return "".join(letter if letter.isprintable() else "?" for letter in shown)
@@ -137,7 +137,7 @@ def plain(words: str) -> str:
 
 def width_of(words: str, size: int) -> float:
     """Return the width of a text [px of the picture] in a size [px]."""
-    return _rendered(plain(words), size, palette.INK).get_width() / FINE
+    return _rendered(printable(words), size, palette.INK).get_width() / FINE
 
 
 def write(
@@ -158,7 +158,7 @@ def write(
         colour: RGB.
         anchor: Point of the words, such as `center`, as an attribute of `pygame.Rect`.
     """
-    text = _rendered(plain(words), size, colour)
+    text = _rendered(printable(words), size, colour)
     place = text.get_rect(**{anchor: (round(FINE * at[0]), round(FINE * at[1]))})
     fine.blit(text, place)
     return place.right / FINE

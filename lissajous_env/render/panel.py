@@ -63,15 +63,11 @@ class Panel:
         if self.scenario.target_capacity > 0:
             appeared = np.count_nonzero(snapshot.appears_at <= snapshot.step)
             if not self.scenario.targets.leave:
-                return [
-                    *entries,
-                    f"in sight {np.count_nonzero(snapshot.in_sight(self.scenario.sight)):,} of {appeared:,}",
-                ]
+                in_sight = np.count_nonzero(snapshot.in_sight(self.scenario.sight))
+                return [*entries, f"in sight {in_sight:,} of {appeared:,}"]
+            entries.append(f"detected {np.count_nonzero(snapshot.found):,} of {appeared:,}")
             mean = snapshot.mean_detection_time(task.step)
-            entries += [
-                f"detected {np.count_nonzero(snapshot.found):,} of {appeared:,}",
-                "mean detection time " + ("none" if math.isnan(mean) else f"{mean:.{decimals + 1}f} s"),
-            ]
+            entries.append("mean detection time " + ("none" if math.isnan(mean) else f"{mean:.{decimals + 1}f} s"))
         return entries
 
     def _legend(self) -> list[tuple[str, float, str]]:

@@ -8,7 +8,7 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render.canvas import View, opaque, pixels, plain
+from lissajous_env.render.canvas import View, opaque, pixels, printable
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
 from lissajous_env.render.targets import Targets
@@ -108,7 +108,7 @@ class Window:
 
     def __init__(self, size: tuple[int, int], caption: str):
         self.closed = False
-        self._size, self._caption = size, plain(caption)
+        self._size, self._caption = size, printable(caption)
         self._clock = pygame.time.Clock()
         self._open()
 

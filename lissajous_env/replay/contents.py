@@ -131,7 +131,7 @@ def _curve(scenario: Scenario) -> np.ndarray:
 def _robots(recording: Recording, moments: slice, most: int) -> dict[str, Any]:
     observed = recording.observation[moments]
     f, n, d = observed.shape
-    watched = min(n, most // max(f * d, 1))
+    watched = min(n, most // (f * d))
     # An observation is followed by the action of the next step.
     answers = np.concatenate([recording.action[1:], recording.action[-1:]])[moments]
     now = np.arange(len(recording))[:, None, None]
@@ -155,15 +155,14 @@ def _robots(recording: Recording, moments: slice, most: int) -> dict[str, Any]:
 
 def _targets(recording: Recording, moments: slice) -> dict[str, Any]:
     places = recording.target_position[moments]
-    total = places.shape[1]
     # A slot in which nothing appeared until the end is no target.
-    appeared = np.flatnonzero(recording.appears_at < len(recording))
-    most = max(_MOST_PLACES // max(2 * len(places), 1), 1)
-    appeared = appeared[:: max(math.ceil(len(appeared) / most), 1)]
+    every_target = np.flatnonzero(recording.appears_at < len(recording))
+    most = max(_MOST_PLACES // (2 * len(places)), 1)
+    appeared = every_target[:: max(math.ceil(len(every_target) / most), 1)]
     found_at = recording.found_at[appeared]
     return {
         "count": len(appeared),
-        "total": int(np.count_nonzero(recording.appears_at < len(recording))) if total else 0,
+        "total": len(every_target),
         "x": quantised(places[:, appeared, 0]),
         "y": quantised(places[:, appeared, 1]),
         "seen": counts(_in_sight(recording, moments)[:, appeared], 1),
@@ -199,20 +198,16 @@ def _ground(recording: Recording, every: int, detail: Detail) -> dict[str, Any]:
     """Return when cells were last sensed, and since when a target can be undetected in them."""
     task, ground = recording.scenario.task, {}
     stride = every * max(round(detail.ground_every / every), 1)
-    if task.grid is not None:
-        cells = np.stack([thinned(grid, detail.cells) for grid in recording.sensed_at[::stride]])
-        ground["sensed"] = _pictures(cells, stride, len(recording))
-        ground["idle"] = _worst_and_mean(recording.sensed_at, every, task.step)
-    if task.contamination is not None:
-        cells = np.stack([_oldest(grid, detail.cells) for grid in recording.introduced_at[::stride]])
-        ground["unseen"] = _pictures(cells, stride, len(recording))
-        ground["age"] = _worst_and_mean(recording.introduced_at, every, task.step)
+    for grid, since, thin, name, age in (
+        (task.grid, recording.sensed_at, thinned, "sensed", "idle"),
+        (task.contamination, recording.introduced_at, _oldest, "unseen", "age"),
+    ):
+        if grid is not None:
+            cells = np.stack([thin(cells_then, detail.cells) for cells_then in since[::stride]])
+            fewer = max(math.ceil(cells.size / _MOST_GROUND), 1)
+            ground[name] = {"stride": stride * fewer, "cells": counts(cells[::fewer], len(recording))}
+            ground[age] = _worst_and_mean(since, every, task.step)
     return ground
-
-
-def _pictures(cells: np.ndarray, stride: int, moments: int) -> dict[str, Any]:
-    fewer = max(math.ceil(cells.size / _MOST_GROUND), 1)
-    return {"stride": stride * fewer, "cells": counts(cells[::fewer], moments)}
 
 
 def _worst_and_mean(since: np.ndarray, every: int, step: float) -> list[dict[str, Any]]:

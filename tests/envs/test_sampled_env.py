@@ -1,6 +1,7 @@
 """Environments of a space of scenarios: each reset draws a scenario, and the spaces stay."""
 
 import itertools
+import pickle
 
 import gymnasium
 import numpy as np
@@ -64,17 +65,18 @@ def test_the_state_is_padded_to_the_largest_team():
         assert state[-1] == alone[-1]
 
 
-def test_pictures_are_of_the_episode():
-    env = make(render_mode="rgb_array")
+@pytest.mark.parametrize("kind", [lissajous_env.parallel_env, lissajous_env.LissajousEnv])
+def test_pictures_are_of_the_episode_also_those_of_a_copy(kind):
+    env = kind(SMALL, render_mode="rgb_array")
     shapes = set()
     for seed in range(4):
         env.reset(seed=seed)
-        env.step({agent: np.ones(2) for agent in env.agents})
         picture = env.render()
         assert picture.dtype == np.uint8
         assert picture.std() > 1
         shapes.add(picture.shape)
     assert len(shapes) > 1
+    assert (pickle.loads(pickle.dumps(env)).render() == picture).all()
     env.close()
 
 

@@ -251,7 +251,7 @@ def test_a_plan_has_the_least_worst_case_and_not_the_most_frequent_visits(monkey
     scenario = lissajous_env.scenario("evaders", **{"sensing.radius": 0.5})
     worst = worst_of(scenario, partition_plans(scenario)[0])
     partition_module._ranked.cache_clear()
-    monkeypatch.setattr(partition_module, "_score", lambda entry: entry[0][1:])
+    monkeypatch.setattr(partition_module, "_RATING", lambda entry: entry[0][1:])
     assert worst < worst_of(scenario, partition_plans(scenario)[0])
     partition_module._ranked.cache_clear()
 

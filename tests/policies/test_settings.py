@@ -90,7 +90,7 @@ def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
     ("policy = 'swep'", "policy must be one of"), ("policy = 3", "policy must be text, got int"),
     ("policy = ", "must be a TOML file that can be read"), ("", "file must contain policy, the name of a policy"),
     ("policy = 'sweep'\nlanes = 4", "must contain policy, parameters, coordinator, got 'lanes'"),
-    ("policy = 'sweep'\n[parameters]\nlane = 4", "got 'lane'; did you mean lanes?"),
+    ("policy = 'sweep'\n[parameters]\nlane = 4", "got 'lane'; did you mean lanes?"), ("policy = '.'", "not a folder"),
     ("policy = 'sweep'\n[parameters]\nlanes = 3", "lanes must be an even whole number from 2 to 64, got 3"),
     ("policy = 'sweep'\n[coordinator]\nlanes = 4", "coordinator must be empty for sweep"),
 ])  # fmt: skip

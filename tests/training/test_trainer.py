@@ -25,7 +25,7 @@ from training.trainer import TeamModule, Training, train
 from training.validation import limit_of, rating_of
 from training.worlds import TRUTH, Rollout, Worlds, true_view
 
-QUIET = Console(quiet=True)
+QUIET, NOTHING = Console(quiet=True), {"sensing.robots_seen": 0, "sensing.targets_seen": 0}
 SMALL = {
     "worlds": 8, "rollout": 8, "minibatch": 128, "hidden": 16, "features": 8, "episodes": 2, "steps": 640,
     "evaluate_every": 320, "threads": 1, "overrides": {"task.duration": 16.0},
@@ -47,6 +47,7 @@ def arrays_of(folder):
     ({"scenario": "hotspots"}, "index-learned"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "messages.size": 1}}, "arc-mpcc"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "arc-mpcc"),
+    ({"scenario": "failure", "overrides": NOTHING | {"task.duration": 2.0}}, "kuramoto"),
     ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-herd"),
     ({"base": "none", "critic": "own"}, "greedy-herd"),
 ], ids=lambda value: value.get("scenario", "watch") if isinstance(value, dict) else value)  # fmt: skip

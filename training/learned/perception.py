@@ -105,13 +105,13 @@ def actions_of(outputs: np.ndarray, observation: np.ndarray, scenario: Scenario)
     return actions
 
 
-def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarray | None = None) -> Perception:
+def perceive(observation: np.ndarray, scenario: Scenario, of_base: np.ndarray | None = None) -> Perception:
     """Return the inputs of a network for observation rows.
 
     Args:
         observation: (W, N, D) rows.
         scenario: The scenario, resolved.
-        base_action: (W, N, A) actions of the base, if there is one.
+        of_base: (W, N, A) `base_action`, if there is a base.
     """
     sensing, sight, top = scenario.sensing, scenario.sight, scenario.speed_unit
     half = half_of(scenario)
@@ -130,7 +130,8 @@ def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarra
             parts[kind] = part * along_axes[:, :, None]
             first += count * size
     chosen = ["track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"]
-    count = sum(parts[kind].shape[2] for kind in chosen)
+    # At least one slot, so that a network of a team that observes no objects has something to pool.
+    count = max(sum(parts[kind].shape[2] for kind in chosen), 1)
     tokens = np.zeros((*here.shape[:2], count, len(TOKEN)), np.float32)
     first = 0
     for kind in chosen:
@@ -163,9 +164,9 @@ def perceive(observation: np.ndarray, scenario: Scenario, base_action: np.ndarra
         own[..., columns_of(OWN, "cos_phase", "sin_phase")] = observation[..., 5:7]
         links = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES)]
         own[..., OWN.index("pace") + 1 : OWN.index("first_base")] = links
-    if base_action is not None:
-        first, count = OWN.index("first_base"), base_action.shape[-1]
-        own[..., first : first + count] = base_action[..., :2] * axes[..., :count]
+    if of_base is not None:
+        first, count = OWN.index("first_base"), of_base.shape[-1]
+        own[..., first : first + count] = of_base[..., :2] * axes[..., :count]
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
 
 

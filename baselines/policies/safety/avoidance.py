@@ -20,9 +20,10 @@ from baselines.policies.own_row import (
     sees,
     velocity_seen,
 )
+from baselines.policies.safety.own_motion import curvature_of
 from baselines.policies.safety.quadratic_program import TOLERANCE, HalfPlanes, into_box, solve_quadratic_program
 from baselines.similarity import EXPERIMENT, motion_scale
-from lissajous_env.device.car_input import car_action, steering_and_throttle
+from lissajous_env.device.car_input import car_action, throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import RobotStruct, struct_of
@@ -80,7 +81,8 @@ class SafetyParameters(Checked):
     unit: float = number(1.0, 1e-9, 1e6, "m")
     """Unit of the margins in the quadratic program [m]."""
     speed_max: float | None = number(None, 1e-9, 1e5, "m/s")
-    """Largest speed to which the throttle may lead [m/s]; None is `baselines.policies.safety.safe.speed_limit`."""
+    """Largest speed to which the throttle may lead [m/s]; None is `baselines.policies.safety.safe.speed_in_sight`, at
+    least `HEADROOM` times the formation's speed and at most the top speed of a car."""
 
     def of(self, scenario: Scenario) -> "SafetyParameters":
         """Return the same parameters scaled from the paper's experiment to another scenario.
@@ -123,18 +125,16 @@ def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
     """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max."""
     robot = c.robot
     h = c.step
-    command = steering_and_throttle(robot, action)
-    wheels = cos_sin(command[0])
-    curvature = wheels[1] / (wheels[0] * robot.wheelbase)
-    push = wp.max(robot.drive * command[1] - robot.offset, 0.0)
+    tau = throttle(robot, action[1])
+    push = wp.max(robot.drive * tau - robot.offset, 0.0)
     if robot.speed_min < 0.0:
-        push = motor_acceleration(robot, robot.drive, command[1])
+        push = motor_acceleration(robot, robot.drive, tau)
     before = car[3]
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
     after = wp.clamp(after, speed_limit_below(robot), wp.max(before, c.safety.speed_max))
     way = 0.5 * h * (before + after)
     grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-20)
-    turn = way * wp.clamp(curvature, -grip, grip)
+    turn = way * wp.clamp(curvature_of(robot, action[0]), -grip, grip)
     ahead = cos_sin(car[2] + 0.5 * turn)
     return wp.vec4(car[0] + way * ahead[0], car[1] + way * ahead[1], car[2] + turn, after)
 
@@ -148,12 +148,12 @@ def throttle_action(robot: RobotStruct, push: float) -> float:
 @wp.func
 def manoeuvre(robot: RobotStruct, k: int, speed: float) -> wp.vec2:
     """Return the action of manoeuvre k of a car with some speed [m/s] at its beginning."""
-    throttle = float(1.0)
+    throttling = float(1.0)
     if k // 3 == 0:
-        throttle = car_action(robot, 0.0, robot.throttle_min)[1]
+        throttling = car_action(robot, 0.0, robot.throttle_min)[1]
     elif k // 3 == 1:
-        throttle = throttle_action(robot, robot.drag * speed)
-    return wp.vec2(float(k % 3) - 1.0, throttle)
+        throttling = throttle_action(robot, robot.drag * speed)
+    return wp.vec2(float(k % 3) - 1.0, throttling)
 
 
 @wp.func

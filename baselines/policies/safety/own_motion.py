@@ -98,7 +98,8 @@ def tail_from(terms: Terms, factors: wp.vec4, car: wp.vec4, errors: wp.vec3, ste
     length = car[3] / terms.robot.drag
     along = errors[2] / terms.robot.drag + terms.coarseness * length
     w2 = 0.5 * length * (bend * length + (wp.abs(curvature) + bend) * along)
-    return Tail(car[0], car[1], car[2], length, curvature, steering, errors[0], along + errors[1] * length, w2)
+    w = wp.vec3(errors[0], along + errors[1] * length, w2)
+    return Tail(wp.vec3(car[0], car[1], car[2]), length, curvature, steering, w)
 
 
 @wp.func
@@ -116,7 +117,7 @@ def bulge_of(terms: Terms, acceleration: float) -> float:
 
 
 @wp.func
-def drive(terms: Terms, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
+def step_from(terms: Terms, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
     """Return the car after an action of one step, the bounds of its errors, and the middle of the step.
 
     `car` is the measured x, y, heading, speed. The middle is x, y and the bound by which either half of the step leaves
@@ -147,11 +148,12 @@ def drive(terms: Terms, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> tupl
         turn_error + bend * way,
         terms.speed_error * terms.decay + slack * lost / robot.drag,
     )
-    end = arc_end(car[0], car[1], car[2], way, curvature)
+    begin = wp.vec3(car[0], car[1], car[2])
+    end = arc_end(begin, way, curvature)
     half_lost = 1.0 - wp.sqrt(terms.decay)
     half_late = (0.5 * terms.step - half_lost / robot.drag) / robot.drag
     half_way = wp.clamp(speed * half_lost / robot.drag + push * half_late, 0.0, way)
-    middle = arc_end(car[0], car[1], car[2], half_way, curvature)
+    middle = arc_end(begin, half_way, curvature)
     fastest = wp.max(speed, after)
     middle[2] = bulge_of(terms, wp.abs(push - robot.drag * speed) + fastest * fastest * wp.abs(curvature))
     return wp.vec4(end[0], end[1], end[2], after), errors, middle

@@ -128,7 +128,7 @@ def terms_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cp
     terms.position_error = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
     terms.heading_error = parameters.deviations * noise.heading + _ROUNDING
     decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
-    error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * farthest_speed(scenario))
+    error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * largest_speed_change(scenario))
     terms.speed_error = parameters.deviations * noise.speed + error
     terms.speed_unit = robot.top_speed
     room, body = (1.0, robot.radius) if task.boundary == "wall" else (_IN_RANGE, 0.0)
@@ -175,8 +175,8 @@ def fastest_of(scenario: Scenario) -> float:
     return max(scenario.top_speed_bound, 1e-3 * scenario.robot.top_speed)
 
 
-def farthest_speed(scenario: Scenario) -> float:
-    """Return a bound of the difference of a car's speed from the steady one that it approaches [m/s].
+def largest_speed_change(scenario: Scenario) -> float:
+    """Return a bound of the change of a car's speed until it is steady [m/s].
 
     The weakest motor brakes just above the dead zone where its drive is less than the offset.
     """
@@ -207,7 +207,7 @@ def integration_error(scenario: Scenario) -> float:
     h = scenario.task.step / scenario.task.substeps
     shortest = robot.wheelbase * noise.wheelbase_range[0]
     turn = fastest_of(scenario) * h / turning_radius(shortest, robot.steering_max)
-    change = robot.drag * h * farthest_speed(scenario) / fastest_of(scenario)
+    change = robot.drag * h * largest_speed_change(scenario) / fastest_of(scenario)
     mixed = (turn / 7.33 + change / 3) ** 4
     return mixed if mixed > _MIXED else turn**4 / 2880 + (robot.drag * h) ** 4 / 120
 

@@ -235,7 +235,7 @@ class _Search:
         wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, nodes])
         if not nodes.numpy().any():
             return None
-        ends, reached, steps = [since], [_packed(nodes)], self.period
+        ends, reached, steps = [since], [np.packbits(nodes.numpy(), axis=1)], self.period
         while ends[-1] < played.steps and steps > 0:
             steps = min(steps, played.steps - ends[-1])
             after = wp.zeros(self.shape, dtype=wp.bool)
@@ -245,7 +245,7 @@ class _Search:
                 steps //= 2  # to less than a step, after which the rogue is detected wherever it goes
                 continue
             ends.append(ends[-1] + steps)
-            reached.append(_packed(after))
+            reached.append(np.packbits(after.numpy(), axis=1))
             nodes, steps = after, self.period
         return self._traced(ends, reached)
 
@@ -288,8 +288,3 @@ class _Search:
         length = np.linalg.norm(moves * self.spacing, axis=1)
         is_ring = np.any([(length <= most) & (length > most - wide) for most in (reach, reach / 2)], axis=0)
         return np.concatenate([np.zeros((1, 2), dtype=int), moves[is_ring & (length > 0)]])
-
-
-def _packed(nodes: wp.array) -> np.ndarray:
-    """Return the bits of a table."""
-    return np.packbits(nodes.numpy(), axis=1)

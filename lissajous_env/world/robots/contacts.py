@@ -10,14 +10,13 @@ import warp as wp
 from lissajous_env.device import abreast
 from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import wrap
+from lissajous_env.device.curve import into_rectangle, wrap
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.nearby import PARTED, columns_crossed, max_displacement, rows_crossed
 from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, WORKING, planar
-from lissajous_env.world.targets.motion import into_rectangle
 
 wp.set_module_options(OPTIONS)
 
