@@ -213,6 +213,8 @@ def turn_of(curvature_step: float) -> Turn:
 
 def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tuple[tuple[Lines, ...], str]:
     """Return `count` lines that span the rectangle, at several speeds if they turn inside, and a failed condition."""
+    if count > scenario.num_robots:
+        return (), "there are fewer cars than lines"
     if slowest_top_speed(scenario) == 0:
         return (), "the slowest car does not move"
     if scenario.task.boundary == "open" and scenario.inset == 0:
