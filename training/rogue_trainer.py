@@ -151,12 +151,13 @@ class RogueTrainer:
     def network(self) -> RogueNetwork:
         """Copy the policy into a network for rows that are not normalized."""
         mean, spread = self.normalization
-        linear = [layer for layer in self.actor if isinstance(layer, nn.Linear)]
-        weights = {str(k): layer.weight.detach().cpu().numpy() for k, layer in enumerate(linear)}
-        biases = {str(k): layer.bias.detach().cpu().numpy() for k, layer in enumerate(linear)}
-        weights["0"] = weights["0"] / spread
-        biases["0"] = biases["0"] - weights["0"] @ mean
-        return RogueNetwork(weights, biases)
+        arrays = {}
+        for name, tensor in self.actor.state_dict().items():
+            k, kind = name.split(".")
+            arrays[f"{int(k) // 2}.{kind}"] = tensor.cpu().numpy()  # every other layer of the actor is a ReLU
+        arrays["0.weight"] = arrays["0.weight"] / spread
+        arrays["0.bias"] = arrays["0.bias"] - arrays["0.weight"] @ mean
+        return RogueNetwork(arrays)
 
     def _save(self) -> None:
         """Write a checkpoint with the state of the training, with its labels unless it is finished."""

@@ -144,11 +144,6 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
         return nullcontext() if self.space is None else quietly()
 
     @property
-    def num_groups(self) -> int:
-        """Number of scenarios that are played at the same time."""
-        return 1 if self.space is None else self.groups
-
-    @property
     def corrected_base(self) -> str | None:
         """Policy whose actions the network corrects; None without one."""
         return None if self.base == NO_BASE else self.rival

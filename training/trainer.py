@@ -351,10 +351,9 @@ class TeamModule(nn.Module):
 
     def arrays(self) -> TeamNetwork:
         """Copy the weights into a network that needs no PyTorch."""
-        named = {name: tensor.detach().numpy().copy() for name, tensor in self.state_dict().items()}
         names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
         names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
-        return TeamNetwork.from_arrays({f"team.{names.get(name, name)}": array for name, array in named.items()})
+        return TeamNetwork({names.get(name, name): tensor.numpy() for name, tensor in self.state_dict().items()})
 
 
 def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:

@@ -85,7 +85,7 @@ class Worlds:
     """W worlds of a scenario, or of a space, with the actions of the base; inputs of actor and critic."""
 
     def __init__(self, settings: TrainingSettings, worlds: int, seed: int):
-        groups = settings.num_groups
+        groups = 1 if settings.space is None else settings.groups
         self.batch = Batch(
             settings.scenario, worlds, num_groups=groups, roles="robots", seed=seed, device=settings.device,
             threads=settings.threads, overrides=settings.lean_overrides,
@@ -139,8 +139,7 @@ class Worlds:
         for group, (simulation, observation) in enumerate(zip(batch.simulations, self._observations(), strict=True)):
             part = actions[batch.worlds_of(group), : simulation.num_robots]
             part[...] = actions_of(part, observation, simulation.scenario)
-        before = batch.rows(side)
-        acted = (before.mask.astype(bool) & ~before.terminated.astype(bool)).reshape(-1).astype(np.float32)
+        acted = batch.live(side).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})
         after, names = batch.rows(side), batch.simulation.reward_term_names
         collided, observed = (after.terms[..., names.index(name)].reshape(-1) for name in ("collision", "observation"))

@@ -29,22 +29,22 @@ def about_theorem(cells: Iterable[Cell], rows: Rows, device: Any = "cpu") -> dic
         device: Warp device.
     """
     played = grouped(rows)
-    policies: dict[tuple[str, str], list[str]] = {}
+    policies: dict[str, dict[str, list[str]]] = {}
     for cell in cells:
         begun = [row["seed"] for row in played.get(cell.scenario.name, {}).get(cell.policy, ())]
         if begun and (words := _theorem_of(cell, begun[:_MOST_SEEDS], device)):
-            policies.setdefault((cell.scenario.name, words), []).append(cell.policy)
-    sentences: dict[str, list[str]] = {}
-    for (scenario, words), names in policies.items():
-        sentences.setdefault(scenario, []).append(f"The theorem of the proved filter {words} ({', '.join(names)}).")
-    return sentences
+            policies.setdefault(cell.scenario.name, {}).setdefault(words, []).append(cell.policy)
+    return {
+        scenario: [f"The theorem of the proved filter {words} ({', '.join(names)})." for words, names in alike.items()]
+        for scenario, alike in policies.items()
+    }
 
 
 def _theorem_of(cell: Cell, seeds: Sequence[int], device: Any) -> str:
     """Return whether the theorem applies to a policy, in words; "" for a policy without the filter."""
     scenario, parameters = cell.scenario, ProvedParameters().of(cell.scenario)
     if registry.split_suffix(cell.policy)[1] != Proved.suffix:
-        if registry.is_included(cell.policy):
+        if registry.is_included(cell.policy) and registry.is_classical(cell.policy):
             return ""
         try:
             policy = cell.factory(scenario, 1, device)

@@ -114,16 +114,11 @@ class Search:
                 except KeyboardInterrupt:
                     self.interrupted = True
 
-    def _is_late(self, share: float = 1.0) -> bool:
-        """Return whether a share of the time is over."""
-        return self.seconds is not None and self.clock() - self._begin > share * self.seconds
-
-    def _report(self) -> None:
-        """Report the share of the search that is done."""
+    def _done(self) -> float:
+        """Return the share of the search that is done."""
         if self.seconds is not None:
-            self._on_progress((self.clock() - self._begin) / self.seconds)
-        else:
-            self._on_progress((len(self.looks) + len(self.finals)) / (self.plans + self._finals_max))
+            return (self.clock() - self._begin) / self.seconds
+        return (len(self.looks) + len(self.finals)) / (self.plans + self._finals_max)
 
     def _look(self, threads: ThreadPoolExecutor) -> None:
         """Look at plans until their number, or a share of the time, is spent."""
@@ -132,7 +127,7 @@ class Search:
             if self.seconds is None:
                 return len(self._known) >= self.plans
             # Without a plan that may be played to the end there is nothing to print.
-            return bool(self.looks) and self._is_late(_LOOKING if self._without_collisions() else 1.0)
+            return bool(self.looks) and self._done() > (_LOOKING if self._without_collisions() else 1.0)
 
         calls = ((family, partial(look_at, plan, self.episodes, self._cutoff())) for family, plan in self._plans())
         for family, look in self._in_order(threads, calls, is_over):
@@ -209,7 +204,7 @@ class Search:
         distinct = {plan.key: (plan, partial(play, plan, episodes)) for plan, episodes in plans}
 
         def is_over() -> bool:
-            return bool(self._finals) and not self.interrupted and self._is_late()
+            return self.seconds is not None and bool(self._finals) and not self.interrupted and self._done() > 1
 
         played = False
         for plan, final in self._in_order(threads, iter(distinct.values()), is_over):
@@ -245,7 +240,7 @@ class Search:
                     return
                 subject, future = waiting.popleft()
                 yield subject, _result_of(future)
-                self._report()
+                self._on_progress(self._done())
         finally:
             for _, future in waiting:
                 future.cancel()

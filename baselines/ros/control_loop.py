@@ -113,13 +113,13 @@ class ControlLoop:
         """Begin an episode: from now on, the robot drives, by poses that are still to come."""
         self.onboard.reset()
         self.pose: Odometry | None = None
-        self._taken_at: float | None = None
+        self._waits_since: float | None = None  # the time of the announcement of a pose that waits for messages
         self.started, self._is_new, self._acted_at = True, False, -math.inf
-        self._due, self._latest = -math.inf, now + 1.5 * self._step
+        self._due, self._deadline = -math.inf, now + 1.5 * self._step
 
     def take(self, pose: Odometry) -> None:
         """Store a pose, unless one is waiting for the messages of the neighbours."""
-        if self._taken_at is None:
+        if self._waits_since is None:
             self.pose, self._is_new = pose, True
 
     def take_detections(self, part: str, rows: Any, stamp: float) -> None:
@@ -139,33 +139,33 @@ class ControlLoop:
             return None
         self._is_new, self._announced_at = False, wall
         if self.started:
-            self._taken_at = now
+            self._waits_since = now
         return self.onboard.announce(self.pose)
 
     def act(self, now: float) -> Output | None:
         """Decide on the command of a step that is due, on what the sensors have reported; return None if none is."""
         if now < self._acted_at - self._step:  # the clock went back, so that the policy must stop the robot
-            self._acted_at = self._due = self._latest = -math.inf
+            self._acted_at = self._due = self._deadline = -math.inf
         if not self._is_due(now):
             return None
         limit = self.onboard.limits.pose_age
         recent = {part: rows for part, (stamp, rows) in self._detections.items() if abs(now - stamp) <= limit}
         heard = [message for message in self.heard.values() if message is not None]
         output = self.onboard.act(now, self.pose, heard, works=self.works, **recent)
-        taken_at, self._taken_at, self._acted_at = self._taken_at, None, now
-        if taken_at is None:
+        waits_since, self._waits_since, self._acted_at = self._waits_since, None, now
+        if waits_since is None:
             # Over a step later, so that the pose of a step comes first on a clock that goes on by whole steps.
-            self._due, self._latest = -math.inf, now + 1.25 * self._step
+            self._due, self._deadline = -math.inf, now + 1.25 * self._step
         else:
-            self._due = self._step + (self._due if abs(taken_at - self._due) <= self._step else taken_at)
-            self._latest = self._due + 0.5 * self._step
+            self._due = self._step + (self._due if abs(waits_since - self._due) <= self._step else waits_since)
+            self._deadline = self._due + 0.5 * self._step
         return output
 
     def _is_due(self, now: float) -> bool:
         if not self.started or now == self._acted_at:
             return False
-        if self._taken_at is None:
-            return now >= self._latest
+        if self._waits_since is None:
+            return now >= self._deadline
         return self._has_heard() or self._wall() - self._announced_at >= self._wait
 
     def _has_heard(self) -> bool:

@@ -86,7 +86,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self.single_observation_space, self.single_action_space = spaces
         self.observation_space, self.action_space = (batch_space(space, self.num_envs) for space in spaces)
         self._begun = np.zeros(num_envs, dtype=bool)
-        self._terminated = np.zeros((num_envs, self._side.slots), dtype=bool)
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -109,8 +108,9 @@ class LissajousVectorEnv(Timed, VectorEnv):
         self.batch.reset(world_mask(worlds, len(self._begun)))
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
-        self._begun[worlds], self._terminated[worlds] = True, False
-        return self._observed(), self._infos(np.zeros(self._terminated.shape, np.float32), np.zeros_like(self._begun))
+        self._begun[worlds] = True
+        none = np.zeros((len(self._begun), self._side.slots), np.float32)
+        return self._observed(), self._infos(none, np.zeros_like(self._begun))
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take a step in every world; `autoreset_mode` determines when worlds that ended are reset.
@@ -121,17 +121,17 @@ class LissajousVectorEnv(Timed, VectorEnv):
         """
         if not self._begun.all():
             raise ResetNeeded(f"{NEEDS_RESET}, for every world")
-        begins = self.batch.over & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
+        acted, was_over = self.batch.live(self._side), self.batch.over
         # An action that is not finite is replaced by zero, and reported in the infos.
         self.batch.step({"robot": self._side.read_actions(actions, self.action_space.shape, finite=False)})  # pyright: ignore
-        if begins.any():
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and was_over.any():
             # A world that ended did not move in the step above; it returns its first observation.
-            self.batch.reset(begins)
+            self.batch.reset(was_over)
         rows, ended = self.batch.rows(self._side), self.batch.over
-        terminated, truncated = self._flags(rows, ended)
+        terminated, truncated = self._flags(rows, acted, ended)
         robot_reward = rows.reward.copy()
         reward = robot_reward.reshape(-1) if self._agents_as_rows else robot_reward.mean(axis=1)
-        just_ended = self.batch.just_ended
+        just_ended = ended & ~was_over
         infos = self._infos(robot_reward, just_ended)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             self._reset_ended(just_ended, terminated | truncated, infos)
@@ -154,15 +154,14 @@ class LissajousVectorEnv(Timed, VectorEnv):
             raise ValueError("reset_mask must contain all rows of a world or none, because worlds are reset as a whole")
         return np.flatnonzero(of_worlds.all(axis=1))
 
-    def _flags(self, rows: Rows, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the flags `terminated` and `truncated` of the rows."""
+    def _flags(self, rows: Rows, acted: np.ndarray, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the flags `terminated` and `truncated` of the rows, for the robots (W, N) that acted."""
         if not self._agents_as_rows:
             terminated = rows.terminated.all(axis=1)
             return terminated, rows.truncated.any(axis=1) & ~terminated
         # A robot that was removed earlier is reported again when its world ends.
-        is_new = ~self._terminated | ended[:, None]
-        self._terminated = rows.terminated.copy()
-        return (self._terminated & is_new).reshape(-1), (rows.truncated & ~self._terminated).reshape(-1)
+        terminated = rows.terminated & (acted | ended[:, None])
+        return terminated.reshape(-1), (rows.truncated & ~rows.terminated).reshape(-1)
 
     def _infos(self, robot_reward: np.ndarray, just_ended: np.ndarray) -> dict[str, Any]:
         """Return the infos for rewards (W, N), with the scores of the worlds that have just ended."""
@@ -179,7 +178,6 @@ class LissajousVectorEnv(Timed, VectorEnv):
             return
         last = self._observed()
         self.batch.reset(just_ended)
-        self._terminated[just_ended] = False
         final = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(done):
             final[row] = last[row]

@@ -22,7 +22,7 @@ from lissajous_env.wording import counted, few_of, require
 _LOG = "rosbag2 file (.mcap) or folder"
 
 Sample = tuple[str, Any, tuple[str, ...], Sequence[Any]]
-"""The part of a topic, the header or None, the names of some numbers, or (), and the numbers."""
+"""The part of a topic, the header or None, the names of its values, or (), and its values."""
 Decoder = Callable[[Any], list[Sample]]
 """Function that returns the samples in a message, and raises a ValueError with the reason for one without any."""
 
@@ -39,10 +39,10 @@ class Samples:
     """(K,) time of the header [s]; NaN for messages without one."""
     frame: np.ndarray
     """(K,) name of the header's frame."""
-    numbers: np.ndarray
+    values: np.ndarray
     """(K, A) numbers, or texts."""
     names: tuple[str, ...] = ()
-    """Names of the numbers, if the messages have any."""
+    """Names of the values, if the messages have any."""
 
     def __len__(self) -> int:
         return len(self.stamp)
@@ -123,7 +123,7 @@ class Bags(contextlib.ExitStack):
         """Return the samples of a topic by part, file by file in the order of the recording.
 
         Messages of other types, those that are damaged or without a sample, and samples with other names or another
-        number of numbers than the first, are ignored and counted in `remarks`.
+        number of values than the first, are ignored and counted in `remarks`.
 
         Args:
             topic: The topic.
@@ -132,20 +132,20 @@ class Bags(contextlib.ExitStack):
         """
         rows: dict[str, list[tuple]] = {}
         names: dict[str, tuple[str, ...]] = {}
-        for number, logged, (part, header, own_names, numbers) in self._decoded(topic, decoders, bag):
+        for number, logged, (part, header, own_names, values) in self._decoded(topic, decoders, bag):
             own = rows.setdefault(part, [])
-            if own and (own_names, len(numbers)) != (names[part], len(own[0][-1])):
+            if own and (own_names, len(values)) != (names[part], len(own[0][-1])):
                 self.remark(topic, "ignored: other names or another length than the first")
                 continue
             names[part] = own_names
             about = (math.nan, "") if header is None else (seconds(header.stamp), header.frame_id.strip("/"))
-            own.append((number, logged, *about, numbers))
+            own.append((number, logged, *about, values))
         columns = {part: list(map(np.array, zip(*own, strict=True))) for part, own in rows.items()}
         return {part: Samples(*own, names=names[part]) for part, own in columns.items()}
 
     def finite(self, topic: str, samples: Samples, count: int | None = None) -> Samples:
-        """Return the rows of a topic whose first numbers are finite, and remark that the others are ignored."""
-        sound = np.isfinite(samples.numbers[:, :count]).all(axis=1)
+        """Return the rows of a topic whose first values are finite, and remark that the others are ignored."""
+        sound = np.isfinite(samples.values[:, :count]).all(axis=1)
         if not sound.all():
             self.remark(topic, "ignored: numbers that are not finite", int((~sound).sum()))
         return samples.take(sound)

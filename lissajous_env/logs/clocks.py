@@ -135,7 +135,7 @@ def _converted(given: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.n
 
 def _first_break(poses: Samples) -> int | None:
     """Return the first row of a robot's poses, in the order of their recording, at which its clock was set."""
-    stamp, place = poses.stamp, poses.numbers[:, :2]
+    stamp, place = poses.stamp, poses.values[:, :2]
     leaps = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1
     top = np.maximum.accumulate(stamp)
     for begin, end in runs(stamp < top - SAME_STAMP):

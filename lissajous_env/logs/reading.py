@@ -45,8 +45,8 @@ def read(
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
-        ValueError: a file is damaged or no log, has no such topic, its poses are in several frames or of times that do
-            not overlap, or a clock was set while it was recorded.
+        ValueError: a file is damaged or no log, has no such topic, its poses are in several frames, or a clock was set
+            while it was recorded.
         OSError: a file cannot be read.
     """
     rule = "must be three finite numbers, x, y [m] and heading [rad]"
@@ -66,11 +66,10 @@ class _Reading:
         poses = [robot.poses for robot in self._robots]
         self._blank = Log(self._name, (), labels=tuple(robot.label for robot in self._robots))
         self._called = self._blank.called
-        frames = sorted({str(frame) for own in poses for frame in own.frame})
-        if len(frames) > 1:
-            those = [[k for k, own in enumerate(poses) if frame in own.frame] for frame in frames]
-            got = [f"{frame or 'no name'} of {self._called(k)}" for frame, k in zip(frames, those, strict=True)]
-            raise ValueError(f"the poses of {self._name} must be in one frame, got {'; '.join(got)}")
+        frames = [(k, str(frame) or "no name") for k, own in enumerate(poses) for frame in sorted(set(own.frame))]
+        if len({frame for _, frame in frames}) > 1:
+            got = "; ".join(self._blank.grouped(frames))
+            raise ValueError(f"the poses of {self._name} must be in one frame, got {got}")
         self._clock = Clock(poses, self._blank)
         self._notes = list(self._clock.notes)
 
@@ -79,7 +78,6 @@ class _Reading:
         if "{}" not in commands and len(self._robots) > 1 and self._robots[0].bag is None:
             raise ValueError(f"commands must be a topic in which {{}} stands for a robot's number, got {commands}")
         tracks = [self._track(k, poses, origin) for k, poses in enumerate(self._clock.poses)]
-        self._check_times(tracks)
         episode, begin = self._episode(tracks)
         series = self._series(commands, COMMANDS), self._series(PHASE, PHASES), self._series(STATUS, STATUSES)
         notes = *self._notes, *self._bags.notes()
@@ -90,24 +88,13 @@ class _Reading:
         poses = poses.in_order(SAME_STAMP)
         rule = f"must have poses at {FEWEST} times at least in {self._name}"
         require(len(poses) >= FEWEST, self._called([robot]), rule, len(poses))
-        position, (heading, speed) = poses.numbers[:, :3], poses.numbers[:, 3:].T.copy()
+        position, (heading, speed) = poses.values[:, :3], poses.values[:, 3:].T.copy()
         if any(origin):
             position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
         known = np.isfinite(heading)
         heading[known] = np.unwrap(heading[known]) - origin[2]
         speed[~np.isfinite(speed)] = np.nan
         return Track(poses.stamp, position, heading, speed)
-
-    def _check_times(self, tracks: Sequence[Track]) -> None:
-        """Check that there is a time at which all robots have poses."""
-        first, last = (np.array([track.time[place] for track in tracks]) for place in (0, -1))
-        late, early = int(first.argmax()), int(last.argmin())
-        if first[late] >= last[early]:
-            raise ValueError(
-                f"the poses of all robots of {self._name} must overlap in time, got those of {self._called([late])} "
-                f"from {first[late]:.3f} s on and those of {self._called([early])} until {last[early]:.3f} s: is a "
-                "clock set wrong?"
-            )
 
     def _series(self, pattern: str, decoders: dict[str, Decoder]) -> dict[int, Series]:
         """Return the values of the robots that have any on the topics of a pattern."""
@@ -118,7 +105,7 @@ class _Reading:
             parts = self._bags.samples(topic, decoders, None if "{}" in pattern else robot.bag)
             if parts and len(samples := self._bags.finite(topic, parts[""])):
                 samples = dataclasses.replace(samples, stamp=self._times(topic, samples)).in_order()
-                value = samples.numbers if decoders is COMMANDS else samples.numbers[:, 0]
+                value = samples.values if decoders is COMMANDS else samples.values[:, 0]
                 series[k] = Series(samples.stamp, value, samples.names)
         return series
 
@@ -144,10 +131,10 @@ class _Reading:
                 words = f"the episode begins with the first pose of {late}"
                 self._notes.append(f"{words}, {np.ptp(first):.3g} s after that of {early}")
             return None, None
-        if len(set(texts.numbers[:, 0])) > 1 or len(texts) > len(self._bags.paths):
+        if len(set(texts.values[:, 0])) > 1 or len(texts) > len(self._bags.paths):
             self._notes.append(f"{len(texts)} episodes begin in {self._name}: the last of them counts")
         last = texts.take(slice(-1, None))
-        episode = _checked_episode(str(last.numbers[0, 0]), self._name)
+        episode = _checked_episode(str(last.values[0, 0]), self._name)
         time = float(self._clock.times(last.bag, last.logged)[0])
         if "begin" in episode and self._clock.lead_of(last.bag, last.logged, np.array([episode["begin"]])) == 0:
             time = float(episode["begin"])

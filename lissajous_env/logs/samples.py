@@ -45,12 +45,10 @@ def poses_of(bags: Bags, topic: str) -> dict[str, Samples]:
     poses = {}
     for part, whole in samples.items():
         own = bags.finite(topic, whole, 7)
-        heading, square = heading_of(*own.numbers[:, 3:7].T)
+        heading, square = heading_of(*own.values[:, 3:7].T)
         if odd := int((np.abs(square - 1) > _UNIT).sum()):
             bags.remark(topic, "accepted with quaternions that are not of length 1", odd)
-        poses[part] = dataclasses.replace(
-            own, numbers=np.column_stack([own.numbers[:, :3], heading, own.numbers[:, 7:]])
-        )
+        poses[part] = dataclasses.replace(own, values=np.column_stack([own.values[:, :3], heading, own.values[:, 7:]]))
     bags.poses[topic] = {part: _in_root(part, poses) for part in poses} if TRANSFORMS in kinds else poses
     return bags.poses[topic]
 
@@ -81,9 +79,9 @@ def _in_root(child: str, samples: dict[str, Samples]) -> Samples:
         above.add(parent)
         outer = samples[parent].in_order()
         outer = outer.take(np.maximum(np.searchsorted(outer.stamp, own.stamp, side="right") - 1, 0))
-        numbers = own.numbers + outer.numbers * (0, 0, 1, 1, 0)
-        numbers[:, :2] = moved(own.numbers[:, :2], outer.numbers[:, [0, 1, 3]].T)
-        own = dataclasses.replace(own, numbers=numbers, frame=outer.frame)
+        values = own.values + outer.values * (0, 0, 1, 1, 0)
+        values[:, :2] = moved(own.values[:, :2], outer.values[:, [0, 1, 3]].T)
+        own = dataclasses.replace(own, values=values, frame=outer.frame)
     return own
 
 

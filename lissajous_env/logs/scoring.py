@@ -59,12 +59,7 @@ def own_scenario(log: Log) -> Scenario | None:
     Raises:
         ValueError: it is damaged.
     """
-    if log.episode is None:
-        return None
-    try:
-        return scenario_of_json(log.episode["scenario"])
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"log {log.name} must contain a whole scenario: {error}") from error
+    return None if log.episode is None else scenario_of_json(log.episode["scenario"])
 
 
 def score(
@@ -141,7 +136,8 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     They end with the last pose of a robot such that the poses of all others that ended before ended a gap before, or
     with the episode of the log's own scenario if it has one and all robots were removed before.
     """
-    lasts, steps = np.sort([track.time[-1] for track in log.tracks]), 0
+    firsts, ends = ([float(track.time[place]) for track in log.tracks] for place in (0, -1))
+    lasts, steps = np.sort(ends), 0
     for k, last in enumerate(lasts.tolist()):
         until = math.floor((last - log.start) / step + _SHORTER)
         if not k or (log.start + until * step - lasts[:k] > gap).all():
@@ -149,8 +145,13 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     removed = [robot for robot, status in log.statuses.items() if REMOVED in status.value]
     if len(removed) == len(log.tracks) and (own := own_scenario(log)) is not None:
         steps = max(steps, round(own.task.duration / step))
-    rule = f"must have poses of all robots for at least a control step of {step:g} s"
-    require(steps >= 1, f"log {log.name}", rule, round(max(float(lasts[0]) - log.start, 0), 6))
+    late, early = int(np.argmax(firsts)), int(np.argmin(ends))
+    if steps < 1 or firsts[late] >= ends[early]:
+        raise ValueError(
+            f"log {log.name} must have poses of all robots for at least a control step of {step:g} s, got those of "
+            f"{log.called([late])} from {firsts[late]:.3f} s on and those of {log.called([early])} until "
+            f"{ends[early]:.3f} s: is a clock set wrong?"
+        )
     if steps > _MOST_STEPS:
         longest, robot = max((float(np.diff(track.time).max()), k) for k, track in enumerate(log.tracks))
         raise ValueError(

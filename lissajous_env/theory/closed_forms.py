@@ -24,9 +24,10 @@ turning radius at least, and on which they are 0.39 m apart in formation, this o
 
 
 def robot_radius_bound(curve: Curve, num_robots: int) -> float:
-    """r_max = sin(pi / N) A B / sqrt(A^2 a^2 + B^2 b^2) [m], equation (6): smaller robots never collide in formation.
+    """Return r_max = sin(pi / N) A B / sqrt(A^2 a^2 + B^2 b^2) [m], equation (6).
 
-    A sufficient bound; half of the smallest measured distance is about 1.5 times as large (pi / 2 for large a, b).
+    Smaller robots never collide in formation. The bound is sufficient: half of the smallest distance is about 1.5 times
+    as large (pi / 2 for large a, b).
     """
     if curve.harmonics:
         return math.nan  # defined for Lissajous curves only
@@ -35,7 +36,7 @@ def robot_radius_bound(curve: Curve, num_robots: int) -> float:
 
 
 def coverage_radius(curve: Curve) -> float:
-    """r_s > max(B sin(pi / 2a), A sin(pi / 2b)) [m], equation (7): one lap of one robot senses every point.
+    """Return max(B sin(pi / 2a), A sin(pi / 2b)) [m], above which a lap of one robot senses every point, equation (7).
 
     Differs from the paper: the text above (7) swaps the two denominators; the formula is the one that holds.
     """
@@ -47,7 +48,7 @@ def coverage_radius(curve: Curve) -> float:
 
 
 def detection_radius(curve: Curve, num_robots: int, clusters: int = 1) -> float:
-    """r_s >= sin(pi / (N / kappa)) sqrt(A^2 + B^2) [m], equation (8): sensing discs of ring neighbours always overlap.
+    """Return sin(pi / (N / kappa)) sqrt(A^2 + B^2) [m], from which on discs of ring neighbours overlap, equation (8).
 
     Differs from the paper: where all robots share one place (N = kappa) there is no neighbour and the formula gives 0;
     it is the half diagonal then, as for two places, with which a lap senses every point.
@@ -141,9 +142,9 @@ def equilibrium_phases(num_robots: int, p: int, ring: Sequence[int]) -> np.ndarr
 
 
 def admissible_displacement(num_robots: int, p: int) -> tuple[float, float]:
-    """Return the displacements d of one phase from which equilibrium p recovers, (9): cos(2 pi p / N +- d) < 0.
+    """Return the displacements of one phase from which equilibrium p recovers, cos(2 pi p / N +- d) < 0, bound (9).
 
-    Returns the ends of the open interval (-h, h), h = pi / 2 - |2 pi p / N - pi| [rad]; (0, 0) where p is not stable.
+    They are the ends of the open interval (-h, h), h = pi / 2 - |2 pi p / N - pi| [rad]; (0, 0) where p is not stable.
     The condition is sufficient, and on the phase theta: on the curve the displacement is alpha times as large.
     """
     difference = 2 * math.pi * (p % num_robots) / num_robots
@@ -155,7 +156,7 @@ def admissible_displacement(num_robots: int, p: int) -> tuple[float, float]:
 
 
 def kuramoto_rates(phases: np.ndarray, neighbours: np.ndarray, phase_rate: float, coupling: float = 1.0) -> np.ndarray:
-    """theta_i' = omega - K sum over j in R_i of sin(theta_j - theta_i) [rad/s], equation (1).
+    """Return theta_i' = omega - K sum over j in R_i of sin(theta_j - theta_i) [rad/s], equation (1).
 
     Args:
         phases: (..., N) [rad].
@@ -192,7 +193,7 @@ def curve_point(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
 
 
 def curve_point_3d(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
-    """Position (A cos(a gamma), B sin(b gamma), C sin(c gamma)) [m], equation (10); gamma [rad] gains an axis of 3."""
+    """Return (A cos(a gamma), B sin(b gamma), C sin(c gamma)) [m], equation (10); gamma [rad] gains an axis of 3."""
     gamma = np.asarray(curve_phase, dtype=float)
     height = curve.half_depth * np.sin(curve.c * gamma)
     return np.concatenate([curve_point(curve, gamma), height[..., None]], axis=-1)
@@ -204,7 +205,7 @@ def curve_speed(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
 
 
 def curve_derivatives(curve: Curve, curve_phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """r' [m/rad] and r'' [m/rad^2] of the plane curve; gamma [rad] of any shape gains an axis of 2."""
+    """Return r' [m/rad] and r'' [m/rad^2] of the plane curve; gamma [rad] of any shape gains an axis of 2."""
     gamma = np.asarray(curve_phase, dtype=float)
     if curve.harmonics:
         return _series(curve, gamma, 1), _series(curve, gamma, 2)
@@ -246,9 +247,15 @@ def unrounded(curve: Curve) -> Curve:
 
 
 def ellipse_residual(curve: Curve, positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:
-    """y^2/B^2 + x^2/A^2 - 2 x y sin((a + b) gamma)/(A B) - cos^2((a + b) gamma), equation (5): 0 on the ellipse.
+    """Return y^2/B^2 + x^2/A^2 - 2 x y sin((a + b) gamma)/(A B) - cos^2((a + b) gamma), 0 on ellipse (5).
 
-    Takes (..., 2) positions [m] and gamma of any robot of the formation [rad]; returns (...), without a unit.
+    Args:
+        curve: The curve.
+        positions: (..., 2) [m].
+        curve_phase: gamma of any robot of the formation [rad].
+
+    Returns:
+        (...), without a unit.
     """
     x, y = positions[..., 0] / curve.half_width, positions[..., 1] / curve.half_height
     angle = (curve.a + curve.b) * np.asarray(curve_phase, dtype=float)

@@ -11,18 +11,21 @@ from functools import lru_cache
 import numpy as np
 
 from lissajous_env.settings.parts import Curve
-from lissajous_env.theory import closed_forms
-from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
+from lissajous_env.theory.closed_forms import curve_derivatives, curve_point, curve_point_3d, curve_speed
 
 _SAMPLES_PER_OSCILLATION = 64
 SLACK = 1e-3
 """Relative excess over a limit up to which a speed, a turning radius or an acceleration still counts as within it."""
+_PLACES = 8192
+"""Places of the curve that `locate` compares."""
+_REACH = 0.25
+"""Distance that weighs as much as a heading that is off by a right angle, in the shorter half of the rectangle."""
 
 
 def curve_length(curve: Curve) -> float:
     """Return the length of one lap of the plane curve, the integral of ||r'(gamma)|| over [0, 2 pi) [m]."""
     # The trapezoidal rule converges geometrically on a periodic function without kinks.
-    return 2 * np.pi * float(np.mean(closed_forms.curve_speed(curve, lap_phases(curve))))
+    return 2 * np.pi * float(np.mean(curve_speed(curve, lap_phases(curve))))
 
 
 @lru_cache(maxsize=64)
@@ -31,26 +34,22 @@ def largest_speed(curve: Curve) -> float:
 
     It is accurate to nine digits.
     """
-    return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
+    return -_minimum(lambda gamma: -curve_speed(curve, gamma), lap_phases(curve, 1))
 
 
 @lru_cache(maxsize=64)
-def _sampled_speed(curve: Curve) -> float:
-    return float(closed_forms.curve_speed(curve, np.linspace(0, 2 * np.pi, 4096)).max())
-
-
 def top_speed(curve: Curve, phase_rate: float) -> float:
     """Return the speed of a formation on the fastest stretch of the curve [m/s], for `phase_rate` omega [rad/s].
 
     4096 samples ensure identical bits in all policies; the relative error is below 1e-5 in the paper's scenarios.
     """
-    return phase_rate * _sampled_speed(curve)
+    return phase_rate * float(curve_speed(curve, np.linspace(0, 2 * np.pi, 4096)).max())
 
 
 def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """Return the radius of curvature ||r'||^3 / |x' y'' - y' x''| [m] at gamma [rad]; infinite where straight."""
     gamma = np.asarray(curve_phase, dtype=float)
-    (dx, dy), (ddx, ddy) = (np.moveaxis(array, -1, 0) for array in closed_forms.curve_derivatives(curve, gamma))
+    (dx, dy), (ddx, ddy) = (np.moveaxis(array, -1, 0) for array in curve_derivatives(curve, gamma))
     with np.errstate(divide="ignore"):
         return np.hypot(dx, dy) ** 3 / np.abs(dx * ddy - dy * ddx)
 
@@ -59,7 +58,7 @@ def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
 def along_lap(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
     """Return ||r'|| [m/rad] and the radius of curvature [m] along a lap of the plane curve."""
     gamma = lap_phases(curve)
-    return closed_forms.curve_speed(curve, gamma), curvature_radius(curve, gamma)
+    return curve_speed(curve, gamma), curvature_radius(curve, gamma)
 
 
 def needed_acceleration(curve: Curve, turning_radius: float = 0.0) -> float:
@@ -89,18 +88,13 @@ def tight_share(curve: Curve, radius: float) -> float:
 def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> np.ndarray:
     """Return the distance between two robots at gamma = u - v and u + v [m], in 3D if `half_depth` is positive.
 
-    2 sqrt((A sin(a u) sin(a v))^2 + (B cos(b u) sin(b v))^2 + (C cos(c u) sin(c v))^2), from (10) by the addition
-    theorems. For N = a + b and v = pi k / N the factors sin(a v) and sin(b v) are the same size.
-
     Args:
         curve: the curve.
         middle: u, the middle of the two phases [rad].
         half: v, half of their difference [rad]; broadcasts with u.
     """
-    x = curve.half_width * np.sin(curve.a * middle) * np.sin(curve.a * half)
-    y = curve.half_height * np.cos(curve.b * middle) * np.sin(curve.b * half)
-    z = curve.half_depth * np.cos(curve.c * middle) * np.sin(curve.c * half)
-    return 2 * np.sqrt(x**2 + y**2 + z**2)
+    chord = curve_point_3d(curve, middle + half) - curve_point_3d(curve, middle - half)
+    return np.sqrt(np.einsum("...i,...i", chord, chord))
 
 
 def smallest_distance(curve: Curve, num_robots: int) -> float:
@@ -134,7 +128,7 @@ def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
     gamma = np.linspace(0, 2 * np.pi, int(4 * curve_length(curve) / math.sqrt(tolerance * mesh)))
     from scipy.spatial import KDTree  # slow to import
 
-    tree = KDTree(closed_forms.curve_point(curve, gamma))
+    tree = KDTree(curve_point(curve, gamma))
     cells = np.ceil(half_extent / half_extent.min()).astype(int)  # roughly square, so that the division ends
     half_cell = half_extent / cells
     columns, rows = np.indices(cells).reshape(2, -1)
@@ -165,12 +159,6 @@ def _minimum(function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray) 
         centres = candidates[np.arange(len(centres)), np.argmin(function(candidates), axis=1)]
         spacing /= 8
     return float(np.min(function(centres)))
-
-
-_PLACES = 8192
-"""Places of the curve that are compared."""
-_REACH = 0.25
-"""Distance that weighs as much as a heading that is off by a right angle, in the shorter half of the rectangle."""
 
 
 def locate(curve: Curve, alpha: int, x: float, y: float, heading: float, near: float) -> float:

@@ -194,12 +194,12 @@ def test_ctrl_c_prints_the_best_so_far(small, capsys, monkeypatch):
     looked = Search._look
 
     def interrupted(self, threads):
-        report = self._report
-        self._report = lambda: interrupt() if len(self.looks) > 8 else None
+        on_progress = self._on_progress
+        self._on_progress = lambda share: interrupt() if len(self.looks) > 8 else None
         try:
             looked(self, threads)
         finally:
-            self._report = report
+            self._on_progress = on_progress
 
     def interrupt():
         raise KeyboardInterrupt

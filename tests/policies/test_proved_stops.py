@@ -92,15 +92,14 @@ def roll(tail: Tail, left: float, out: wp.array2d(dtype=float)):
         place = place_on(rest, q)
         for c in range(3):
             out[k, c] = place[c]
-        out[k, 3] = rest.w0 + q * (rest.w1 + q * rest.w2)
+        out[k, 3] = rest.w[0] + q * (rest.w[1] + q * rest.w[2])
 
 
 def test_the_rest_of_a_tail_is_on_the_tail():
     """Oracle: the arc and its bound in float64, at the shares of the whole tail."""
     x, y, heading, length, curvature, w = 0.3, -0.2, 0.7, 1.2, 1.5, (0.01, 0.05, 0.03)
     tail, found = Tail(), wp.zeros((5, 4), dtype=float, device="cpu")
-    tail.x, tail.y, tail.heading, tail.length, tail.curvature = x, y, heading, length, curvature
-    tail.w0, tail.w1, tail.w2 = w
+    tail.begin, tail.length, tail.curvature, tail.w = wp.vec3(x, y, heading), length, curvature, wp.vec3(*w)
     wp.launch(roll, 1, [tail, 0.6], [found], device="cpu")
     q = 1 - 0.6 * (1 - np.linspace(0, 1, 5))
     turned = heading + curvature * length * q

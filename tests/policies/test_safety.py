@@ -9,7 +9,7 @@ import baselines
 import lissajous_env
 from baselines.policies.base import Filtered, Policy
 from baselines.policies.safety.quadratic_program import TOLERANCE, solve_quadratic_program
-from baselines.policies.safety.safe import Safe, SafetyParameters, speed_limit
+from baselines.policies.safety.safe import Safe, SafetyParameters
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.theory.geometry import top_speed
 
@@ -111,7 +111,7 @@ def test_far_from_all_the_action_passes_bit_for_bit():
 def test_the_throttle_leads_to_the_speed_limit_and_no_further():
     """Oracle: v' = push - c v, solved for the push of a step; at full throttle the car would do 5.8 m/s."""
     policy, simulation = Filtered(Wanting(TWO_CARS).want([0, 1]), Safe), started([[[-5, 0, 0, 0], [0, 2, 0, 4]]])
-    limit = speed_limit(TWO_CARS, policy.filter.parameters)
+    limit = policy.filter.parameters.speed_max
     assert limit == pytest.approx(1.5 * top_speed(TWO_CARS.curve, TWO_CARS.formation.phase_rate))
     fastest = 0.0
     for _ in range(20):

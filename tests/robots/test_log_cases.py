@@ -288,12 +288,13 @@ def test_robots_are_in_the_order_of_their_numbers(tmp_path):
     log = read(write(tmp_path / "log", [(topic.replace("_1", "_10"), *rest) for topic, *rest in shrunk()]))
     assert log.labels == ("0", "2", "3", "4", "10")
     np.testing.assert_allclose(log.tracks[4].position[0, :2], circle(1, 0.0)[:2])
+    assert len(read(write(tmp_path / "later", of_robots(shifted))).tracks) == 5, "one by one, robots can be identified"
 
 
 REFUSED = {
     "frames": (
         of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), frame="map" if k else "odom")), {},
-        "must be in one frame, got map of robots 1, 2, 3 and 4; odom of robot 0",
+        "must be in one frame, got robot 0: odom; robots 1, 2, 3 and 4: map",
     ),
     "an hour": (of_robots(shifted), {}, "got those of robot 3 from 1700003600.000"),
     "a missing robot": ([each for each in shrunk() if each[0][7] != "2"], {}, "got 4: robots 0, 1, 3 and 4"),

@@ -19,9 +19,9 @@ def test_cars_can_drive_along_the_rounded_curve_without_a_collision():
     assert geometry.along_lap(curve)[1].min() > 1.05 * 0.481
     places = closed_forms.curve_point(curve, gamma)
     np.testing.assert_allclose(np.abs(places).max(axis=0), (curve.half_width, curve.half_height), rtol=3e-3)
-    for k in (1, 2):
-        other = closed_forms.curve_point(curve, gamma + 2 * np.pi * k / 5)
-        assert np.linalg.norm(places - other, axis=1).min() > 0.38
+    others = [closed_forms.curve_point(curve, gamma + 2 * np.pi * k / 5) for k in (1, 2)]
+    nearest = min(np.linalg.norm(places - other, axis=1).min() for other in others)
+    assert 0.38 < geometry.smallest_distance(curve, 5) == pytest.approx(nearest, abs=1e-5)
 
 
 @pytest.mark.parametrize(("name", "fields", "is_rounded"), [

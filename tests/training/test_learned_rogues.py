@@ -34,8 +34,8 @@ def trained(tmp_path_factory):
 
 def make_network(inputs, seed=0):
     draw = np.random.default_rng(seed)
-    weights = {"0": draw.normal(size=(16, inputs)), "1": draw.normal(size=(2, 16))}
-    return RogueNetwork(weights, {"0": draw.normal(size=16), "1": draw.normal(size=2)})
+    sizes = {"0.weight": (16, inputs), "1.weight": (2, 16), "0.bias": 16, "1.bias": 2}
+    return RogueNetwork({name: draw.normal(size=size) for name, size in sizes.items()})
 
 
 def test_training_makes_rogues_that_stay_undetected_longer_than_those_that_wander(trained):
@@ -101,8 +101,8 @@ def test_a_rogue_acts_as_its_network_says():
     for _ in range(5):
         simulation.step(still, np.zeros(simulation.rogues.action.shape, np.float32))
     rows = simulation.rogues.observation.numpy().astype(float)
-    hidden = np.maximum(rows @ network.weights["0"].T.astype(float) + network.biases["0"], 0)
-    wanted = np.clip(hidden @ network.weights["1"].T.astype(float) + network.biases["1"], -1, 1)
+    hidden = np.maximum(rows @ network.arrays["0.weight"].T.astype(float) + network.arrays["0.bias"], 0)
+    wanted = np.clip(hidden @ network.arrays["1.weight"].T.astype(float) + network.arrays["1.bias"], -1, 1)
     assert np.abs(decide(simulation.rogues.observation.numpy()) - wanted).max() < 1e-4
 
 

@@ -15,16 +15,16 @@ from training.learned.perception import OWN, TOKEN
 
 def make_network(sizes=(42, 8, 2), seed=0):
     draw = np.random.default_rng(seed)
-    weights = {str(k): draw.normal(size=(b, a)) for k, (a, b) in enumerate(itertools.pairwise(sizes))}
-    return RogueNetwork(weights, {name: draw.normal(size=len(weight)) for name, weight in weights.items()})
+    weights = {f"{k}.weight": draw.normal(size=(b, a)) for k, (a, b) in enumerate(itertools.pairwise(sizes))}
+    return RogueNetwork(weights | {f"{k}.bias": draw.normal(size=size) for k, size in enumerate(sizes[1:])})
 
 
 def make_team(actions=2, seed=0):
     """A network of a team, of random weights."""
     draw = np.random.default_rng(seed)
     sizes = {"own": (8, len(OWN)), "token": (4, len(TOKEN)), "trunk": (6, 12), "last": (6, 6), "action": (actions, 6)}
-    weights = {name: 0.3 * draw.normal(size=size) for name, size in sizes.items()}
-    return TeamNetwork(weights, {name: draw.normal(size=size[0]) for name, size in sizes.items()})
+    weights = {f"{name}.weight": 0.3 * draw.normal(size=size) for name, size in sizes.items()}
+    return TeamNetwork(weights | {f"{name}.bias": draw.normal(size=size[0]) for name, size in sizes.items()})
 
 
 @pytest.mark.parametrize("sizes", [(5, 7, 4, 2), (1, 1), (45, 64, 64, 2)])
@@ -36,11 +36,11 @@ def test_a_network_is_the_formula(sizes):
     assert outputs.dtype == np.float32
     for row, got in zip(rows.reshape(-1, sizes[0]), outputs.reshape(-1, sizes[-1]), strict=True):
         value, scale = row.astype(float), 1.0
-        for k in range(len(network.weights)):
-            weight, bias = network.weights[str(k)], network.biases[str(k)]
+        for k in range(len(sizes) - 1):
+            weight, bias = network.arrays[f"{k}.weight"], network.arrays[f"{k}.bias"]
             scale = max(scale, np.abs(weight.astype(float)).sum(axis=1).max() * np.abs(value).max())
             value = weight.astype(float) @ value + bias
-            value = np.maximum(value, 0) if k < len(network.weights) - 1 else value
+            value = np.maximum(value, 0) if k < len(sizes) - 2 else value
         assert got == pytest.approx(value, abs=2e-6 * scale)
     for w in range(9):
         np.testing.assert_array_equal(network(rows[w : w + 1])[0], outputs[w])
@@ -49,34 +49,35 @@ def test_a_network_is_the_formula(sizes):
 
 def test_the_arrays_of_a_network_are_its_own():
     given = np.ones((2, 3))
-    network = RogueNetwork({"0": given}, {"0": np.zeros(2)})
+    network = RogueNetwork({"0.weight": given, "0.bias": np.zeros(2)})
     given[:] = 5.0
-    assert (network.weights["0"] == 1).all()
+    assert (network.arrays["0.weight"] == 1).all()
     with pytest.raises(ValueError, match="read-only"):
-        network.weights["0"][:] = 5.0
+        network.arrays["0.weight"][:] = 5.0
 
 
 @pytest.mark.parametrize(
     ("weights", "biases", "words"),
     [
-        ([np.ones((2, 3)), np.ones((1, 4))], [np.ones(2), np.ones(1)], r"layer 1 must have shape \(1, 2\)"),
-        ([np.ones((2, 3))], [np.ones(3)], r"with a bias of shape \(3,\)"),
-        ([np.full((2, 3), np.nan)], [np.ones(2)], "must be finite"),
+        ([np.ones((2, 3)), np.ones((1, 4))], [np.ones(2), np.ones(1)], r"1.weight must have shape \(1, 2\)"),
+        ([np.ones((2, 3))], [np.ones(3)], r"0.bias must have shape \(2,\), got \(3,\)"),
+        ([np.full((2, 3), np.nan)], [np.ones(2)], "0.weight must be finite"),
         ([np.full((2, 3), 1e39)], [np.ones(2)], "must be finite in float32"),
-        ([np.ones((2, 3))], [np.full(2, np.inf)], "must be finite"),
-        ([np.ones((0, 3))], [np.ones(0)], r"layer 0 must have shape \(outputs, inputs\), both at least 1, got \(0, 3"),
+        ([np.ones((2, 3))], [np.full(2, np.inf)], "0.bias must be finite"),
+        ([np.ones((0, 3))], [np.ones(0)], r"0.weight must have shape \(outputs, inputs\), both at least 1, got \(0, 3"),
         ([np.ones((2, 0))], [np.ones(2)], "both at least 1"),
-        ([np.ones(3)], [np.ones(3)], "weights of layer 0 must have shape"),
-        ([np.array([["a", "b"]])], [np.ones(1)], "weights must be numbers"),
-        ([np.ones((1, 2), complex)], [np.ones(1)], "weights must be numbers"),
-        ([np.array([[None]])], [np.ones(1)], "weights must be numbers"),
-        ([np.ones((1, 2))], [], "those of the same layers, got 0 and none"),
+        ([np.ones(3)], [np.ones(3)], "0.weight must have shape"),
+        ([np.array([["a", "b"]])], [np.ones(1)], "0.weight must be numbers"),
+        ([np.ones((1, 2), complex)], [np.ones(1)], "0.weight must be numbers"),
+        ([np.array([[None]])], [np.ones(1)], "0.weight must be numbers"),
+        ([np.ones((1, 2))], [], "arrays must be 0.bias, 0.weight, got '0.weight'"),
         ([], [], "at least one"),
     ],
 )
 def test_layers_that_do_not_fit_are_refused(weights, biases, words):
+    arrays = {f"{k}.weight": array for k, array in enumerate(weights)}
     with pytest.raises(ValueError, match=words):
-        RogueNetwork(*({str(k): array for k, array in enumerate(arrays)} for arrays in (weights, biases)))
+        RogueNetwork(arrays | {f"{k}.bias": array for k, array in enumerate(biases)})
     with pytest.raises(ValueError, match="layers must be 0, 1 and so on, at least one, got 1"):
         RogueNetwork.from_arrays({"policy.1.weight": np.ones((1, 2)), "policy.1.bias": np.ones(1), "x": np.ones(1)})
 
@@ -85,7 +86,7 @@ def test_layers_that_do_not_fit_are_refused(weights, biases, words):
 def test_a_layer_of_a_team_that_is_missing_is_refused(missing):
     names = {"own", "token", "trunk", "last", "action", "memory.input", "memory.hidden"} - {missing}
     with pytest.raises(ValueError, match="layers must be action, last, own, token, trunk, and perhaps query, and mem"):
-        TeamNetwork(*({name: np.ones(shape) for name in names} for shape in ((2, 2), 2)))
+        TeamNetwork({f"{name}.weight": np.ones((2, 2)) for name in names})
 
 
 def test_a_checkpoint_gives_back_what_was_saved(tmp_path, monkeypatch):
@@ -111,7 +112,7 @@ def test_a_new_checkpoint_takes_the_place_of_the_old_one(tmp_path):
         checkpoint.save(tmp_path, make_team(seed=seed), card, state={"seed": np.array(seed)})
     assert len(list(tmp_path.iterdir())) == 4
     network, _, text = checkpoint.read(tmp_path)
-    assert (network.weights["own"] == make_team(seed=2).weights["own"]).all()
+    assert (network.arrays["own.weight"] == make_team(seed=2).arrays["own.weight"]).all()
     assert checkpoint.read_state(tmp_path, text)["seed"] == 2
 
 

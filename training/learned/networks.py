@@ -17,46 +17,41 @@ _ABSENT = 1e4
 
 @dataclass(frozen=True)
 class Network:
-    """Layers y = W x + b of a network, by name, in float32; its arrays are read-only copies.
+    """Layers y = W x + b of a network, in float32; its arrays are read-only copies.
 
     Raises:
         ValueError: layers are missing or do not fit together, or numbers are not finite in float32.
     """
 
-    weights: dict[str, np.ndarray]
-    """W of each layer, (outputs, inputs)."""
-    biases: dict[str, np.ndarray]
-    """b of each layer, (outputs,)."""
+    arrays: dict[str, np.ndarray]
+    """W (outputs, inputs) of each layer as `LAYER.weight`, and b (outputs,) as `LAYER.bias`."""
     prefix: ClassVar[str]
-    """Prefix of the names in a checkpoint, where they are those of the layers with `.weight` and `.bias`."""
+    """Prefix of these names in a checkpoint."""
 
     def __post_init__(self) -> None:
-        for part in ("weights", "biases"):
-            object.__setattr__(self, part, {name: _numbers(part, array) for name, array in getattr(self, part).items()})
-        if set(self.weights) != set(self.biases):
-            names = " and ".join(few_of(sorted(layers)) or "none" for layers in (self.weights, self.biases))
-            raise ValueError(f"weights and biases must be those of the same layers, got {names}")
-        sizes = {name: array.shape for name, array in self.weights.items()}
-        for name, size in sizes.items():
+        arrays = {name: _numbers(name, array) for name, array in self.arrays.items()}
+        object.__setattr__(self, "arrays", arrays)
+        layers = [name.removesuffix(".weight") for name in arrays if name.endswith(".weight")]
+        sizes = {layer: arrays[f"{layer}.weight"].shape for layer in layers}
+        for layer, size in sizes.items():
             fits, rule = len(size) == 2 and 0 not in size, "must have shape (outputs, inputs), both at least 1"
-            require(fits, f"weights of layer {name}", rule, size)
-        fitting = self._fitting(sizes)
-        for name, size in sizes.items():
-            if size != fitting[name] or self.biases[name].shape != size[:1]:
-                got = f"{size} with a bias of shape {self.biases[name].shape}"
-                raise ValueError(f"layer {name} must have shape {fitting[name]}, got {got}")
+            require(fits, f"{layer}.weight", rule, size)
+        fitting = {f"{layer}.weight": size for layer, size in self._fitting(sizes).items() if layer in sizes}
+        fitting |= {f"{layer}.bias": size[:1] for layer, size in sizes.items()}
+        require(fitting.keys() == arrays.keys(), "arrays", f"must be {few_of(sorted(fitting))}", few_of(sorted(arrays)))
+        for name, size in fitting.items():
+            require(arrays[name].shape == size, name, f"must have shape {size}", arrays[name].shape)
 
     def _fitting(self, sizes: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
         """Return the shape that each layer must have to fit to the others, or raise ValueError for their names."""
         raise NotImplementedError
 
     def _layer(self, name: str, values: np.ndarray) -> np.ndarray:
-        return values @ self.weights[name].T + self.biases[name]
+        return values @ self.arrays[f"{name}.weight"].T + self.arrays[f"{name}.bias"]
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Return the arrays by name, as stored in a checkpoint."""
-        named = {f"{self.prefix}.{name}.weight": array for name, array in self.weights.items()}
-        return named | {f"{self.prefix}.{name}.bias": array for name, array in self.biases.items()}
+        return {f"{self.prefix}.{name}": array for name, array in self.arrays.items()}
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, Any]) -> Self:
@@ -65,10 +60,8 @@ class Network:
         Raises:
             ValueError: the arrays do not fit together.
         """
-        start, ends = f"{cls.prefix}.", (".weight", ".bias")
-        named = {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
-        parts = ({name.removesuffix(end): named[name] for name in named if name.endswith(end)} for end in ends)
-        return cls(*parts)
+        start = f"{cls.prefix}."
+        return cls({name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)})
 
 
 class RogueNetwork(Network):
@@ -86,20 +79,20 @@ class RogueNetwork(Network):
     def __call__(self, rows: np.ndarray) -> np.ndarray:
         """Return y (W, ..., outputs) for rows (W, ..., n), cut or padded with zeros to the size of x."""
         count = min(rows.shape[-1], self.inputs)
-        values = rows[..., :count] @ self.weights["0"][:, :count].T + self.biases["0"]
-        for k in range(1, len(self.weights)):
+        values = rows[..., :count] @ self.arrays["0.weight"][:, :count].T + self.arrays["0.bias"]
+        for k in range(1, len(self.arrays) // 2):
             values = self._layer(str(k), np.maximum(values, 0, out=values))
         return values
 
     @property
     def inputs(self) -> int:
         """Number of entries of x."""
-        return self.weights["0"].shape[1]
+        return self.arrays["0.weight"].shape[1]
 
     @property
     def outputs(self) -> int:
         """Number of entries of y."""
-        return self.weights[str(len(self.weights) - 1)].shape[0]
+        return self.arrays[f"{len(self.arrays) // 2 - 1}.bias"].shape[0]
 
 
 class TeamNetwork(Network):
@@ -130,12 +123,12 @@ class TeamNetwork(Network):
     @property
     def outputs(self) -> int:
         """Number of components of an action."""
-        return self.weights["action"].shape[0]
+        return self.arrays["action.bias"].shape[0]
 
     @property
     def memory(self) -> int:
         """Size of a robot's memory."""
-        return self.weights["memory.hidden"].shape[1] if "memory.hidden" in self.weights else 0
+        return self.arrays["memory.hidden.weight"].shape[1] if "memory.hidden.weight" in self.arrays else 0
 
     def __call__(self, seen: Perception, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the outputs (W, N, A), and the memory (W, N, memory) for the next step."""
@@ -143,7 +136,7 @@ class TeamNetwork(Network):
         worlds, robots, count, size = seen.tokens.shape
         features = np.maximum(self._layer("token", seen.tokens.reshape(worlds, robots * count, size)), 0)
         features = features.reshape(worlds, robots, count, -1)
-        if "query" in self.weights:
+        if "query.weight" in self.arrays:
             query = self._layer("query", own).reshape(worlds, robots, -1, features.shape[-1])
             score = query @ features.swapaxes(2, 3) + (seen.present[:, :, None] - 1) * np.float32(_ABSENT)
             weight = np.exp(score - score.max(axis=-1, keepdims=True))
@@ -166,17 +159,16 @@ class TeamNetwork(Network):
 
 
 def _numbers(name: str, array: Any) -> np.ndarray:
-    """Return a read-only float32 copy of an array; `name` is that of errors.
+    """Return a read-only float32 copy of an array.
 
     Raises:
         ValueError: the array has other contents than finite numbers.
     """
     given = np.asarray(array)
-    if given.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must be numbers, got an array of {given.dtype}")
+    require(given.dtype.kind in "fiu", name, "must be numbers", given.dtype)
     with np.errstate(over="ignore"):
         copied = np.array(given, dtype=np.float32, order="C")
     if not np.isfinite(copied).all():
-        raise ValueError("weights and biases must be finite in float32")
+        raise ValueError(f"{name} must be finite in float32")
     copied.setflags(write=False)
     return copied

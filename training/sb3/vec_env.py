@@ -51,8 +51,7 @@ class BatchVecEnv(VecEnv):
         self.render_mode = None
         self._began = time.monotonic()
         count = batch.num_worlds * self._side.slots
-        self._is_acting, self._returns = np.zeros(count, dtype=bool), np.zeros(count)
-        self._lengths = np.zeros(count, dtype=np.int64)
+        self._returns, self._lengths = np.zeros(count), np.zeros(count, dtype=np.int64)
         super().__init__(count, *self._side.spaces())
 
     def close(self) -> None:
@@ -88,7 +87,7 @@ class BatchVecEnv(VecEnv):
         self._reset_options()
         self.batch.reset()
         self._returns[:], self._lengths[:] = 0.0, 0
-        return self._next_rows()
+        return self._rows()
 
     def step_async(self, actions: np.ndarray) -> None:
         """Store the actions of the next step: (W N, action_size), clipped to [-1, 1], or (W N,) indices of the table.
@@ -100,39 +99,37 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
+        acted = self.batch.live(self._side).reshape(-1)
         self.batch.step({self._side.agent: self._actions})
         rows, over = self.batch.rows(self._side), self.batch.over
         rewards, terminated = rows.reward.reshape(-1).copy(), rows.terminated.reshape(-1)
-        dones = self._is_acting & terminated | np.repeat(over, self._side.slots)
-        truncated = dones & self._is_acting & ~terminated
+        dones = acted & terminated | np.repeat(over, self._side.slots)
+        truncated = dones & acted & ~terminated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": timed_out} for timed_out in truncated.tolist()]
         if dones.any():
             last = rows.observation.reshape(self.num_envs, -1)[dones]
             for k, row in zip(np.flatnonzero(dones), last, strict=True):
                 infos[k]["terminal_observation"] = row
-        self._report(rewards, dones, infos)
+        self._report(rewards, acted, dones, infos)
         if over.any():
             self.scores.extend(self.batch.score(over))
             self.batch.reset(over)
-        return self._next_rows(), rewards, dones, infos
+        return self._rows(), rewards, dones, infos
 
-    def _report(self, rewards: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
+    def _report(self, rewards: np.ndarray, acted: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
         """Count a step, and report the episodes that it ended: return, length [steps], time since the start [s].
 
         The episode of a removed robot is reported at its removal, and not again at the end of its world's episode.
         """
         self._returns += rewards
-        self._lengths += self._is_acting
+        self._lengths += acted
         at = round(time.monotonic() - self._began, 6)
-        for k in np.flatnonzero(dones & self._is_acting):
+        for k in np.flatnonzero(dones & acted):
             infos[k]["episode"] = {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at}
         self._returns[dones], self._lengths[dones] = 0.0, 0
 
-    def _next_rows(self) -> np.ndarray:
-        """Store which agents act in the next step, and return a copy of all rows (W N, inputs)."""
-        rows = self.batch.rows(self._side)
-        self._is_acting = (rows.mask & ~rows.terminated).reshape(-1)
-        return rows.observation.reshape(self.num_envs, -1).copy()
+    def _rows(self) -> np.ndarray:
+        return self.batch.rows(self._side).observation.reshape(self.num_envs, -1).copy()
 
 
 class RogueVecEnv(BatchVecEnv):

@@ -81,7 +81,8 @@ class SafetyParameters(Checked):
     unit: float = number(1.0, 1e-9, 1e6, "m")
     """Unit of the margins in the quadratic program [m]."""
     speed_max: float | None = number(None, 1e-9, 1e5, "m/s")
-    """Largest speed to which the throttle may lead [m/s]; None is `baselines.policies.safety.safe.speed_limit`."""
+    """Largest speed to which the throttle may lead [m/s]; None is `baselines.policies.safety.safe.speed_in_sight`, at
+    least `HEADROOM` times the formation's speed and at most the top speed of a car."""
 
     def of(self, scenario: Scenario) -> "SafetyParameters":
         """Return the same parameters scaled from the paper's experiment to another scenario.

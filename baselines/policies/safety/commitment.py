@@ -183,8 +183,8 @@ def begin(w: int, i: int, terms: Terms, car: wp.vec4, memory: Memory, observatio
         learn_from_step(w, i, terms, car, memory)
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
     tail = memory.tail[w, i]
-    away = wp.length(wp.vec2(car[0] - tail.x, car[1] - tail.y))
-    if is_known and away <= tail.w0 + terms.position_error:
+    away = wp.length(wp.vec2(car[0] - tail.begin[0], car[1] - tail.begin[1]))
+    if is_known and away <= tail.w[0] + terms.position_error:
         return True
     errors = wp.vec3(terms.position_error, terms.heading_error, terms.speed_error)
     memory.tail[w, i] = tail_from(terms, memory.factors[w, i], car, errors, tail.steering)
@@ -194,7 +194,7 @@ def begin(w: int, i: int, terms: Terms, car: wp.vec4, memory: Memory, observatio
 @wp.func
 def stand(w: int, i: int, place: wp.vec3, steering: float, error: float, memory: Memory):
     """Store that a robot stands at a place, within an error [m], if it stops dead in this step."""
-    memory.old_tail[w, i] = Tail(place[0], place[1], place[2], 0.0, 0.0, steering, error, 0.0, 0.0)
+    memory.old_tail[w, i] = Tail(place, 0.0, 0.0, steering, wp.vec3(error, 0.0, 0.0))
 
 
 @wp.func
@@ -208,11 +208,11 @@ def commit_to_old_course(w: int, i: int, terms: Terms, memory: Memory):
     tail = roll_on(before, terms.decay)
     middle[2] = bulge_of(terms, acceleration_on(terms, before))
     slack = terms.chord * acceleration_on(terms, tail)
-    lay_out(memory.courses[w, i, OLD], wp.vec2(before.x, before.y), middle, tail, slack)
+    lay_out(memory.courses[w, i, OLD], wp.vec2(before.begin[0], before.begin[1]), middle, tail, slack)
     memory.tail[w, i] = tail
     memory.old_tail[w, i] = tail
     if terms.stops[i] == 1:
-        stand(w, i, wp.vec3(before.x, before.y, before.heading), before.steering, before.w0, memory)
+        stand(w, i, before.begin, before.steering, before.w[0], memory)
 
 
 @wp.func

@@ -22,9 +22,9 @@ the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a
     subject to m_k(v; b) + dm_k/du(v; b) (u - v) >= 0 for every k,  u_0 in [-1, 1],  u_1 in [-1, top]
 
 is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; if the rows contradict
-each other, all are relaxed by the same smallest amount. `top` is the throttle that leads to `speed_limit`.
+each other, all are relaxed by the same smallest amount. `top` is the throttle that leads to `speed_max`.
 
-The limit is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up, and the
+This limit is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up, and the
 worst-case undetected time would be several times as long. A car gives way late and little, which preserves that time
 best; cars whose motor hardly lets them catch up lose it all the same.
 
@@ -59,8 +59,8 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
 HEADROOM = 1.5
-"""Lower bound of `speed_limit` as a multiple of the formation's speed: a car that fell behind has to catch up, or the
-formation, and with it the bound on the detection time, is lost."""
+"""Lower bound of the default of `speed_max` as a multiple of the formation's speed: a car that fell behind has to catch
+up, or the formation, and with it the bound on the detection time, is lost."""
 
 _VELOCITY_ERROR = 0.03
 """Standard deviation of velocities from noisy positions that is accepted, as a share of the top speed."""
@@ -81,17 +81,18 @@ class Safe(Filter):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, constants = self.scenario, Constants()
+        formation = top_speed(scenario.driven, scenario.formation.phase_rate)
+        in_sight = speed_in_sight(scenario, self.parameters)
         if self.parameters.speed_max is None:
-            limit = speed_limit(scenario, self.parameters)
-            self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
+            limit = min(max(in_sight, HEADROOM * formation), scenario.robot.top_speed)
+            self.parameters = dataclasses.replace(self.parameters, speed_max=float(limit))
         constants.safety = to_struct(SafetyStruct, self.parameters)
         constants.robot = to_struct(RobotStruct, scenario.robot)
         constants.robots_seen, constants.sight = scenario.sensing.robots_seen, sight_of_cars(scenario)
         constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
         constants.speed_unit = scenario.robot.top_speed
         constants.delay = round(scenario.noise.message_delay / scenario.task.step) * scenario.task.step
-        formation = top_speed(scenario.driven, scenario.formation.phase_rate)
-        constants.listens = int(speed_in_sight(scenario, self.parameters) < formation)
+        constants.listens = int(in_sight < formation)
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
         remembered = (*self.shape, 2, steps_of_velocity(scenario))
@@ -107,16 +108,6 @@ class Safe(Filter):
         inputs = [self._constants, self._curve, self._memory, observation, wanted, self._others, self._paths]
         self.launch(keep_clear, self.shape, [*inputs, self._rows], [out])
         return out
-
-
-def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
-    """Return the largest speed to which the filter accelerates [m/s]: `speed_in_sight`.
-
-    It is at least `HEADROOM` times the formation's speed, and at most the top speed of the car.
-    """
-    formation = top_speed(scenario.driven, scenario.formation.phase_rate)
-    limit = max(speed_in_sight(scenario, parameters), HEADROOM * formation)
-    return float(min(limit, scenario.robot.top_speed))
 
 
 def steps_of_velocity(scenario: Scenario) -> int:

@@ -3,7 +3,7 @@
 A car whose motor is off slows down by v' = -c v, equation (12), whatever its motor and its wheelbase. With constant
 steering it follows an arc of curvature kappa, and with q = 1 - exp(-c t) it has gone q L of the length L = v / c that
 is left to it. All cars have the same c, so for q from 0 to 1 every car moves along its arc at a constant rate. It is
-within w(q) = w0 + w1 q + w2 q^2 of the arc's point at q, for every position, heading, speed and curvature that the
+within w(q) = w_0 + w_1 q + w_2 q^2 of the arc's point at q, for every position, heading, speed and curvature that the
 bounds of noise and model allow (`own_motion.tail_from`).
 
 A course is a step and the tail after it, as sampled points (`lay_out`). Two courses are compared at equal times
@@ -32,51 +32,47 @@ BLOCKS = wp.constant(int(PIECES) // int(BLOCK) + 1)
 class Tail:
     """A tail, with the bound w(q) on the distance of the car from it."""
 
-    x: float
-    """x where it begins [m]."""
-    y: float
-    """y there [m]."""
-    heading: float
-    """Heading there [rad]."""
+    begin: wp.vec3
+    """x, y [m] and heading [rad] where it begins."""
     length: float
     """L [m]."""
     curvature: float
     """kappa [1/m]."""
     steering: float
     """Action of the steering, in [-1, 1]."""
-    w0: float
-    """w(0) [m]."""
-    w1: float
-    """w'(0) [m]."""
-    w2: float
-    """w''(0) / 2 [m]."""
+    w: wp.vec3
+    """Coefficients of w(q) [m]: w(0), w'(0) and w''(0) / 2."""
 
 
 @wp.func
-def arc_end(x: float, y: float, heading: float, length: float, curvature: float) -> wp.vec3:
-    """Return position and heading (x, y [m], heading [rad]) after a path along an arc."""
+def arc_end(begin: wp.vec3, length: float, curvature: float) -> wp.vec3:
+    """Return position and heading (x, y [m], heading [rad]) after a path along an arc, from those at its beginning."""
     half = 0.5 * length * curvature
     turn = cos_sin(half)
     chord = length * wp.where(wp.abs(half) < 1.0e-3, 1.0 - half * half / 6.0, turn[1] / half)
-    ahead = cos_sin(heading + half)
-    return wp.vec3(x + chord * ahead[0], y + chord * ahead[1], heading + 2.0 * half)
+    ahead = cos_sin(begin[2] + half)
+    return wp.vec3(begin[0] + chord * ahead[0], begin[1] + chord * ahead[1], begin[2] + 2.0 * half)
 
 
 @wp.func
 def place_on(tail: Tail, q: float) -> wp.vec3:
     """Return position and heading (x, y [m], heading [rad]) on a tail, after the share q of its length."""
-    return arc_end(tail.x, tail.y, tail.heading, q * tail.length, tail.curvature)
+    return arc_end(tail.begin, q * tail.length, tail.curvature)
+
+
+@wp.func
+def error_on(tail: Tail, q: float) -> float:
+    """Return w(q), the bound on the distance of the car from its place on a tail [m]."""
+    return tail.w[0] + q * (tail.w[1] + q * tail.w[2])
 
 
 @wp.func
 def roll_on(tail: Tail, decay: float) -> Tail:
     """Return the rest of a tail when the share `decay` = exp(-c t) of its length is left."""
     gone = 1.0 - decay
-    begin = place_on(tail, gone)
-    w0 = tail.w0 + gone * (tail.w1 + gone * tail.w2)
-    w1 = (tail.w1 + 2.0 * gone * tail.w2) * decay
-    w2 = tail.w2 * decay * decay
-    return Tail(begin[0], begin[1], begin[2], tail.length * decay, tail.curvature, tail.steering, w0, w1, w2)
+    slope = (tail.w[1] + 2.0 * gone * tail.w[2]) * decay
+    w = wp.vec3(error_on(tail, gone), slope, tail.w[2] * decay * decay)
+    return Tail(place_on(tail, gone), tail.length * decay, tail.curvature, tail.steering, w)
 
 
 @wp.func
@@ -89,27 +85,26 @@ def lay_out(course_out: Course, now: wp.vec2, middle: wp.vec3, tail: Tail, slack
     """
     part = 1.0 / float(PIECES)
     length = tail.length * part
-    course_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tail.w0)
-    course_out[2] = wp.vec3(tail.x, tail.y, middle[2] + tail.w0)
+    course_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tail.w[0])
+    course_out[2] = wp.vec3(tail.begin[0], tail.begin[1], middle[2] + tail.w[0])
     sagitta = wp.abs(tail.curvature) * length * length / 8.0 + slack
     half = 0.5 * length * tail.curvature
-    end = arc_end(0.0, 0.0, tail.heading, length, tail.curvature)
+    end = arc_end(wp.vec3(0.0, 0.0, tail.begin[2]), length, tail.curvature)
     turn = cos_sin(2.0 * half)
     onward = wp.vec2(end[0], end[1])
-    place = wp.vec2(tail.x, tail.y)
+    place = wp.vec2(tail.begin[0], tail.begin[1])
     for k in range(PIECES):
         place += onward
         onward = wp.vec2(turn[0] * onward[0] - turn[1] * onward[1], turn[1] * onward[0] + turn[0] * onward[1])
-        q = float(k + 1) * part
-        course_out[k + 3] = wp.vec3(place[0], place[1], sagitta + tail.w0 + q * (tail.w1 + q * tail.w2))
-    widest = wp.max(middle[2], sagitta) + tail.w0 + tail.w1 + tail.w2
-    reach = wp.length(wp.vec2(tail.x, tail.y) - now) + tail.length + widest
+        course_out[k + 3] = wp.vec3(place[0], place[1], sagitta + error_on(tail, float(k + 1) * part))
+    widest = wp.max(middle[2], sagitta) + tail.w[0] + tail.w[1] + tail.w[2]
+    reach = wp.length(wp.vec2(tail.begin[0], tail.begin[1]) - now) + tail.length + widest
     course_out[0] = wp.vec3(now[0], now[1], reach)
 
 
 @wp.func
 def gap_at_equal_times(one: Course, other: Course, required: float, enough: float) -> float:
-    """Return `gap_between` two courses of which none can end before its time.
+    """Return `gap_between` the courses of two cars that cannot stop dead.
 
     Along each piece it is the closest approach of the chords at equal times, less the bounds on both deviations.
     """
@@ -192,7 +187,7 @@ def gap_of_blocks(
 
 @wp.func
 def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
-    """Return `gap_between` two courses of which either may end before its time.
+    """Return `gap_between` the courses of two cars of which either may stop dead.
 
     A car that `stops` can be at any earlier place of its course than at equal times: the places of piece k are compared
     with those of all pieces m >= k of the other course, with those of k >= m if the other one stops, and with all if
@@ -224,10 +219,10 @@ def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, requir
 
 @wp.func
 def gap_between(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
-    """Return a lower bound of the distance of two cars on two courses, which may stop dead, less `required` [m].
+    """Return a lower bound of the distance of two cars on two courses, less `required` [m].
 
-    If the bound is below `enough`, any value below `enough` is returned. For two courses that are too far apart to
-    meet, their reaches suffice.
+    A car that `stops` may stop dead. If the bound is below `enough`, any value below `enough` is returned. For two
+    courses that are too far apart to meet, their reaches suffice.
     """
     apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])) - one[0][2] - other[0][2] - required
     if apart >= 0.0:
