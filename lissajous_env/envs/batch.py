@@ -126,6 +126,7 @@ class Batch(Stateful):
             self.robot_policy = policy
         self._draws: Draws | None = None
         self._views: dict[tuple[int, str, str], Rows] = {}
+        self._statuses: list[np.ndarray] = []
         self._seeds = np.full(self.num_worlds, _FROM_SYSTEM, dtype=np.int64)
         self.seed(seed)
 
@@ -202,8 +203,8 @@ class Batch(Stateful):
             if of_group.all():
                 scenario, seed = self._draws.next(group)
                 self._check(scenario)
-                self.simulations[group], self._views = self._simulation(scenario, seed), {}
-                self._joined = None
+                self.simulations[group] = self._simulation(scenario, seed)
+                self._views, self._statuses, self._joined = {}, [], None
             elif of_group.any():
                 simulation.reset(of_group)
 
@@ -242,7 +243,7 @@ class Batch(Stateful):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without views and launches, which a copy makes for its own memory."""
-        return self.__dict__ | {"_views": {}, "_joined": None}
+        return self.__dict__ | {"_views": {}, "_statuses": [], "_joined": None}
 
     def views(self, group: int, side: Side, library: Any = np) -> Rows:
         """Return the rows of a side of a group, without padding; they are views, except NumPy arrays on a GPU."""
@@ -282,7 +283,10 @@ class Batch(Stateful):
         return self._status() == ENDED
 
     def _status(self) -> np.ndarray:
-        return np.concatenate([simulation.clock.status.numpy() for simulation in self.simulations])
+        """Return the status (W,) of the worlds on the host; on a CPU, from views of the simulations' memory."""
+        if not (self._statuses and self.simulation.device.is_cpu):
+            self._statuses = [simulation.clock.status.numpy() for simulation in self.simulations]
+        return np.concatenate(self._statuses)
 
     def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
         """Return the score rows, so far, of the worlds of a mask (W,)."""

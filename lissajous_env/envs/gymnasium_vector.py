@@ -121,17 +121,17 @@ class LissajousVectorEnv(Timed, VectorEnv):
         """
         if not self._begun.all():
             raise ResetNeeded(f"{NEEDS_RESET}, for every world")
-        begins, acted = self.batch.over & (self.autoreset_mode is AutoresetMode.NEXT_STEP), self.batch.live(self._side)
+        acted, was_over = self.batch.live(self._side), self.batch.over
         # An action that is not finite is replaced by zero, and reported in the infos.
         self.batch.step({"robot": self._side.read_actions(actions, self.action_space.shape, finite=False)})  # pyright: ignore
-        if begins.any():
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and was_over.any():
             # A world that ended did not move in the step above; it returns its first observation.
-            self.batch.reset(begins)
+            self.batch.reset(was_over)
         rows, ended = self.batch.rows(self._side), self.batch.over
         terminated, truncated = self._flags(rows, acted, ended)
         robot_reward = rows.reward.copy()
         reward = robot_reward.reshape(-1) if self._agents_as_rows else robot_reward.mean(axis=1)
-        just_ended = self.batch.just_ended
+        just_ended = ended & ~was_over
         infos = self._infos(robot_reward, just_ended)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             self._reset_ended(just_ended, terminated | truncated, infos)
