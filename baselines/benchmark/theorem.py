@@ -44,7 +44,7 @@ def _theorem_of(cell: Cell, seeds: Sequence[int], device: Any) -> str:
     """Return whether the theorem applies to a policy, in words; "" for a policy without the filter."""
     scenario, parameters = cell.scenario, ProvedParameters().of(cell.scenario)
     if registry.split_suffix(cell.policy)[1] != Proved.suffix:
-        if registry.is_included(cell.policy):
+        if registry.is_included(cell.policy) and registry.is_classical(cell.policy):
             return ""
         try:
             policy = cell.factory(scenario, 1, device)

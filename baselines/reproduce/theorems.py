@@ -43,7 +43,7 @@ def theorem1(player: Player) -> Part:
 
 def theorem2(player: Player) -> Part:
     """Test Theorem 2: stable equilibria with one robot at each place."""
-    # Computed from the eigenvalues of the Jacobian, and not by the rule of Theorem 1.
+    # By the eigenvalues of (1) at equilibrium (2), and not by the rule of Theorem 1.
     exists = {
         n: any(closed_forms.equilibrium_eigenvalues(n, p)[1:].max() < -1e-9 for p in range(n) if math.gcd(n, p) == 1)
         for n in range(3, 41)

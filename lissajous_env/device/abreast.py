@@ -189,11 +189,6 @@ def put_doubles(block: Block, mask: int, given: Doubles, values: wp.array2d(dtyp
     """Set the values (W, N) of the block's robots that have a bit."""
 
 
-@wp.func_native(_store("int32", ("found >> k & 1",), "1"))
-def put_bits(block: Block, mask: int, found: int, values: wp.array2d(dtype=wp.int32)):
-    """Set the values (W, N) of the block's robots that have a bit in `mask` to their bits in `found`."""
-
-
 @wp.func_native(_store("float32", ("given[k]",), "values.shape[2]", "entry"))
 def put_entries(block: Block, mask: int, given: Floats, entry: int, values: wp.array3d(dtype=wp.float32)):
     """Set one entry of the rows (W, N, entries) of the block's robots that have a bit."""

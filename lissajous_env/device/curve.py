@@ -50,6 +50,13 @@ def curve_struct(curve: Curve, device: Any) -> Any:
     return filled
 
 
+@wp.func
+def into_rectangle(place: wp.vec2, curve: CurveStruct) -> wp.vec2:
+    """Return the nearest place in the rectangle [m]."""
+    x = wp.clamp(place[0], -curve.half_width, curve.half_width)
+    return wp.vec2(x, wp.clamp(place[1], -curve.half_height, curve.half_height))
+
+
 TWO_PI = wp.constant(6.283185307179586)
 _PER_TURN = wp.constant(0.15915494309189535)
 _TURN = wp.constant(wp.float64(6.283185307179586))

@@ -65,7 +65,7 @@ class Panel:
             if not self.scenario.targets.leave:
                 in_sight = np.count_nonzero(snapshot.in_sight(self.scenario.sight))
                 return [*entries, f"in sight {in_sight:,} of {appeared:,}"]
-            entries.append(f"detected {np.count_nonzero(snapshot.found):,} of {appeared:,}")
+            entries.append(f"detected {np.count_nonzero(snapshot.detected):,} of {appeared:,}")
             mean = snapshot.mean_detection_time(task.step)
             entries.append("mean detection time " + ("none" if math.isnan(mean) else f"{mean:.{decimals + 1}f} s"))
         return entries

@@ -87,7 +87,7 @@ def cover(w, lane, lanes, curve, sensing, clock, robots, cells, latest, tally):
     fresh_each = wp.int64(0)
     for i in range(robots.sensor.shape[1]):
         place = robots.sensor[w, i]
-        if place[0] < 0.5 * NOWHERE:
+        if place[0] < NOWHERE:
             fresh_each += wp.int64(
                 visit_disc(w, i, place, lane, lanes, curve, radius, columns, CENTRE, cells.coming, cells.sensed_by)
             )

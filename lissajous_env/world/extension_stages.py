@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import into_rectangle
 from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, TARGET, WORLD, stage
 from lissajous_env.device.warp_abi import fields_of
@@ -30,7 +31,7 @@ from lissajous_env.world.columns import NAMES
 from lissajous_env.world.observation import layout
 from lissajous_env.world.state import DETECTED, HIDDEN, PRESENT
 from lissajous_env.world.tally import TERMS
-from lissajous_env.world.targets.motion import CUSTOM, into_rectangle
+from lissajous_env.world.targets.motion import CUSTOM
 
 
 class _Fixed:

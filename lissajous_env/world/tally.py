@@ -129,11 +129,10 @@ def tally_spacing(w, neighbours, robots, tally):
 @part
 def any_failed(w, robots) -> bool:
     """Return whether some robot has failed and not resumed; removed robots do not count."""
-    failed = int(0)
+    failed = bool(False)
     for i in range(robots.status.shape[1]):
-        if robots.status[w, i] == FAILED:
-            failed += 1
-    return failed > 0
+        failed = failed or robots.status[w, i] == FAILED
+    return failed
 
 
 @part

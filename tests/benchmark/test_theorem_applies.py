@@ -63,8 +63,9 @@ def test_policies_with_the_filter_are_found_by_name_and_by_kind():
     for name in ("sweep", "sweep-safe", "kuramoto-mpcc", "random"):
         assert said(evaders, name) == []
     assert said(evaders, "mine", lambda s, w, d: baselines.make("sweep-safe", s, w, d)) == []
-    (words,) = said(evaders, "mine", lambda s, w, d: baselines.make("laps-proved", s, w, d))
-    assert "applies from the start of 8 episodes" in words
+    for name, factory in (("mine", lambda s, w, d: baselines.make("laps-proved", s, w, d)), ("portfolio", None)):
+        (words,) = said(evaders, name, factory)
+        assert "applies from the start of 8 episodes" in words
 
 
 def printed(capsys, *words):

@@ -48,21 +48,22 @@ _ROUNDING = wp.constant(1e-6)
 class Reach:
     """`lissajous_env.parameters.spreading.Reaches` for kernels."""
 
-    period: int
-    """Steps in a tick."""
     moved: float
     """Largest displacement of a target in a step [m]."""
     lags: wp.array(dtype=wp.int32)
     widths: wp.array2d(dtype=wp.int32)
-    """(lags, rows up or down), -1 beyond the last of a lag."""
+    """(lags, rows up or down)."""
+    rows: wp.array(dtype=wp.int32)
+    """Largest number of rows up or down, for each lag."""
 
 
 def as_reach(reaches: Reaches, device: Any) -> Reach:
     """Copy reaches to a device."""
     reach = Reach()
-    reach.period, reach.moved = reaches.period, reaches.moved
+    reach.moved = reaches.moved
     reach.lags = wp.array(reaches.lags, dtype=wp.int32, device=device)
-    widths = np.full((len(reaches.lags), max(map(len, reaches.widths), default=0)), -1, dtype=np.int32)
+    reach.rows = wp.array([len(row) - 1 for row in reaches.widths], dtype=wp.int32, device=device)
+    widths = np.zeros((len(reaches.lags), max(map(len, reaches.widths), default=0)), dtype=np.int32)
     for row, values in zip(widths, reaches.widths, strict=True):
         row[: len(values)] = values
     reach.widths = wp.array(widths, dtype=wp.int32, device=device, ndim=2)
@@ -84,12 +85,11 @@ def is_near_entry(row, column, rows_away: int, columns_away: int, rows: int, col
 def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough: int, reach, contamination) -> int:
     """Return the smallest label among the cells that a lag reaches, or any label of at most `enough`."""
     least = int(NONE)
-    lengths = reach.widths.shape[1]
-    for k in range(2 * lengths - 1):  # this row, one below, one above, two below ...
+    for k in range(2 * reach.rows[lag] + 1):  # this row, one below, one above, two below ...
         rows_away = (k + 1) / 2
         width = reach.widths[lag, rows_away]
         other = wp.where(k % 2 == 1, row - rows_away, row + rows_away)
-        if width >= 0 and other >= 0 and other < rows:
+        if other >= 0 and other < rows:
             for near in range(wp.max(column - width, 0), wp.min(column + width, columns - 1) + 1):
                 least = wp.min(least, contamination.labels[w, slot, other + MARGIN, near + MARGIN])
             if least <= enough:
@@ -98,26 +98,17 @@ def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough:
 
 
 @part
-def rows_reached(lag: int, reach) -> int:
-    """Return how many rows up or down a lag reaches."""
-    count = int(1)
-    while count < reach.widths.shape[1] and reach.widths[lag, wp.min(count, reach.widths.shape[1] - 1)] >= 0:
-        count += 1
-    return count - 1
-
-
-@part
-def bound_of_cell(w, tick: int, row, column, rows: int, columns: int, ring: int, target, reach, contamination) -> int:
+def bound_of_cell(w, tick: int, row, column, rows: int, target, hops, reach, contamination) -> int:
     """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
     for k in range(reach.lags.shape[0]):
         lag = reach.lags[k]
         since = int(NONE)  # of targets that were introduced in the meantime
-        if is_near_entry(row, column, rows_reached(k, reach), reach.widths[k, 0], rows, columns, target):
-            since = wp.max((tick - lag + 1) * reach.period - 1, 0) * 256
+        if is_near_entry(row, column, reach.rows[k], reach.widths[k, 0], rows, hops.columns, target):
+            since = wp.max((tick - lag + 1) * hops.period - 1, 0) * 256
         if label < NONE and since > label:
-            slot = (tick - lag + ring) % ring
-            least = least_label(w, slot, row, column, rows, columns, k, label, reach, contamination)
+            slot = (tick - lag + hops.history_length) % hops.history_length
+            least = least_label(w, slot, row, column, rows, hops.columns, k, label, reach, contamination)
             label = wp.max(label, wp.min(least, since))
     return label
 
@@ -130,7 +121,7 @@ def clear_covered(w, slot, row, rows: int, grown: float, curve, hops, robots, co
     bottom = float(row) * height - curve.half_height
     for i in range(robots.sensor.shape[1]):
         place = robots.sensor[w, i]
-        if place[0] < 0.5 * NOWHERE:
+        if place[0] < NOWHERE:
             size = curve.half_width + curve.half_height + hops.radius + wp.abs(place[0]) + wp.abs(place[1])
             radius = hops.radius - grown - _ROUNDING * size
             far = wp.max(wp.abs(bottom - place[1]), wp.abs(bottom + height - place[1]))
@@ -160,15 +151,13 @@ def reset_bounds(w, row, target, hops, clock, contamination):
 def bound_labels(w, row, curve, target, hops, reach, clock, robots, contamination):
     """Bound the label of each cell, and clear the cells that a disc covers entirely."""
     now = clock.step[w]
-    tick = now / reach.period
-    since = now - tick * reach.period
+    tick = now / hops.period
+    since = now % hops.period
     slot = tick % hops.history_length
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
         if now > 0 and since == 0:
-            label = bound_of_cell(
-                w, tick, row, column, rows, hops.columns, hops.history_length, target, reach, contamination
-            )
+            label = bound_of_cell(w, tick, row, column, rows, target, hops, reach, contamination)
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
         elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]

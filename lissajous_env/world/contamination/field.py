@@ -19,7 +19,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
-from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, slot_of
+from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, latest_slot
 from lissajous_env.world.state import NEVER, NOWHERE, planar
 from lissajous_env.world.tally import FAULT_MARGIN, any_failed
 from lissajous_env.world.targets.motion import BOUNDARY
@@ -47,11 +47,7 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
     """Clear the cells that were sensed in the previous tick, then mark those that are sensed in this one."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
-    slot = slot_of(clock.step[w], tick, hops)
-    # The slot of the latest labels: of the tick before or, in a step within a tick, of this one.
-    latest = (slot - 1 + hops.history_length) % hops.history_length
-    if hops.period > 1 and clock.step[w] % hops.period != 0:
-        latest = slot
+    latest = latest_slot(clock.step[w], tick, hops)
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         clear_sensed(w, row, latest, contamination.sensed, contamination.swept, contamination.labelled)
@@ -59,7 +55,7 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
     per_metre_y = points_per_metre(rows, hops.inset, curve.half_height)
     cell = 1.0 / wp.max(per_metre_x, per_metre_y)
     for i in range(robots.sensor.shape[1]):
-        if robots.sensor[w, i][0] < 0.5 * NOWHERE:
+        if robots.sensor[w, i][0] < NOWHERE:
             end = robots.sensor[w, i]
             start = planar(robots.path[w, i, 0])
             if hops.ticks > 1:

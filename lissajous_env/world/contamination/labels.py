@@ -56,17 +56,24 @@ def label_row_length(columns: int) -> int:
 
 
 @wp.func
-def slot_of(step: int, tick: int, hops: Hops) -> int:
-    """Return the slot of a tick's labels among those that are stored."""
-    return (ticks_passed(step, tick, hops) + hops.history_length) % hops.history_length
-
-
-@wp.func
 def ticks_passed(step: int, tick: int, hops: Hops) -> int:
     """Return the number of ticks from the reset to `tick`, counted from 0 within a step."""
     if hops.ticks > 1:
         return (step - 1) * hops.ticks + tick + 1
     return step / hops.period
+
+
+@wp.func
+def ends_tick(step: int, hops: Hops) -> bool:
+    """Return whether targets hop in a step; in a step within a tick they stay."""
+    return step > 0 and step % hops.period == 0
+
+
+@wp.func
+def latest_slot(step: int, tick: int, hops: Hops) -> int:
+    """Return the slot of the labels of targets that stay: that of the tick before or, within a tick, of this one."""
+    passed = ticks_passed(step, tick, hops) - wp.where(ends_tick(step, hops), 1, 0)
+    return (passed + hops.history_length) % hops.history_length
 
 
 @wp.struct
@@ -77,7 +84,7 @@ class TickContext:
     slot: int
     """Slot of this tick's labels."""
     latest: int
-    """Slot of the labels of targets that stay: that of the tick before or, in a step within a tick, of this one."""
+    """Slot of the labels of targets that stay."""
     label_mask: int
     """Mask of the bits of a label that remain: after a tick, the share of a tick is cleared."""
     targets_hop: bool
@@ -101,13 +108,9 @@ def context_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> 
     now.step = step
     passed = ticks_passed(step, tick, hops)
     now.slot = passed % hops.history_length
-    now.latest = now.slot
-    now.label_mask = -1
-    moves = step % hops.period == 0 and step > 0
-    if moves:
-        now.latest = (passed - 1 + hops.history_length) % hops.history_length
-        now.label_mask = ~_FRACTIONS
-    now.targets_hop = moves and hops.delays.shape[0] > 0
+    now.latest = latest_slot(step, tick, hops)
+    now.label_mask = wp.where(ends_tick(step, hops), ~_FRACTIONS, -1)
+    now.targets_hop = ends_tick(step, hops) and hops.delays.shape[0] > 0
     now.entry = wp.where(arrives and step > 0, step * 256 + _FRACTIONS, NONE)
     now.oldest = oldest
     for k in range(hops.delays.shape[0]):
@@ -202,12 +205,6 @@ _LABEL_CELLS = f"""
     for (int first = 0; first < 32; first += lanes, here += lanes) {{
         if (!(todo >> first & all))
             continue;
-#if !defined(__CUDA_ARCH__)
-        // The labels of many worlds do not fit into a cache: those of the next rows are fetched in advance.
-        for (int tick = 0; tick < ring; ++tick)
-            for (int further = 0; further <= lanes; further += lanes)
-                __builtin_prefetch(here + tick * slot_stride + {int(MARGIN)} * row_stride + further);
-#endif
         int label[lanes], hopped[lanes];
         for (int l = 0; l < lanes; ++l) {{
             const int before = here[now.latest * slot_stride + l] & now.label_mask;

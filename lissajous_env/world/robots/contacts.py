@@ -10,7 +10,7 @@ import warp as wp
 from lissajous_env.device import abreast
 from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import wrap
+from lissajous_env.device.curve import into_rectangle, wrap
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
@@ -37,12 +37,11 @@ def closest_approach(before: Any, after: Any) -> float:
 
 
 @part
-def compare_pair(w, i, j, now, contact: float, relevant: float, places, robots, latest, tally) -> float:
+def compare_pair(w, i, j, now, contact: float, places, robots, latest, tally) -> float:
     """Count or end a collision of two robots; return their least squared distance in the step [m^2].
 
-    They collide below the distance `contact` [m]. Sub-steps in which they are farther apart than `relevant` [m] are
-    skipped; the result is 1e30 if all are. Robots of the same `places` overlap by design and are not compared, see
-    `Scenario.places`. A pair that is compared more than once in a step is counted once.
+    They collide below the distance `contact` [m]. Robots of the same `places` overlap by design and are not compared,
+    see `Scenario.places`. A pair that is compared more than once in a step is counted once.
     """
     least = float(1.0e30)
     if places[i] == places[j]:
@@ -50,12 +49,7 @@ def compare_pair(w, i, j, now, contact: float, relevant: float, places, robots, 
     before = robots.path[w, i, 0] - robots.path[w, j, 0]
     for s in range(1, robots.path.shape[2]):
         after = robots.path[w, i, s] - robots.path[w, j, s]
-        moved = after - before
-        # Robots that come as close as `relevant` are at most relevant + |moved| apart at the ends, and (a + b)^2 is at
-        # most 2 (a^2 + b^2).
-        ends = wp.min(wp.dot(before, before), wp.dot(after, after))
-        if ends < 2.0 * (relevant * relevant + wp.dot(moved, moved)):
-            least = wp.min(least, closest_approach(before, after))
+        least = wp.min(least, closest_approach(before, after))
         before = after
     if least < contact * contact:
         contact_at = tally.contact[w, i, j]
@@ -98,7 +92,7 @@ def compare_with_others(
                 while entry[0] >= 0:
                     j = entry[0]
                     if j > i:
-                        least = compare_pair(w, i, j, now, contact, relevant, places, robots, latest, tally)
+                        least = compare_pair(w, i, j, now, contact, places, robots, latest, tally)
                         nearest = wp.min(nearest, least)
                     entry = bins.entry[w, entry[1]]
     else:
@@ -110,7 +104,7 @@ def compare_with_others(
                 if wp.length_sq(away) > apart * apart:
                     part_pair(w, i, j, tally)
                 else:
-                    least = compare_pair(w, i, j, now, contact, relevant, places, robots, latest, tally)
+                    least = compare_pair(w, i, j, now, contact, places, robots, latest, tally)
                     nearest = wp.min(nearest, least)
     return nearest
 
@@ -222,34 +216,19 @@ _EDGE = wp.constant(1e-3)
 
 
 @stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
-def mark_outside(block, curve, robot, task, clock, robots, latest):
+def mark_outside(w, i, curve, robot, task, clock, robots, latest):
     """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
-    n = robots.status.shape[1]
-    x = abreast.coordinates(block, robots.position, 0)
-    y = abreast.coordinates(block, robots.position, 1)
-    excess = Floats()  # of a centre beyond the nearest edge, negative inside
-    square = Floats()  # of the distance of a centre from the rectangle
-    for k in range(abreast.ABREAST):
-        if k < abreast.width():
-            beyond_x = wp.abs(x[k]) - curve.half_width
-            beyond_y = wp.abs(y[k]) - curve.half_height
-            excess[k] = wp.max(beyond_x, beyond_y)
-            beyond_x = wp.max(beyond_x, 0.0)
-            beyond_y = wp.max(beyond_y, 0.0)
-            square[k] = beyond_x * beyond_x + beyond_y * beyond_y
-    there = ~abreast.where_equal(block, robots.status, REMOVED)
-    outside = abreast.where_above(block, square, robot.radius * robot.radius) & there
-    partly = abreast.where_above(block, excess, -(1.0 - _EDGE) * robot.radius) & there
-    abreast.put_bits(block, block.active_mask, partly, latest.partly_outside)
-    abreast.put_bits(block, block.active_mask, outside, latest.outside)
-    if task.boundary == _REMOVE_OUTSIDE:
-        for k in range(block.count):
-            if abreast.is_in(k, outside & block.active_mask):
-                w = (block.start + k) / n
-                i = (block.start + k) % n
-                robots.status[w, i] = REMOVED
-                robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
-                latest.terminated[w, i] = True
+    place = planar(robots.position[w, i])
+    inside = distance_inside(curve.half_width, curve.half_height, place[0], place[1])
+    beyond = place - into_rectangle(place, curve)
+    is_there = robots.status[w, i] != REMOVED
+    is_outside = is_there and wp.dot(beyond, beyond) > robot.radius * robot.radius
+    latest.partly_outside[w, i] = wp.where(is_there and inside < (1.0 - _EDGE) * robot.radius, 1, 0)
+    latest.outside[w, i] = wp.where(is_outside, 1, 0)
+    if is_outside and task.boundary == _REMOVE_OUTSIDE:
+        robots.status[w, i] = REMOVED
+        robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+        latest.terminated[w, i] = True
 
 
 @part

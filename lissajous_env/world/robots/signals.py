@@ -56,23 +56,19 @@ def limit_actions(block, noise, action, clock, latest, limited_action, command_o
     followed = abreast.where_world(block, n, clock.step, 2)
     squares = Floats()
     change = Floats()
-    for entry in range(size):
-        command = abreast.entries(block, action, entry)
+    for entry in range(action.shape[2]):
+        limited = abreast.entries(block, action, entry)
         before = abreast.entries(block, limited_action, entry)
+        counts = wp.where(entry < size, 1.0, 0.0)
         for k in range(abreast.ABREAST):
             if k < abreast.width():
-                command[k] = wp.where(invalid[k] == 0.0, wp.clamp(command[k], -1.0, 1.0), 0.0)
-                difference = command[k] - before[k]
-                squares[k] += command[k] * command[k]
-                change[k] += difference * difference
-        abreast.put_entries(block, block.active_mask, command, entry, limited_action)
-        abreast.put_entries(block, block.active_mask, command, entry, command_out)
-    for entry in range(size, action.shape[2]):
-        message = abreast.entries(block, action, entry)
-        for k in range(abreast.ABREAST):
-            if k < abreast.width():
-                message[k] = wp.where(invalid[k] == 0.0, wp.clamp(message[k], -1.0, 1.0), 0.0)
-        abreast.put_entries(block, block.active_mask, message, entry, limited_action)
+                limited[k] = wp.where(invalid[k] == 0.0, wp.clamp(limited[k], -1.0, 1.0), 0.0)
+                difference = limited[k] - before[k]
+                squares[k] += counts * limited[k] * limited[k]
+                change[k] += counts * difference * difference
+        abreast.put_entries(block, block.active_mask, limited, entry, limited_action)
+        if entry < size:
+            abreast.put_entries(block, block.active_mask, limited, entry, command_out)
     for k in range(abreast.ABREAST):
         if k < abreast.width():
             squares[k] = squares[k] / float(size)

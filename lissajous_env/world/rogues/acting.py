@@ -11,6 +11,7 @@ positions and velocities are true ones: a rogue has no noise.
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import into_rectangle
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.trig import atan2
 from lissajous_env.parameters import named
@@ -19,7 +20,6 @@ from lissajous_env.world.observation import Layout, layout_of
 from lissajous_env.world.observing import FARTHEST, clip_coordinate, comes_before, velocity_of
 from lissajous_env.world.robots.signals import LARGEST, flag_invalid
 from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, IDLE, PRESENT, REMOVED, RUNNING, WORKING, planar
-from lissajous_env.world.targets.motion import into_rectangle
 
 wp.set_module_options(OPTIONS)
 

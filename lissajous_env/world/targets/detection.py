@@ -16,7 +16,7 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.robots.nearby import Bins, bin_of, max_displacement, nearest_listed, nearest_sensors
+from lissajous_env.world.robots.nearby import Bins, bin_of, max_displacement, nearest_sensors
 from lissajous_env.world.state import DETECTED, GONE, HIDDEN, NOWHERE, PRESENT, planar
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
@@ -232,31 +232,6 @@ def detect(w, t, now, nearest: wp.vec2, first: wp.vec2, radius: float, targets, 
 
 
 @part
-def nearest_at_end(
-    w, count: int, x: Floats, y: Floats, square: Floats, near: Floats, margin: float, robots, bins
-) -> tuple[Ints, Floats]:
-    """Return the result of `nearest_sensors` for `count` targets at x, y [m] after they moved.
-
-    `square` are the squared distances before they moved [m^2]. They remain the result for a target that was not within
-    `near` + `margin` [m] of any sensor, because it cannot have come into sight.
-    """
-    nearest = Ints()
-    least = square
-    comes_near = bool(False)
-    for k in range(count):
-        reach = near[k] + margin
-        if square[k] < reach * reach:
-            comes_near = True
-            if bins.columns > 0:
-                listed = nearest_listed(w, wp.vec2(x[k], y[k]), robots, bins)
-                nearest[k] = int(listed[0])
-                least[k] = listed[1]
-    if comes_near and bins.columns == 0:
-        nearest, least = nearest_sensors(w, count, x, y, robots, bins)
-    return nearest, least
-
-
-@part
 def detect_together(
     w,
     now,
@@ -280,7 +255,6 @@ def detect_together(
     """
     radius = sensing.radius
     sight = sensing.sight
-    margin = sight - radius
     before_x = group.before_x
     before_y = group.before_y
     near = Floats()  # distance from its old position at which a sensor may detect a target without moving
@@ -289,7 +263,14 @@ def detect_together(
             dx = x[k] - before_x[k]
             dy = y[k] - before_y[k]
             near[k] = radius + wp.sqrt(dx * dx + dy * dy)
-    nearest, least = nearest_at_end(w, group.count, x, y, square, near, margin, robots, bins)
+    nearest = Ints()
+    least = square
+    comes_into_sight = bool(False)
+    for k in range(group.count):
+        reach = near[k] + sight - radius
+        comes_into_sight = comes_into_sight or square[k] < reach * reach
+    if comes_into_sight:  # else the distances from the old positions serve as well
+        nearest, least = nearest_sensors(w, group.count, x, y, robots, bins)
     waiting = int(0)
     sighted = int(0)
     status = group.status

@@ -4,7 +4,7 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import wrap
+from lissajous_env.device.curve import into_rectangle, wrap
 from lissajous_env.device.stage import TARGET, WORLD, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import atan2, cos_sin
@@ -28,13 +28,6 @@ _CLOSEST = wp.constant(0.05)
 """Distance below which the repulsion of robots and walls does not increase further [flee_radius]."""
 _WALL = wp.constant(0.5)
 """Weight of a wall relative to that of a robot at the same distance."""
-
-
-@part
-def into_rectangle(place: wp.vec2, curve) -> wp.vec2:
-    """Return the nearest place in the rectangle [m]."""
-    x = wp.clamp(place[0], -curve.half_width, curve.half_width)
-    return wp.vec2(x, wp.clamp(place[1], -curve.half_height, curve.half_height))
 
 
 @part
