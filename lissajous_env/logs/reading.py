@@ -99,14 +99,14 @@ class _Reading:
     def _times(self, topic: str, samples: Samples) -> np.ndarray:
         """Return the times of messages: of their stamps if they have any on the clock of the poses."""
         if np.isfinite(samples.stamp).all():
-            lead = self._clock.lead_of(samples.bag, samples.logged, samples.stamp)
+            lead = self._clock.lead_of(samples, samples.stamp)
             if lead == 0:
                 return samples.stamp
             if samples.stamp.any():
                 words = f"differ by {abs(lead):.3g} s from the clock of the poses"
                 words = "are all the same" if math.isnan(lead) else words
                 self._notes.append(f"the stamps of {topic} {words}; the recorder's times are used for them")
-        return self._clock.times(samples.bag, samples.logged)
+        return self._clock.times(samples)
 
     def _episode(self, tracks: Sequence[Track]) -> tuple[dict[str, Any] | None, float | None]:
         """Return what a simulation wrote about its episode, and the time of its first pose [s]; None if unknown."""
@@ -122,8 +122,8 @@ class _Reading:
             self._notes.append(f"{len(texts)} episodes begin in {self._name}: the last of them counts")
         last = texts.take(slice(-1, None))
         episode = _checked_episode(str(last.values[0, 0]), self._name)
-        time = float(self._clock.times(last.bag, last.logged)[0])
-        if "begin" in episode and self._clock.lead_of(last.bag, last.logged, np.array([episode["begin"]])) == 0:
+        time = float(self._clock.times(last)[0])
+        if "begin" in episode and self._clock.lead_of(last, np.array([episode["begin"]])) == 0:
             time = float(episode["begin"])
         stamps = np.concatenate([track.time for track in tracks])
         return episode, float(stamps[np.argmin(np.abs(stamps - time))])
