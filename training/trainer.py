@@ -160,8 +160,8 @@ class Training:
                 self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
                 action = mean[0] + deviation * self._noise
                 likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
-            critic_rows = self._critic_rows()
-            values.append(self._value(rows[0], critic_rows))
+            critic_rows, value = self._valued()
+            values.append(value)
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
             transitions.append((rows, critic_rows, action, likelihood, torch.from_numpy(step.acted), begins))
@@ -172,7 +172,7 @@ class Training:
                 self._truth = worlds.truth()
             self._rows = worlds.rows()
             self.numbers["steps"] += float(step.acted.sum())
-        values.append(self._value(torch.from_numpy(self._rows[0]), self._critic_rows()))
+        values.append(self._valued()[1])
         advantages = self._advantages(steps, np.stack(values))
         of_actor, of_critic, *others = zip(*transitions, strict=True)
         rows, truth = ([torch.stack(part) for part in zip(*inputs, strict=True)] for inputs in (of_actor, of_critic))
@@ -202,16 +202,13 @@ class Training:
         numbers["counted"] += 1
         return reward
 
-    def _critic_rows(self) -> list[Tensor]:
-        """Return what the critic reads besides the robot's own numbers: tokens (B, K, F) and presence (B, K)."""
+    def _valued(self) -> tuple[list[Tensor], np.ndarray]:
+        """Return what the critic reads besides the robots' own numbers, tokens and presence, and its values (B,)."""
         parts = self._truth[:2] if self.settings.critic == "central" else self._rows[1:]
-        return [torch.from_numpy(part) for part in parts]
-
-    def _value(self, own: Tensor, critic_rows: Sequence[Tensor]) -> np.ndarray:
-        """Return the critic's values (B,) for the robots' own numbers (B, A) and `_critic_rows`."""
+        own, *critic_rows = [torch.from_numpy(part) for part in (self._rows[0], *parts)]
         with torch.no_grad():
             rows, none = [part[None] for part in (own, *critic_rows)], torch.zeros(len(own), 0)
-            return self.critic(rows, none, torch.zeros(1, len(own)))[0][0, :, 0].numpy()
+            return critic_rows, self.critic(rows, none, torch.zeros(1, len(own)))[0][0, :, 0].numpy()
 
     def _advantages(self, steps: Sequence[tuple[np.ndarray, StepResult]], values: np.ndarray) -> Tensor:
         """Return generalized advantages (T, B), for rewards divided by the standard deviation of the returns."""

@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -60,11 +59,9 @@ def as_csv(rows: Iterable[dict[str, Any]]) -> str:
     """Return score rows as CSV: `lissajous_env.world.columns.NAMES`, then columns of scenarios; NaN is empty."""
     rows, text = list(rows), io.StringIO()
     columns = dict.fromkeys((*NAMES, *(name for row in rows for name in row)))
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        values = [row.get(name, math.nan) for name in columns]
-        writer.writerow(["" if value != value else value for value in values])
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: "" if value != value else value for name, value in row.items()} for row in rows)
     return text.getvalue()
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from baselines.onboard.row import Row
-from baselines.onboard.signals import Actuation, Command, Message, Odometry, Twist, detection_rows
+from baselines.onboard.signals import Command, Message, Odometry, Twist, conversion_to_commands, detection_rows
 from baselines.policies import factories
 from baselines.policies.base import Policy
 from baselines.policies.safety.proved import Proved
@@ -121,7 +121,8 @@ class Onboard:
         self._policy = _made(policy, self.scenario, self.robot)
         self.listens = getattr(self._policy, "communicates", "nothing") != "nothing"
         self._row = Row(self.scenario, self.robot)
-        self._actuation = Actuation(self.scenario)
+        self._command_of = conversion_to_commands(self.scenario)
+        self._rest = self._command_of(self.scenario.model.rest_action(self.scenario.robot))
         self._rows = wp.zeros((1, n, len(self._row.values)), dtype=wp.float32, device="cpu")
         self._rows_host = self._rows.numpy()
         self._size = self.scenario.messages.size
@@ -134,12 +135,12 @@ class Onboard:
         self._now, self._latched = math.nan, ""
         self._action = np.zeros(self.scenario.action_size, dtype=np.float32)
         self._numbers = (0.0,) * self._size
-        self._command, self._since = self._actuation.stop, math.nan
+        self._command, self._since = self._rest, math.nan
 
     def stop(self, reason: str = "the robot was requested to stop") -> None:
         """Stop the robot until `resume`; `command_at` returns the command of rest at once."""
         self._latched = self._latched or reason
-        self._command = self._actuation.stop
+        self._command = self._rest
 
     def resume(self) -> None:
         """Let the robot drive again after `stop`, after a jump of its clock, or after it left the fence.
@@ -155,7 +156,7 @@ class Onboard:
         A command is valid for `limits.watchdog` from the call of `act` that returned it.
         """
         valid = 0 <= now - self._since <= self.limits.watchdog  # False for a time that is not a number
-        return self._command if valid else self._actuation.stop
+        return self._command if valid else self._rest
 
     def announce(self, odometry: Odometry) -> Message | None:
         """Return the message of a new pose for both ring neighbours, before `act` is called with this pose.
@@ -230,7 +231,7 @@ class Onboard:
             return self._stopped(now, reasons[0])
         if self._size:
             self._numbers = tuple(np.clip(self._action[-self._size :], -1, 1).tolist())
-        self._command, self._since = self._actuation.command(self._action), now
+        self._command, self._since = self._command_of(self._action), now
         return self._output("")
 
     def _begin(self, now: float) -> None:
@@ -293,7 +294,7 @@ class Onboard:
             self._action[:] = np.asarray(self._policy.act(self._rows_host.copy()))[0, self.robot]
 
     def _stopped(self, now: float, reason: str) -> Output:
-        self._command, self._since = self._actuation.stop, now
+        self._command, self._since = self._rest, now
         return self._output(reason)
 
     def _output(self, reason: str) -> Output:

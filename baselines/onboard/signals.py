@@ -1,13 +1,13 @@
 """Signals of a robot outside the simulator: its pose, messages and detections, and the commands for its actuators."""
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 
 from lissajous_env.logs.commands import COMMAND_NAMES, conversion_of
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import require, shown
 
@@ -99,25 +99,22 @@ class Twist(NamedTuple):
     """Yaw rate, positive to the left [rad/s]."""
 
 
-class Actuation:
-    """Conversion of the actions of a scenario's robots into commands.
+def conversion_to_commands(scenario: Scenario) -> Callable[[Any], Command | Twist]:
+    """Return the function that converts an action of a scenario's robots, clipped to [-1, 1], into a command.
 
     Raises:
         ValueError: the robots are neither cars nor differential drives.
     """
+    robot = scenario.robot
+    kinds = " or ".join(COMMAND_NAMES)
+    require(robot.kind in COMMAND_NAMES, "scenario", f"must be of robots of kind {kinds}", robot.kind)
+    given = wp.zeros(1, dtype=wp.vec2, device="cpu")
+    conversion, converted = conversion_of(robot, given)
+    make, own_action, own_command = Command if robot.kind == "car" else Twist, given.numpy()[0], converted.numpy()[0]
 
-    def __init__(self, scenario: Scenario):
-        robot = scenario.robot
-        kinds = " or ".join(COMMAND_NAMES)
-        require(robot.kind in COMMAND_NAMES, "scenario", f"must be of robots of kind {kinds}", robot.kind)
-        self._make = Command if robot.kind == "car" else Twist
-        action = wp.zeros(1, dtype=wp.vec2, device="cpu")
-        self._conversion, command = conversion_of(robot, action)
-        self._action, self._command = action.numpy()[0], command.numpy()[0]
-        self.stop = self.command(np.array(model_of(robot.kind).rest_action(robot), dtype=np.float32))
+    def command_of(action: Any) -> Command | Twist:
+        own_action[:] = np.clip(action[:2], -1, 1)
+        conversion.launch()
+        return make(*own_command.tolist())
 
-    def command(self, action: np.ndarray) -> Command | Twist:
-        """Return the command of an action, clipped to [-1, 1]."""
-        self._action[:] = np.clip(action[:2], -1, 1)
-        self._conversion.launch()
-        return self._make(*self._command.tolist())
+    return command_of

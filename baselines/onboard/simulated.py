@@ -7,7 +7,6 @@ import numpy as np
 
 from baselines.onboard.signals import Command, Message, Odometry, Twist
 from lissajous_env.logs.commands import actions_of_commands
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.simulation import Simulation
@@ -90,9 +89,9 @@ class Vehicle:
     """
 
     def __init__(self, scenario: Scenario, watchdog: float):
-        self._robot, self._watchdog, self._taken_at, self._steering = scenario.resolve().robot, watchdog, -math.inf, 0.0
+        self._robot, self._watchdog, self._steering = scenario.resolve().robot, watchdog, 0.0
         self._rest = np.zeros(scenario.action_size, dtype=np.float32)
-        self._rest[:2] = model_of(self._robot.kind).rest_action(self._robot)
+        self._rest[:2] = scenario.model.rest_action(self._robot)
         self.take(-math.inf, Command(0.0, 0.0))  # compiles and loads the kernel
 
     def take(self, now: float, command: Command | Twist) -> None:

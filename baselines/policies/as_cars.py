@@ -39,9 +39,9 @@ def to_twists(
 ):
     """Write the measured heading, and the speed and yaw rate that a car would reach in the step with its action."""
     w, i = wp.tid()
-    taken = steering_and_throttle(car, wp.vec2(wanted[w, i, 0], wanted[w, i, 1]))
-    curvature = wp.tan(taken[0]) / car.wheelbase
-    push = motor_acceleration(car, car.drive, taken[1])
+    control = steering_and_throttle(car, wp.vec2(wanted[w, i, 0], wanted[w, i, 1]))
+    curvature = wp.tan(control[0]) / car.wheelbase
+    push = motor_acceleration(car, car.drive, control[1])
     speed = wp.max(own_speed(w, i, top_speed, observation), 0.0)
     reached = car_step(car, wp.vec4(0.0, 0.0, 0.0, speed), curvature, push, step)
     heading_out[w, i] = own_heading(w, i, observation)

@@ -200,8 +200,7 @@ class Policy(Copyable, Remembering):
         if isinstance(observation, Mapping):
             return self._act_by_agent(observation)
         with self._on_torch_stream(observation):
-            given = self._as_warp(observation)
-            self._write_action(given)
+            self._write_action(self._as_warp(observation))
             if isinstance(observation, wp.array):
                 return self.action
             return wp.to_torch(self.action).clone() if is_torch(observation) else self.action.numpy().copy()
@@ -216,38 +215,38 @@ class Policy(Copyable, Remembering):
         for agent, row in rows.items():
             copy_in(f"observation of {agent}", row, self._observation[0, agents.index(agent)])
         actions = self.act(self._observation.numpy())[0]
-        return dict(item for item in zip(agents, actions, strict=True) if item[0] in rows)
+        return {agent: action for agent, action in zip(agents, actions, strict=True) if agent in rows}
 
     def _as_warp(self, observation: Any) -> wp.array:
         """Return the observation as a Warp array on the device; refuse numbers on the host that are not finite."""
-        given, on_host = self._observation, not isinstance(observation, wp.array) and not is_torch(observation)
+        rows, on_host = self._observation, not isinstance(observation, wp.array) and not is_torch(observation)
         if isinstance(observation, wp.array) and observation.device == self.device:
-            given = observation
+            rows = observation
             if observation.dtype is not wp.float32 or observation.shape != self.observation_shape:
                 got = f"{wp.types.type_repr(observation.dtype)} of shape {observation.shape}"
                 raise ValueError(f"observation must be float32 of shape {self.observation_shape}, got {got}")
         else:
-            copy_in("observation", observation, given)
+            copy_in("observation", observation, rows)
         if self.device.is_cpu or on_host:
-            rows = given.numpy()
-            if not np.isfinite(rows).all():
-                w, i, k = np.argwhere(~np.isfinite(rows))[0]
+            numbers = rows.numpy()
+            if not np.isfinite(numbers).all():
+                w, i, k = np.argwhere(~np.isfinite(numbers))[0]
                 at = f"{layout(self.scenario).names[k]} of robot_{i} in world {w}"
-                raise ValueError(f"observation must be finite, got {rows[w, i, k]} for {at}")
-        return given
+                raise ValueError(f"observation must be finite, got {numbers[w, i, k]} for {at}")
+        return rows
 
-    def _write_action(self, given: wp.array) -> None:
+    def _write_action(self, rows: wp.array) -> None:
         """Write `action`: convert the observation for `decide`, store its result, and apply the wall rule."""
-        observation: Any = given
+        observation: Any = rows
         if self.arrays == "numpy":
-            observation = np.array(given.numpy())
+            observation = np.array(rows.numpy())
         elif self.arrays == "torch":
-            observation = wp.to_torch(given).clone()
+            observation = wp.to_torch(rows).clone()
         decided = self.decide(observation)
         if decided is not self.action and not (decided is None and self.arrays == "warp"):
             copy_in(f"actions of {self.name}", decided, self.action)
         if self._stay_inside is not None:
-            self._stay_inside(given, self.action)
+            self._stay_inside(rows, self.action)
 
     def _on_torch_stream(self, observation: Any) -> AbstractContextManager:
         """Return a context in which Warp launches on torch's stream if torch also computes on the GPU."""

@@ -56,10 +56,10 @@ def as_factory(policy: Any, name: str = "") -> Factory:
             return registry.resolve(name)
         policy = import_attribute(name, "policy must be module:factory")
     if not isinstance(policy, type) and _acts(policy):
-        made_already = cast(ActingPolicy, policy)
+        instance = cast(ActingPolicy, policy)
         with contextlib.suppress(Exception):  # playing the policy raises the error again
-            made_already.reset()  # so that memory of earlier episodes does not change its identity
-        return _identified_by(policy, lambda *_: made_already)
+            instance.reset()  # so that memory of earlier episodes does not change its identity
+        return _identified_by(policy, lambda *_: instance)
     rule = "must be a policy or factory(scenario, num_worlds, device)"
     require(callable(policy), f"policy {name}", rule, policy)
     if inspect.isfunction(policy) and _takes_one(policy):

@@ -83,8 +83,8 @@ class _Field:
     """Earliest introduction of an undetected target in each cell (rows, columns) [control step]."""
 
     def __init__(self, half: tuple[float, float], radius: float, moved: float, field_cells: int = _MOST_CELLS):
-        finer = math.sqrt(field_cells / _MOST_CELLS)
-        side = max(radius / _CELLS_IN_RADIUS / finer, 2 * math.sqrt(half[0] * half[1] / field_cells))
+        fineness = math.sqrt(field_cells / _MOST_CELLS)
+        side = max(radius / _CELLS_IN_RADIUS / fineness, 2 * math.sqrt(half[0] * half[1] / field_cells))
         columns, rows = (max(round(2 * length / side), 1) + 1 for length in half)
         # The outermost nodes lie on the edges, so that the corners count, which discs are the last to cover.
         self.x = np.linspace(-half[0], half[0], columns)

@@ -81,7 +81,7 @@ class LineAbreast(TimedPaths):
     back. In the open the turn is outside of the rectangle, of three arcs back into their own lanes; within walls or an
     inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
     are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
-    the ideal motion. `line_transit` computes the ways from the formation into the lines, on which no two cars meet.
+    the ideal motion. `line_transit` computes the ways from the formation into the lines, on which cars stay apart.
 
     A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. Where a robot has
     stopped or been removed, the others stay in their lanes. A car that is farther from its place than a body's radius

@@ -20,6 +20,7 @@ from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.driving import slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import fastest_speed
+from baselines.policies.transit import along_arc
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
@@ -45,7 +46,7 @@ class LineParameters(Checked):
     where the curve is fastest. The speed is at most 0.98 of that top speed and what `speed_limit` allows, and a little
     less, so that a sweep lasts whole steps."""
     lines: int | None = whole(None, 1, 1024)
-    """Number of lines; None means the number with the best guarantee."""
+    """Number of lines; None means the number with the shortest worst-case undetected time."""
 
 
 class Turn(NamedTuple):
@@ -112,7 +113,7 @@ def speed_limit(spacing: float, radius: float, rogue_speed: float, step: float) 
 
 
 def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
-    """Return the number and the speed of lines that have the best guarantee once they have formed.
+    """Return the lines, of any number and speed, with the shortest worst-case undetected time once they have formed.
 
     Raises:
         UnsuitableScenarioError: no lines span the rectangle.
@@ -212,6 +213,8 @@ def turn_of(curvature_step: float) -> Turn:
 
 def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tuple[tuple[Lines, ...], str]:
     """Return `count` lines that span the rectangle, at several speeds if they turn inside, and a failed condition."""
+    if count > scenario.num_robots:
+        return (), "there are fewer cars than lines"
     if slowest_top_speed(scenario) == 0:
         return (), "the slowest car does not move"
     if scenario.task.boundary == "open" and scenario.inset == 0:
@@ -277,10 +280,7 @@ def _path(way: float, sweep: int, turn: Turn, begin: np.ndarray) -> np.ndarray:
     """Return `Lines.path` from a place on, `way` [m] a step: a sweep of some steps, a turn, the way back, a turn."""
     there = np.concatenate([np.zeros(sweep), turn.headings])
     headings = np.concatenate([[0.0], there, there - math.pi])
-    half = np.diff(headings) / 2
-    chord = way * np.sinc(half / np.pi)
-    middle = headings[:-1] + half
-    moved = np.cumsum(chord[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=-1), axis=0)
+    moved = np.cumsum(along_arc(0.0, headings[:-1], way, np.diff(headings))[0], axis=0)
     return np.column_stack([np.vstack([[0.0, 0.0], moved])[:-1] + begin, headings[:-1]])
 
 

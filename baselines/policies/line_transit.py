@@ -1,9 +1,11 @@
-"""Ways from the formation into the lines of `line-abreast`, chosen so that no two cars meet.
+"""Ways from the formation into the lines of `line-abreast`, chosen so that cars stay apart.
 
 In the open, a car's place in the lines follows from its place on the communication ring. If the formation is rotated by
 a random angle at the start, each car derives this angle from its own phase, so the angles of different cars agree only
-approximately. For each car and each of many angles, a way is therefore chosen that stays clear of the ways of the
-others for the same angle and for the nearest ones: whichever of these angles each car derives, no two meet.
+approximately. For each car and each of many angles, the way is therefore chosen that is farthest from the ways of the
+others for the same angle and for the nearest ones, whichever of these each of them derives. Many cars, or starts with
+much noise, leave ways on which some collide.
+
 A way is a shortest path of a car that turns by a given radius, an arc, a straight stretch and an arc
 (`baselines.policies.transit`), with a speed that makes it end in time, and may end with a further straight stretch.
 

@@ -48,8 +48,9 @@ def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
     """
     period = plan.loop.shape[1]
     count = math.ceil(period * reserve - 1e-9)
-    waves = np.exp(2j * np.pi * np.arange(count)[:, None] / count * np.fft.fftfreq(period, 1 / period))
-    loop = np.real(waves @ np.fft.fft(plan.loop, axis=1)) / period
+    waves = np.fft.fft(plan.loop, axis=1)
+    waves = np.insert(waves, [(period + 1) // 2] * (count - period), 0, axis=1)  # faster ones are 0
+    loop = np.real(np.fft.ifft(waves, axis=1)) * count / period
     return replace(plan, loop=loop, speed=plan.speed * period / count)
 
 

@@ -335,7 +335,7 @@ def dubins_poses(
         length, turn = (pieces[..., k, None], turns[..., k, None]) if k < 3 else (np.inf, 0.0)
         gone = np.clip(left, 0, length)
         left = left - gone
-        place, heading = _along_arc(place, heading, gone, turn * gone / radius[..., None])
+        place, heading = along_arc(place, heading, gone, turn * gone / radius[..., None])
     return np.concatenate([place, heading[..., None]], axis=-1)
 
 
@@ -355,13 +355,13 @@ def dubins_reach(start: np.ndarray, pieces: np.ndarray, turns: np.ndarray, radiu
         # An arc is farthest out at its ends, or where it is parallel to an axis.
         until = wide * _turned(turn * (np.arange(4) * np.pi / 2 - heading[..., None]))
         gone = np.concatenate([np.minimum(until, length), length], axis=-1)
-        passed, headings = _along_arc(place[..., None, :], heading[..., None], gone, turn * gone / wide)
+        passed, headings = along_arc(place[..., None, :], heading[..., None], gone, turn * gone / wide)
         reach = np.maximum(reach, np.abs(passed).max(axis=-2))
         place, heading = passed[..., -1, :], headings[..., -1]
     return reach
 
 
-def _along_arc(place: Any, heading: Any, length: Any, turned: Any) -> tuple[np.ndarray, np.ndarray]:
+def along_arc(place: Any, heading: Any, length: Any, turned: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return places (..., 2) [m] and headings [rad] after arcs of some lengths [m] that turn by some angles [rad]."""
     chord, middle = length * np.sinc(turned / (2 * np.pi)), heading + turned / 2
     return place + chord[..., None] * np.stack([np.cos(middle), np.sin(middle)], axis=-1), heading + turned

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most, near, span
-from baselines.reproduce.episodes import BARE, PlayedEpisodes, Player, phase_distance
+from baselines.reproduce.episodes import BARE, EpisodeArrays, Player, phase_distance
 from lissajous_env import scenario
 from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.parameters.scenario import Curve
@@ -43,7 +43,7 @@ def theorem1(player: Player) -> Part:
 
 def theorem2(player: Player) -> Part:
     """Test Theorem 2: stable equilibria with one robot at each place."""
-    # Computed from the eigenvalues of the Jacobian, and not by the rule of Theorem 1.
+    # By the eigenvalues of (1) at equilibrium (2), and not by the rule of Theorem 1.
     exists = {
         n: any(closed_forms.equilibrium_eigenvalues(n, p)[1:].max() < -1e-9 for p in range(n) if math.gcd(n, p) == 1)
         for n in range(3, 41)
@@ -98,7 +98,7 @@ def lemmas(player: Player) -> Part:
     )
 
 
-def _random_starts(player: Player, n: int) -> PlayedEpisodes:
+def _random_starts(player: Player, n: int) -> EpisodeArrays:
     """Return episodes of N points that start at uniform random phases, long enough to settle."""
     bare = BARE | {"formation.start": "random", "formation.alpha": 1, "formation.p": None, "robot.count": n}
     bare |= {"task.step": 0.25, "task.duration": 150.0}

@@ -78,7 +78,7 @@ class Snapshot:
         return (self.appears_at <= self.step) & (self.found_at > self.step)
 
     @property
-    def found(self) -> np.ndarray:
+    def detected(self) -> np.ndarray:
         """(T,) bool: detected targets."""
         return self.found_at <= self.step
 

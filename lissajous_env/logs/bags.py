@@ -130,18 +130,17 @@ class Bags(contextlib.ExitStack):
             decoders: Functions that decode its messages, by their types.
             bag: Number of the only file that counts; None for all.
         """
-        rows: dict[str, list[tuple]] = {}
-        names: dict[str, tuple[str, ...]] = {}
-        for number, logged, (part, header, own_names, values) in self._decoded(topic, decoders, bag):
-            own = rows.setdefault(part, [])
-            if own and (own_names, len(values)) != (names[part], len(own[0][-1])):
+        rows: dict[str, list[tuple]] = defaultdict(list)
+        forms: dict[str, tuple[tuple[str, ...], int]] = {}
+        for number, logged, (part, header, names, values) in self._decoded(topic, decoders, bag):
+            if forms.setdefault(part, (names, len(values))) != (names, len(values)):
                 self.remark(topic, "ignored: other names or another length than the first")
                 continue
-            names[part] = own_names
             about = (math.nan, "") if header is None else (seconds(header.stamp), header.frame_id.strip("/"))
-            own.append((number, logged, *about, values))
-        columns = {part: list(map(np.array, zip(*own, strict=True))) for part, own in rows.items()}
-        return {part: Samples(*own, names=names[part]) for part, own in columns.items()}
+            rows[part].append((number, logged, *about, values))
+        return {
+            part: Samples(*map(np.array, zip(*own, strict=True)), names=forms[part][0]) for part, own in rows.items()
+        }
 
     def finite(self, topic: str, samples: Samples, count: int | None = None) -> Samples:
         """Return the rows of a topic whose first values are finite, and remark that the others are ignored."""

@@ -67,21 +67,22 @@ class Clock:
                 all_agreeing += agreeing
         self._common = _pairs_of(all_agreeing)
         for k, own in enumerate(self.poses):
-            stamp = np.where(lacks[k], self.times(own.bag, own.logged), own.stamp)
+            stamp = np.where(lacks[k], self.times(own), own.stamp)
             self.poses[k] = dataclasses.replace(own, stamp=stamp)
 
-    def times(self, bag: np.ndarray, logged: np.ndarray) -> np.ndarray:
-        """Return times of the recorder of some files [s] as times of this clock [s]."""
-        converted = np.array(logged, dtype=float)
-        for number in np.unique(bag).tolist():
-            converted[bag == number] = _converted(logged[bag == number], *self._pairs.get(number, self._common))
+    def times(self, samples: Samples) -> np.ndarray:
+        """Return the recorder's times of some samples [s] as times of this clock [s]."""
+        converted = np.array(samples.logged, dtype=float)
+        for number in np.unique(samples.bag).tolist():
+            own = samples.bag == number
+            converted[own] = _converted(samples.logged[own], *self._pairs.get(number, self._common))
         return converted
 
-    def lead_of(self, bag: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> float:
-        """Return by how much stamps are ahead of this clock [s], 0 for less than a second; NaN if all are the same."""
+    def lead_of(self, samples: Samples, stamp: np.ndarray) -> float:
+        """Return by how much stamps of samples are ahead of this clock [s], 0 below a second; NaN if all are equal."""
         if len(stamp) > 1 and not np.ptp(stamp) > 0:
             return np.nan
-        lead = float(np.median(stamp - self.times(bag, logged)))
+        lead = float(np.median(stamp - self.times(samples)))
         return lead if abs(lead) > _LAG else 0.0
 
     def _refuse_breaks(self, robot: int, poses: Samples) -> None:

@@ -121,12 +121,9 @@ class PrescribedSimulation(Simulation):
         )
         follow = Stage("motion", follow_paths, own=own)
         phase = Stage("phase", follow_curve, when=bool(np.isnan(self._paths.phase.numpy()).any()))
-        replaced = {"faults": [faults], "motion": [follow], "phase": [phase]}
-        before = {"boundary": [collisions]}
-        after = {"robots": [faults, follow], "boundary": [edge]}
-        after |= {"measurement": [Stage("hiding", hide, own=own)], "score": [Stage("showing", unhide, own=own)]}
-        return [
-            new
-            for one in super()._own_stages(begins)
-            for new in (*before.get(one.name, ()), *replaced.get(one.name, [one]), *after.get(one.name, ()))
-        ]
+        hiding, showing = Stage("hiding", hide, own=own), Stage("showing", unhide, own=own)
+        # None stands for the stage itself.
+        changed = {"faults": [faults], "motion": [follow], "phase": [phase], "robots": [None, faults, follow]}
+        changed |= {"measurement": [None, hiding], "boundary": [collisions, None, edge], "score": [None, showing]}
+        stages = super()._own_stages(begins)
+        return [one if new is None else new for one in stages for new in changed.get(one.name, [None])]

@@ -13,7 +13,7 @@ import numpy as np
 from lissajous_env.logs.bags import Bags, Decoder, Samples
 from lissajous_env.logs.clocks import SAME_STAMP, Clock
 from lissajous_env.logs.log import Log, Series, Track
-from lissajous_env.logs.poses import FEWEST, TOPICS, robots_of
+from lissajous_env.logs.poses import TOPICS, robots_of
 from lissajous_env.logs.samples import COMMANDS, PHASES, STATUSES, TEXTS, relative
 from lissajous_env.settings.checks import is_finite, is_whole
 from lissajous_env.wording import require, shown
@@ -77,24 +77,11 @@ class _Reading:
         """Return the log, with commands of a topic, and with poses relative to an origin."""
         if "{}" not in commands and len(self._robots) > 1 and self._robots[0].bag is None:
             raise ValueError(f"commands must be a topic in which {{}} stands for a robot's number, got {commands}")
-        tracks = [self._track(k, poses, origin) for k, poses in enumerate(self._clock.poses)]
+        tracks = [_track(poses, origin) for poses in self._clock.poses]
         episode, begin = self._episode(tracks)
         series = self._series(commands, COMMANDS), self._series(PHASE, PHASES), self._series(STATUS, STATUSES)
         notes = *self._notes, *self._bags.notes()
         return Log(self._name, tuple(tracks), *series, episode, begin, self._blank.labels, notes)
-
-    def _track(self, robot: int, poses: Samples, origin: tuple[float, float, float]) -> Track:
-        """Return a track in the frame of the rectangle."""
-        poses = poses.in_order(SAME_STAMP)
-        rule = f"must have poses at {FEWEST} times at least in {self._name}"
-        require(len(poses) >= FEWEST, self._called([robot]), rule, len(poses))
-        position, (heading, speed) = poses.values[:, :3], poses.values[:, 3:].T.copy()
-        if any(origin):
-            position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
-        known = np.isfinite(heading)
-        heading[known] = np.unwrap(heading[known]) - origin[2]
-        speed[~np.isfinite(speed)] = np.nan
-        return Track(poses.stamp, position, heading, speed)
 
     def _series(self, pattern: str, decoders: dict[str, Decoder]) -> dict[int, Series]:
         """Return the values of the robots that have any on the topics of a pattern."""
@@ -112,14 +99,14 @@ class _Reading:
     def _times(self, topic: str, samples: Samples) -> np.ndarray:
         """Return the times of messages: of their stamps if they have any on the clock of the poses."""
         if np.isfinite(samples.stamp).all():
-            lead = self._clock.lead_of(samples.bag, samples.logged, samples.stamp)
+            lead = self._clock.lead_of(samples, samples.stamp)
             if lead == 0:
                 return samples.stamp
             if samples.stamp.any():
                 words = f"differ by {abs(lead):.3g} s from the clock of the poses"
                 words = "are all the same" if math.isnan(lead) else words
                 self._notes.append(f"the stamps of {topic} {words}; the recorder's times are used for them")
-        return self._clock.times(samples.bag, samples.logged)
+        return self._clock.times(samples)
 
     def _episode(self, tracks: Sequence[Track]) -> tuple[dict[str, Any] | None, float | None]:
         """Return what a simulation wrote about its episode, and the time of its first pose [s]; None if unknown."""
@@ -135,11 +122,23 @@ class _Reading:
             self._notes.append(f"{len(texts)} episodes begin in {self._name}: the last of them counts")
         last = texts.take(slice(-1, None))
         episode = _checked_episode(str(last.values[0, 0]), self._name)
-        time = float(self._clock.times(last.bag, last.logged)[0])
-        if "begin" in episode and self._clock.lead_of(last.bag, last.logged, np.array([episode["begin"]])) == 0:
+        time = float(self._clock.times(last)[0])
+        if "begin" in episode and self._clock.lead_of(last, np.array([episode["begin"]])) == 0:
             time = float(episode["begin"])
         stamps = np.concatenate([track.time for track in tracks])
         return episode, float(stamps[np.argmin(np.abs(stamps - time))])
+
+
+def _track(poses: Samples, origin: tuple[float, float, float]) -> Track:
+    """Return a track in the frame of the rectangle."""
+    poses = poses.in_order(SAME_STAMP)
+    position, (heading, speed) = poses.values[:, :3], poses.values[:, 3:].T.copy()
+    if any(origin):
+        position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
+    known = np.isfinite(heading)
+    heading[known] = np.unwrap(heading[known]) - origin[2]
+    speed[~np.isfinite(speed)] = np.nan
+    return Track(poses.stamp, position, heading, speed)
 
 
 def _checked_episode(text: str, name: str) -> dict[str, Any]:

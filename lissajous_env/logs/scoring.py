@@ -15,7 +15,6 @@ from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import COLLISION, EDGE, FAULT, PrescribedSimulation
 from lissajous_env.logs.writing import episode_of
 from lissajous_env.parameters import named
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.theory import closed_forms
@@ -239,7 +238,7 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
             places = np.where(hidden[:, None, None], np.stack(lines, axis=-1), places)
         pose = np.column_stack([places[:, -1, :2], headings[:, -1]])
         phase = _phases(log, scenario, robot, times, pose, hidden)
-        if model_of(scenario.robot.kind).keeps_to_curve and robot in log.phases:
+        if scenario.model.keeps_to_curve and robot in log.phases:
             turn = np.angle(np.exp(1j * np.diff(phase, prepend=phase[0])))
             between = phase[:, None] + (shares - 1) * turn[:, None]
             places[:, 1:-1] = closed_forms.curve_point_3d(scenario.driven, scenario.alpha * between[:, 1:-1])
@@ -255,7 +254,7 @@ def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: n
     """
     begins, logged = np.append(True, hidden[:-1] & ~hidden[1:]), log.phases.get(robot)
     if logged is not None:
-        counts = begins | model_of(scenario.robot.kind).keeps_to_curve
+        counts = begins | scenario.model.keeps_to_curve
         return np.where(counts, logged.before(times, _LATE_STATUS * scenario.task.step), np.nan)
     phase = np.full(len(times), np.nan)
     near = float(scenario.equilibrium[robot] + scenario.displacements[robot])

@@ -65,7 +65,7 @@ class Panel:
             if not self.scenario.targets.leave:
                 in_sight = np.count_nonzero(snapshot.in_sight(self.scenario.sight))
                 return [*entries, f"in sight {in_sight:,} of {appeared:,}"]
-            entries.append(f"detected {np.count_nonzero(snapshot.found):,} of {appeared:,}")
+            entries.append(f"detected {np.count_nonzero(snapshot.detected):,} of {appeared:,}")
             mean = snapshot.mean_detection_time(task.step)
             entries.append("mean detection time " + ("none" if math.isnan(mean) else f"{mean:.{decimals + 1}f} s"))
         return entries
@@ -74,12 +74,13 @@ class Panel:
         """Return the entries of the legend: sign, width [px] and text."""
         entries = [("bar", self._bar * self.view.scale + 8, f"{self._bar:g} m")]
         if self.scenario.target_capacity > 0:
-            entries += [("target", 15.0, "target"), ("detected", 20.0, "detected")]
-            if has_sightings(self.scenario):
-                stays = not self.scenario.targets.leave
-                entries.insert(2, ("seen", 15.0, "in sight") if stays else ("unseen", 15.0, "out of sight"))
+            entries.append(("target", 15.0, "target"))
             if self.scenario.targets.fleeing > 0:
-                entries.insert(2, ("fleeing", 15.0, "evading target"))
+                entries.append(("fleeing", 15.0, "evading target"))
+            if has_sightings(self.scenario):
+                leaves = self.scenario.targets.leave
+                entries.append(("unseen", 15.0, "out of sight") if leaves else ("seen", 15.0, "in sight"))
+            entries.append(("detected", 20.0, "detected"))
         if self.scenario.task.grid is not None:
             entries.append(("ramp", _RAMP + 8.0, f"not covered for {float(f'{self.idle_full:.2g}'):g} s or more"))
         return entries

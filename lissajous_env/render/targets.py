@@ -36,7 +36,7 @@ class Targets:
 
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
         """Draw the targets that are there, and the detections of late."""
-        scenario, places, detected = self.scenario, self.view.fine(snapshot.target_position), snapshot.found
+        scenario, places, detected = self.scenario, self.view.fine(snapshot.target_position), snapshot.detected
         age = (snapshot.step - snapshot.found_at) / self._flash
         recent = np.flatnonzero(detected & (age < 1))
         shade = np.floor(SHADES * age[recent] + 1e-6) / SHADES

@@ -93,7 +93,8 @@ def test_lines_share_the_span():
     ({"robot.count": 9, "lines": 2}, "2 line.s. of 9 cars .*: the cars of a line would be 1.2 m apart, and not less"),
     ({"robot.count": 12, "lines": 2, "robot.radius": 0.2}, "pass each other at 0.436 m, and need 0.6 m"),
     ({"task.boundary": "wall"}, "half circles of 0.5.* m, so the outermost would be 1.2.* m from its wall"),
-    ({"robot.radius": 0.49}, "bodies 0.98 m"), ({"robot.speed_max": 0.1, "noise.drive_spread": 0.1}, "slowest car"),
+    ({"robot.radius": 0.49}, "bodies 0.98 m"), ({"lines": 6}, "fewer cars than lines"),
+    ({"robot.speed_max": 0.1, "noise.drive_spread": 0.1}, "slowest car"),
     ({"task.boundary": "wall", "sensing.radius": 1.5}, "requires a start that .* robots know .* got rotated and 0.02"),
 ])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -162,10 +163,8 @@ def test_more_lines_guarantee_more():
 def test_lines_stand_upright_in_an_upright_rectangle():
     """Oracle: the same rectangle on its side, turned by a quarter."""
     turned, known = {"curve.half_width": 2.4, "curve.half_height": 5.4}, {"formation.start": "equilibrium"}
-    lying, upright = (
-        line_tables(lissajous_env.scenario("intruders", **known, **each).resolve(), LineParameters(speed=1.5))
-        for each in ({}, turned)
-    )
+    scenarios = (lissajous_env.scenario("intruders", **known, **sides).resolve() for sides in ({}, turned))
+    lying, upright = (line_tables(scenario, LineParameters(speed=1.5)) for scenario in scenarios)
     np.testing.assert_array_equal(lying[0].lanes, upright[0].lanes)
     begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables, *_ in (lying, upright)]
     np.testing.assert_allclose(begin[1], np.stack([-begin[0][..., 1], begin[0][..., 0]], axis=-1), atol=1e-6)

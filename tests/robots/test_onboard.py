@@ -6,7 +6,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.onboard import Limits, Message, Odometry, inputs_of
-from baselines.onboard.signals import Actuation
+from baselines.onboard.signals import conversion_to_commands
 from baselines.onboard.simulated import Vehicle
 from baselines.policies import patrol
 from baselines.policies.base import Filtered
@@ -67,13 +67,14 @@ def play(scenario, policy, steps=None, seed=3):
 def test_a_robot_is_commanded_the_input_of_its_action_and_its_base_understands_it(fields, commands):
     # Oracle: by hand; the base of a simulated robot understands the command as the same action.
     scenario = lissajous_env.scenario("experiment", **{"robot.steering_max": 0.35} | fields).resolve()
-    actuation = Actuation(scenario)
+    command_of = conversion_to_commands(scenario)
     for action, wanted in zip([[1, 1], [-1, -1], [0, 0]], commands, strict=True):
-        command, base = actuation.command(np.float32(action)), Vehicle(scenario, 1.0)
+        command, base = command_of(action), Vehicle(scenario, 1.0)
         assert command == pytest.approx(wanted, rel=1e-6)
         base.take(0.0, command)
         np.testing.assert_allclose(base.action(0.0), action, atol=1e-6)
-    assert actuation.stop == pytest.approx((0.0, 0.1 if not fields else 0.0))
+    onboard = baselines.Onboard("random", scenario, 0)
+    assert onboard.command_at(0.0) == pytest.approx((0.0, 0.1 if not fields else 0.0))
     actions = np.random.default_rng(0).uniform(-1, 1, (7, 3, 2)).astype(np.float32)
     found = actions_of_commands(scenario.robot, commands_of_actions(scenario.robot, actions))
     np.testing.assert_allclose(found, actions, atol=1e-6)

@@ -17,6 +17,9 @@ from training.learned.card import Card
 from training.learned.networks import TeamNetwork
 from training.learned.perception import actions_of, base_action, perceive
 
+_SHIPPED = Path(__file__).parent.parent / "policies"
+"""Folder of the included policies."""
+
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
     """Load an included network by name, or a checkpoint from its folder; by default for the scenario of its training.
@@ -68,9 +71,6 @@ def register_shipped() -> None:
         policy, scenario = contents["policy"], contents["settings"].get("scenario", contents["policy"]["scenario"])
         about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
         baselines.register(name, policy["kind"], partial(load, name), tuple(contents["made_for"]), about, "network")
-
-
-_SHIPPED = Path(__file__).parent.parent / "policies"
 
 
 def names() -> tuple[str, ...]:

@@ -98,7 +98,11 @@ class BatchVecEnv(VecEnv):
         self._actions = self._side.read_actions(actions, (self.num_envs, *self.action_space.shape))  # type: ignore[misc]
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take the step with the stored actions; begin new episodes in the worlds whose episode is over."""
+        """Take the step with the stored actions; begin new episodes in the worlds whose episode is over.
+
+        Infos report the episodes that the step ended: return, length [steps], time since the start [s]. The episode of
+        a removed robot is reported at its removal, and not again at the end of its world's episode.
+        """
         acted = self.batch.live(self._side).reshape(-1)
         self.batch.step({self._side.agent: self._actions})
         rows, over = self.batch.rows(self._side), self.batch.over
@@ -106,27 +110,18 @@ class BatchVecEnv(VecEnv):
         dones = acted & terminated | np.repeat(over, self._side.slots)
         truncated = dones & acted & ~terminated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": timed_out} for timed_out in truncated.tolist()]
-        if dones.any():
-            last = rows.observation.reshape(self.num_envs, -1)[dones]
-            for k, row in zip(np.flatnonzero(dones), last, strict=True):
-                infos[k]["terminal_observation"] = row
-        self._report(rewards, acted, dones, infos)
+        self._returns += rewards
+        self._lengths += acted
+        observations, at = rows.observation.reshape(self.num_envs, -1), round(time.monotonic() - self._began, 6)
+        for k in np.flatnonzero(dones):
+            infos[k]["terminal_observation"] = observations[k].copy()
+            if acted[k]:
+                infos[k]["episode"] = {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at}
+        self._returns[dones], self._lengths[dones] = 0.0, 0
         if over.any():
             self.scores.extend(self.batch.score(over))
             self.batch.reset(over)
         return self._rows(), rewards, dones, infos
-
-    def _report(self, rewards: np.ndarray, acted: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]) -> None:
-        """Count a step, and report the episodes that it ended: return, length [steps], time since the start [s].
-
-        The episode of a removed robot is reported at its removal, and not again at the end of its world's episode.
-        """
-        self._returns += rewards
-        self._lengths += acted
-        at = round(time.monotonic() - self._began, 6)
-        for k in np.flatnonzero(dones & acted):
-            infos[k]["episode"] = {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at}
-        self._returns[dones], self._lengths[dones] = 0.0, 0
 
     def _rows(self) -> np.ndarray:
         return self.batch.rows(self._side).observation.reshape(self.num_envs, -1).copy()

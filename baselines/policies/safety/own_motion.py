@@ -1,9 +1,9 @@
 """Motion of a robot's own car over a step, with bounds on where it can be after an action.
 
-Every number is an interval: the errors of measured positions, headings and speeds are within `Terms`. A robot stores
-bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and narrow with
-each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps (`add_step`). A way
-is the distance that the car drives in a step.
+Every number is an interval: the errors of measured positions, headings and speeds are within those of `Terms`. A robot
+stores bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and
+narrow with each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps
+(`add_step`). A way is the distance that the car drives in a step.
 """
 
 import warp as wp
@@ -200,12 +200,13 @@ def learn(terms: Terms, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, headin
         narrow[3] = span[1]
     way = (last[1] - speed + push * terms.step) / robot.drag
     way_error = (2.0 * terms.speed_error + push_error * terms.step) / robot.drag
-    turn = way * curvature_of(robot, last[2])
+    nominal = way * curvature_of(robot, last[2])
     # A car that has stopped within the step has driven less than this; one that turns by more than pi hides a turn.
-    shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(turn) > 10.0 * terms.heading_error
-    if shows and wp.abs(turn) * factors[1] < 3.0:
-        value = wrap(heading - last[0]) / turn
-        error = (2.0 * terms.heading_error / wp.abs(turn) + wp.abs(value) * way_error / way) * way / (way - way_error)
+    shows = speed > 0.0 and way > 2.0 * way_error and wp.abs(nominal) > 10.0 * terms.heading_error
+    if shows and wp.abs(nominal) * factors[1] < 3.0:
+        value = wrap(heading - last[0]) / nominal
+        error = 2.0 * terms.heading_error / wp.abs(nominal) + wp.abs(value) * way_error / way
+        error = error * way / (way - way_error)
         span = narrowed(factors[0], factors[1], value, error, wp.vec2(widest[0], widest[1]))
         narrow[0] = span[0]
         narrow[1] = span[1]
@@ -251,17 +252,17 @@ def add_step(terms: Terms, sums: wp.vec4, last: wp.vec4, heading: float, speed: 
     way_deviation = 0.7071 * terms.noise.speed * terms.step
     steering = mean_and_deviation(last[2], terms.noise.actuator)
     slope = wp.tan(steering_angle(robot, wp.abs(steering[0])))
-    turn = way * curvature_of(robot, steering[0])
+    nominal = way * curvature_of(robot, steering[0])
     fastest = wp.max(speed, last[1])
     grips = fastest * fastest * curvature_of(robot, wp.abs(last[2]) + 3.0 * terms.noise.actuator)
     if (
         way > 10.0 * way_deviation
         and slope > 1.0e-3
-        and wp.abs(turn) < 2.0
+        and wp.abs(nominal) < 2.0
         and steering[1] > 0.0
         and grips < 0.9 * robot.lateral_acceleration_max
     ):
-        turn_deviation = terms.noise.heading / turn
+        turn_deviation = terms.noise.heading / nominal
         steering_deviation = steering[1] * robot.steering_max * (1.0 + slope * slope) / slope
         variance = (
             2.0 * turn_deviation * turn_deviation
@@ -269,7 +270,7 @@ def add_step(terms: Terms, sums: wp.vec4, last: wp.vec4, heading: float, speed: 
             + way_deviation * way_deviation / (way * way)
         )
         summed[0] += 1.0 / variance
-        summed[1] += (wrap(heading - last[0]) / turn - 1.0) / variance
+        summed[1] += (wrap(heading - last[0]) / nominal - 1.0) / variance
     return summed
 
 

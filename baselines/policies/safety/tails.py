@@ -104,7 +104,7 @@ def lay_out(course_out: Course, now: wp.vec2, middle: wp.vec3, tail: Tail, slack
 
 @wp.func
 def gap_at_equal_times(one: Course, other: Course, required: float, enough: float) -> float:
-    """Return `gap_between` two courses of which none can end before its time.
+    """Return `gap_between` the courses of two cars that cannot stop dead.
 
     Along each piece it is the closest approach of the chords at equal times, less the bounds on both deviations.
     """
@@ -187,7 +187,7 @@ def gap_of_blocks(
 
 @wp.func
 def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
-    """Return `gap_between` two courses of which either may end before its time.
+    """Return `gap_between` the courses of two cars of which either may stop dead.
 
     A car that `stops` can be at any earlier place of its course than at equal times: the places of piece k are compared
     with those of all pieces m >= k of the other course, with those of k >= m if the other one stops, and with all if
@@ -219,10 +219,10 @@ def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, requir
 
 @wp.func
 def gap_between(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
-    """Return a lower bound of the distance of two cars on two courses, which may stop dead, less `required` [m].
+    """Return a lower bound of the distance of two cars on two courses, less `required` [m].
 
-    If the bound is below `enough`, any value below `enough` is returned. For two courses that are too far apart to
-    meet, their reaches suffice.
+    A car that `stops` may stop dead. If the bound is below `enough`, any value below `enough` is returned. For two
+    courses that are too far apart to meet, their reaches suffice.
     """
     apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])) - one[0][2] - other[0][2] - required
     if apart >= 0.0:

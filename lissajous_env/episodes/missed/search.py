@@ -158,7 +158,8 @@ def longest_path(played: PlayedEpisode) -> Path | None:
     with wp.ScopedDevice("cpu"):
         for since, until in rogues[:_ROGUES]:
             for k, (fineness, least) in enumerate(LATTICES):
-                wanted = until - since - (enough if k != 1 else 0)  # a path of the coarsest lattice must be as long
+                # The second lattice is left out only if the path of the first is as long as the stage reports.
+                wanted = until - since - (0 if k == 1 else enough)
                 search = _Search(played, fineness, least)
                 is_large = k > 0 and search.nodes * (until - since) / search.period > _MOST
                 if is_large or (longest is not None and longest.steps >= wanted):
@@ -224,13 +225,14 @@ class _Search:
         self.moves = {steps: self._moves(steps) for steps in range(1, self.period + 1)}
         """Moves (H, 2) of some control steps, in columns and rows."""
         self.lattice = Lattice()
+        self.lattice.path = wp.array(played.path, dtype=wp.vec2)
+        self.lattice.works = wp.array(played.works, dtype=wp.bool)
         self.lattice.half, self.lattice.spacing = wp.vec2(*self.half), wp.vec2(*self.spacing)
         self.lattice.radius = scenario.sensing_radius + _MARGIN * (self.half.sum() + scenario.sensing_radius)
 
     def path(self, since: int) -> Path | None:
         """Return the longest path of a rogue that appears at the end of step `since`; None if none is undetected."""
         lattice, played = self.lattice, self.played
-        lattice.path, lattice.works = wp.array(played.path, dtype=wp.vec2), wp.array(played.works, dtype=wp.bool)
         nodes, on_edges = wp.zeros(self.shape, dtype=wp.bool), played.scenario.targets.entry == "boundary"
         wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, nodes])
         if not nodes.numpy().any():
