@@ -57,22 +57,22 @@ class Block:
 @wp.func
 def where_world(block: Block, n: int, values: wp.array(dtype=wp.int32), least: int) -> int:
     """Return a bit for each robot of a block whose world, of `n` robots, has at least this value."""
-    found = int(0)
+    bits = int(0)
     w = int(block.start / n)
     before = int(0)
     beyond = n - (block.start - w * n)
     while before < block.count:
         if values[w] >= least:
-            found |= ((1 << wp.min(beyond, block.count)) - 1) & ~((1 << before) - 1)
+            bits |= ((1 << wp.min(beyond, block.count)) - 1) & ~((1 << before) - 1)
         before = beyond
         beyond += n
         w += 1
-    return found
+    return bits
 
 
 @wp.func
 def block_of(thread: int, begin: int, end: int, n: int, active: wp.array(dtype=wp.int32)) -> Block:
-    """Block of a thread, of the robots `begin` to `end` - 1 of all worlds with `n` each."""
+    """Return the block of a thread, of the robots `begin` to `end` - 1 of all worlds with `n` each."""
     block = Block()
     block.start = begin + thread * width()
     block.count = wp.min(width(), end - block.start)
@@ -132,15 +132,15 @@ def entries(block: Block, values: wp.array3d(dtype=wp.float32), entry: int) -> F
 
 
 @wp.func_native(f"""
-    int found = 0;
+    int bits = 0;
     const wp::int32* const from = values.data + block.start;
     if (block.count == {_LENGTH})
         for (int k = 0; k < {_LENGTH}; ++k)
-            found |= (from[k] == value) << k;
+            bits |= (from[k] == value) << k;
     else
         for (int k = 0; k < block.count; ++k)
-            found |= (from[k] == value) << k;
-    return found;
+            bits |= (from[k] == value) << k;
+    return bits;
 """)
 def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) -> int:
     """Return a bit for each of a block's robots whose value (W, N) equals this one."""

@@ -33,7 +33,7 @@ def half_of(bits: wp.uint64, half: int) -> wp.uint32:
 
 @wp.func
 def along(path: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
-    """Place of a robot at a share of the latest step [m]."""
+    """Return the place of a robot at a share of the latest step [m]."""
     last = path.shape[2] - 1
     s = wp.min(int(share * float(last)), last - 1)
     place = wp.lerp(path[w, i, s], path[w, i, s + 1], share * float(last) - float(s))

@@ -348,7 +348,7 @@ def number_names(scenario: Scenario) -> tuple[str, ...]:
 
 def score_of(episode: Episode) -> dict[str, Any]:
     """Return the score row of an episode so far, without `policy` and `episode`; a time not reached is NaN."""
-    row: dict[str, Any] = {"scenario": episode.scenario.name, "seed": episode.seed}
+    row: dict[str, Any] = {"scenario": episode.scenario.name, "seed": int(episode.state["clock.seed"])}
     return row | {column.name: plain(column.value(episode)) for column in COLUMNS.values() if column.value}
 
 

@@ -35,11 +35,6 @@ class Episode:
     """Numbers of this world in `Contamination`, by name."""
 
     @property
-    def seed(self) -> int:
-        """Seed of the world."""
-        return int(self.state["clock.seed"])
-
-    @property
     def steps(self) -> int:
         """Number of control steps so far."""
         return int(self.state["clock.step"])

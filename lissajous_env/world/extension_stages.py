@@ -147,20 +147,20 @@ def copy_observation(w, i, start: int, low: float, high: float, value: wp.array3
         observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
 
 
-@stage(WORLD, writes="kept_out")
-def reduce_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, kept_out: wp.array(dtype=wp.float64)):
+@stage(WORLD, writes="reduced_out")
+def reduce_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, reduced_out: wp.array(dtype=wp.float64)):
     """Update the sum, maximum, minimum or last value of an extension's score column; NaN before the first step."""
     latest = wp.where(wp.abs(value[w]) <= wp.float64(_LARGEST), value[w], wp.float64(0.0))
     if clock.step[w] == 0:
         latest = wp.float64(wp.nan)
     elif clock.step[w] > 1:
         if reduction == _MAX:
-            latest = wp.max(kept_out[w], latest)
+            latest = wp.max(reduced_out[w], latest)
         elif reduction == _MIN:
-            latest = wp.min(kept_out[w], latest)
+            latest = wp.min(reduced_out[w], latest)
         elif reduction != _LAST:
-            latest += kept_out[w]
-    kept_out[w] = latest
+            latest += reduced_out[w]
+    reduced_out[w] = latest
 
 
 @stage(TARGET, writes="targets: heading, position")
@@ -198,7 +198,7 @@ class ExtensionStages:
         observation: (W, N, D) the rows.
 
     Attributes:
-        kept: By name, the value (W,) so far of each `ScoreColumn`, for a mean the sum, and the arrays of the
+        remembered: By name, the value (W,) so far of each `ScoreColumn`, for a mean the sum, and the arrays of the
             extensions' states.
     """
 
@@ -206,7 +206,7 @@ class ExtensionStages:
         self.scenario = scenario
         self.device: Any = observation.device
         _check_names(scenario)
-        self.kept: dict[str, wp.array] = {}
+        self.remembered: dict[str, wp.array] = {}
         self._world = structs, observation
         self._after: dict[str, list[Stage]] = {}
         """Stages of extensions in a step, by the name of the stage of the package that they follow."""
@@ -227,7 +227,7 @@ class ExtensionStages:
                 own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
             elif isinstance(extension, ScoreColumn):
                 follows, copies, value = "reward", reduce_column, self._zeros(shape[:1], wp.float64)
-                self.kept[extension.name] = own["kept_out"] = self._zeros(shape[:1], wp.float64)
+                self.remembered[extension.name] = own["reduced_out"] = self._zeros(shape[:1], wp.float64)
                 own["reduction"] = REDUCTIONS.index(extension.reduce)
             elif isinstance(extension, (TargetMotion, TargetEntry)):
                 is_motion = isinstance(extension, TargetMotion)
@@ -255,7 +255,7 @@ class ExtensionStages:
         """Return the values (W,) of the score columns after so many steps (W,) of the episodes."""
         columns = [column for column in self.scenario.extensions if isinstance(column, ScoreColumn)]
         divisors = {column.name: np.maximum(steps, 1) if column.reduce == "mean" else 1 for column in columns}
-        return {name: self.kept[name].numpy() / divisor for name, divisor in divisors.items()}
+        return {name: self.remembered[name].numpy() / divisor for name, divisor in divisors.items()}
 
     def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> wp.array:
         return wp.zeros(shape, dtype=dtype, device=self.device)
@@ -265,7 +265,7 @@ class ExtensionStages:
         device = self.device if isinstance(extension.run, wp.Kernel) else "cpu"
         shapes = {name: (worlds, *shape) for name, shape in extension.state.items()}
         state = {name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in shapes.items()}
-        self.kept |= {f"{extension.name}.{name}": array for name, array in state.items()}
+        self.remembered |= {f"{extension.name}.{name}": array for name, array in state.items()}
         fresh = self._world[0]["clock"].fresh
 
         def begin() -> None:

@@ -288,7 +288,7 @@ AT_GATES = {"targets.entry": "custom", "targets.count": 3, "targets.arrival_rate
 
 def entered(simulation):
     """Targets that have appeared, and the gates (W, 2) of their worlds."""
-    return simulation.targets.status.numpy() > 0, simulation._extended.kept["gates.gate"].numpy()
+    return simulation.targets.status.numpy() > 0, simulation._extended.remembered["gates.gate"].numpy()
 
 
 def test_targets_enter_where_an_extension_says_which_remembers_its_draws():
@@ -300,7 +300,7 @@ def test_targets_enter_where_an_extension_says_which_remembers_its_draws():
     off = np.abs(places[..., 1][..., None] - gate[:, None, :]).min(axis=2)
     np.testing.assert_array_equal(off[there], 0.0)
     assert len(np.unique(gate)) == 6
-    assert simulation._extended.kept["gates.entered"].numpy().tolist() == [31, 31, 31]
+    assert simulation._extended.remembered["gates.entered"].numpy().tolist() == [31, 31, 31]
 
 
 def test_the_state_of_an_extension_begins_anew_with_an_episode_and_depends_on_the_seed_alone():
@@ -313,7 +313,7 @@ def test_the_state_of_an_extension_begins_anew_with_an_episode_and_depends_on_th
     alone = lissajous_env.Simulation(scenario, 1, seed=77)
     alone.reset(seeds=[77])
     np.testing.assert_array_equal(entered(alone)[1][0], after[1])
-    assert simulation._extended.kept["gates.entered"].numpy().tolist() == [31, 1, 31]
+    assert simulation._extended.remembered["gates.entered"].numpy().tolist() == [31, 1, 31]
 
 
 def test_the_state_of_an_extension_is_saved_copied_and_pickled():

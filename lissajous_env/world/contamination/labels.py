@@ -125,10 +125,10 @@ _CLEAR_SENSED = f"""
     unsigned int* bits = &wp::index(labelled, w, row + {int(MARGIN)}, 1, 0);
     for (int word = 0; word < words; ++word, bits += ring) {{
         const unsigned long long both = wp::index(sensed, w, word / 2, row) | wp::index(swept, w, word / 2, row);
-        const unsigned int seen = both >> 32 * (word & 1), stays = bits[kept];
+        const unsigned int seen = both >> 32 * (word & 1), stays = bits[latest];
         for (int tick = 0; tick < ring; ++tick)
             bits[tick] &= ~seen;
-        bits[kept] = stays;
+        bits[latest] = stays;
     }}
     for (int word = 0; word < sensed.shape[1]; ++word)
         wp::index(sensed, w, word, row) = wp::index(swept, w, word, row) = 0;
@@ -139,12 +139,12 @@ _CLEAR_SENSED = f"""
 def clear_sensed(
     w: int,
     row: int,
-    kept: int,
+    latest: int,
     sensed: wp.array3d(dtype=wp.uint64),
     swept: wp.array3d(dtype=wp.uint64),
     labelled: wp.array4d(dtype=wp.uint32),
 ):
-    """Clear the cells of a row that were sensed in the tick before, except their labels in the slot `kept`."""
+    """Clear the cells of a row that were sensed in the tick before, except their labels in the slot `latest`."""
 
 
 _ONES = 0x01010101
@@ -242,14 +242,14 @@ _LABEL_CELLS = f"""
             const int entered = enter >> (first + l) & 1 ? now.entry : none;
             const int stayed = entered < label[l] ? entered : label[l];
             const int hops_in = stayed / 256 > now.oldest ? hopped[l] : none;
-            const int found = hops_in < stayed ? hops_in : stayed, since = found / 256;
-            const int counts = (found < none ? 1 : 0) & todo >> (first + l);
+            const int earliest = hops_in < stayed ? hops_in : stayed, since = earliest / 256;
+            const int counts = (earliest < none ? 1 : 0) & todo >> (first + l);
             const int known = counts ? since : {int(NEVER)};
             oldest = known < oldest ? known : oldest;
             ages += counts ? now.step - since : 0;
             contaminated |= (unsigned int)counts << (first + l);
             same |= (unsigned int)(since == now.oldest ? counts : 0) << (first + l);
-            label[l] = found;
+            label[l] = earliest;
         }}
         for (int l = 0; l < lanes; ++l)
             here[now.slot * slot_stride + l] = label[l];

@@ -24,12 +24,6 @@ def is_coasting(block: Block, faults, robots) -> int:
     return where_equal(block, robots.status, FAILED) & ~where_equal(block, robots.failed_until, NEVER)
 
 
-@wp.func
-def chance(rate: float, time: float) -> float:
-    """Return the probability of at least one event of a Poisson process in some time: 1 - exp(-rate time)."""
-    return 1.0 - wp.exp(-rate * time)
-
-
 @stage(ROBOT, writes="robots: resumed_at, status, failed_until")
 def update_status(w, i, faults, task, schedule, clock, robots):
     """Update which robots have failed, resumed or been removed in the step that ends now."""
@@ -43,7 +37,7 @@ def update_status(w, i, faults, task, schedule, clock, robots):
                 failed = 1
         if faults.rate > 0.0 and robots.failed_until[w, i] < now:
             draw = randomness.stream(randomness.step_key(clock.seed[w], now), i, randomness.FAULT)
-            if wp.randf(draw) < chance(faults.rate, task.step):
+            if wp.randf(draw) < 1.0 - wp.exp(-faults.rate * task.step):  # a Poisson process has an event in the step
                 duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
                 robots.failed_until[w, i] = now + int(wp.min(duration / task.step, 1.0e9))
         status = wp.where(failed == 1 or now <= robots.failed_until[w, i], FAILED, WORKING)
