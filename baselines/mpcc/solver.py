@@ -30,6 +30,7 @@ from lissajous_env.device.devices import as_device, compile_quietly, copy_in, co
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.work import Work, shared_launch
 from lissajous_env.parameters.scenario import Curve
+from lissajous_env.settings.checks import whole_number
 
 wp.set_module_options(CONTRACTED)
 
@@ -73,14 +74,10 @@ class Mpcc(Copyable):
         device: Any = "cpu",
         threads: int | None = None,
     ):
-        if batch < 1:
-            raise ValueError(f"batch must be at least 1, got {batch}")
-        if threads is not None and threads < 1:
-            raise ValueError(f"threads must be at least 1, got {threads}")
-        self.threads = threads or cores()
+        self.batch = whole_number("batch", batch)
+        self.threads = cores() if threads is None else whole_number("threads", threads)
         self.curve = curve
         self.parameters = parameters or MpccParameters()
-        self.batch = batch
         self.device = as_device(device)
         M = self.parameters.stages
         self.state = self._zeros((batch, 5))

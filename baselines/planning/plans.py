@@ -173,7 +173,7 @@ def pareto_optimal(planned: Sequence[Planned]) -> list[Planned]:
         if plan.figures.collisions == 0:
             by_objectives.setdefault((*plan.figures.objectives, float(plan.plan.scenario.num_robots)), plan)
     table = np.array(list(by_objectives))
-    # No other plan of the table is nowhere worse.
+    # A plan is dominated if another one is nowhere worse.
     best = sorted(one for one in by_objectives if (table <= one).all(axis=1).sum() == 1)
     return [by_objectives[objectives] for objectives in best]
 

@@ -310,15 +310,14 @@ def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tup
 
 
 def rating_of(
-    loop: np.ndarray, extent: Any, problem: Problem, step: float = 1.0, limit: float = math.inf, coarse: bool = False
+    loop: np.ndarray, half: tuple, problem: Problem, step: float = 1.0, limit: float = math.inf, coarse: bool = False
 ) -> tuple[float, float, float]:
-    """Return how well robots on loops (N, K, 2), with places `step` apart, watch a rectangle with half extents (2,).
+    """Return how well robots on loops (N, K, 2), with places `step` apart, watch a rectangle of half sides `half`.
 
     Returns:
         Worst-case undetected time [control step], infinite above `limit`; share of places that are never visited; and
         longest time between two visits [control step]. `unvisited_and_gap` describes `coarse`.
     """
-    half = (float(extent[0]), float(extent[1]))
     unvisited, gap = unvisited_and_gap(loop, half, problem.sensing, coarse)
     worst = math.inf
     if unvisited == 0:

@@ -30,7 +30,7 @@ BARE: dict[str, Any] = {
 
 
 @dataclass(frozen=True, eq=False)
-class PlayedEpisodes:
+class EpisodeArrays:
     """W episodes of F frames: the reset, and the end of each control step."""
 
     scenario: Scenario
@@ -113,7 +113,7 @@ class Player:
         self.seed, self.device = seed, device
         self.play = cache(self._play)
 
-    def _play(self, policy: str, scenario: str | Scenario, worlds: int = 1, **parameters: float) -> PlayedEpisodes:
+    def _play(self, policy: str, scenario: str | Scenario, worlds: int = 1, **parameters: float) -> EpisodeArrays:
         """Play one episode in each world, from `seed` on.
 
         Args:
@@ -135,4 +135,4 @@ class Player:
         phase, position, heading, status, deviation = (np.stack(array) for array in zip(*frames, strict=True))
         times, detected = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
         arrays = phase, position, heading, status == FAILED, deviation, times, detected
-        return PlayedEpisodes(task, simulation.score(), *arrays)
+        return EpisodeArrays(task, simulation.score(), *arrays)

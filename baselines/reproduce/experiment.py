@@ -19,7 +19,7 @@ from baselines.reproduce.drawing import (
     name_line,
     sheet,
 )
-from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, phase_distance, spread_of_cars
+from baselines.reproduce.episodes import SEEDS, EpisodeArrays, Player, phase_distance, spread_of_cars
 from lissajous_env.world.columns import COLLISIONS
 
 _SIMULATED = (0, 4)
@@ -111,7 +111,7 @@ def fig8(player: Player) -> Part:
     yield picture
 
 
-def _chosen(played: PlayedEpisodes) -> str:
+def _chosen(played: EpisodeArrays) -> str:
     """Return the choices where the paper states no value, as sentences of a caption."""
     scenario = played.scenario
     first, last = scenario.faults.schedule[0][1:]
@@ -122,14 +122,14 @@ def _chosen(played: PlayedEpisodes) -> str:
     )
 
 
-def _periods(played: PlayedEpisodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _periods(played: EpisodeArrays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return masks (F,) of the time before the failure, in it, and 8 s or more after it."""
     first, last = played.scenario.faults.schedule[0][1:]
     time = played.time
     return time < first, (time >= first) & (time < last), time >= last + 8
 
 
-def _returns(played: PlayedEpisodes, claim: str) -> Claim:
+def _returns(played: EpisodeArrays, claim: str) -> Claim:
     """Claim that the formation deviates from 8 s after the resume on as little as before the failure."""
     before, _, after = _periods(played)
     most = 1.25 * played.deviation[before].max()
@@ -137,7 +137,7 @@ def _returns(played: PlayedEpisodes, claim: str) -> Claim:
     return all_of(claim, "yes", (played.deviation[after] < most).all(axis=0), "seeds", why)
 
 
-def _draw_car(axes: Axes, played: PlayedEpisodes, robot: int, moment: int) -> None:
+def _draw_car(axes: Axes, played: EpisodeArrays, robot: int, moment: int) -> None:
     """Draw a car's disc, its heading, its number and its way of the last 1.5 s, in frame `moment` of world 0."""
     colour = PINK if robot in _SIMULATED else BLUE
     place, heading = played.position[moment, 0, robot, :2], played.heading[moment, 0, robot]

@@ -18,7 +18,7 @@ from baselines.reproduce.drawing import (
     name_line,
     sheet,
 )
-from baselines.reproduce.episodes import BARE, SEEDS, PlayedEpisodes, Player
+from baselines.reproduce.episodes import BARE, SEEDS, EpisodeArrays, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.columns import COLLISIONS, RECOVERY
@@ -37,7 +37,7 @@ _FINE = 0.01
 """Control step of the episode that shows the effect of the control step [s]."""
 
 
-def _displaced(player: Player, name: str, angle: float, duration: float, **overrides: object) -> PlayedEpisodes:
+def _displaced(player: Player, name: str, angle: float, duration: float, **overrides: object) -> EpisodeArrays:
     """Play an episode of points [s] in which robot 0 starts displaced by an angle [rad]."""
     bare = {**BARE, "task.duration": duration, "task.step": 0.25, "formation.displaced": ((0, float(angle)),)}
     return player.play("kuramoto", scenario(name, **bare | overrides))

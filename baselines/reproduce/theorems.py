@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most, near, span
-from baselines.reproduce.episodes import BARE, PlayedEpisodes, Player, phase_distance
+from baselines.reproduce.episodes import BARE, EpisodeArrays, Player, phase_distance
 from lissajous_env import scenario
 from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.parameters.scenario import Curve
@@ -98,7 +98,7 @@ def lemmas(player: Player) -> Part:
     )
 
 
-def _random_starts(player: Player, n: int) -> PlayedEpisodes:
+def _random_starts(player: Player, n: int) -> EpisodeArrays:
     """Return episodes of N points that start at uniform random phases, long enough to settle."""
     bare = BARE | {"formation.start": "random", "formation.alpha": 1, "formation.p": None, "robot.count": n}
     bare |= {"task.step": 0.25, "task.duration": 150.0}

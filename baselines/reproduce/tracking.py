@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter1d
 from baselines.mpcc.model import MpccParameters
 from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, span, within_range
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, sheet
-from baselines.reproduce.episodes import SEEDS, PlayedEpisodes, Player, spread_of_cars
+from baselines.reproduce.episodes import SEEDS, EpisodeArrays, Player, spread_of_cars
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import geometry
@@ -52,7 +52,7 @@ def fig9(player: Player) -> Part:
     yield _picture_of_distances(played, player.seed)
 
 
-def _picture_of_distances(played: PlayedEpisodes, seed: int) -> Picture:
+def _picture_of_distances(played: EpisodeArrays, seed: int) -> Picture:
     """Draw Fig. 9: the distances of one run, and the rank of the paper's run among ours."""
     task = played.scenario
     spacing, body = task.neighbour_distance, 2 * task.robot.radius

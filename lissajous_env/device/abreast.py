@@ -147,17 +147,6 @@ def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) ->
     ...
 
 
-@wp.func_native("""
-    int found = 0;
-    for (int k = 0; k < block.count; ++k)
-        found |= (values[k] > least) << k;
-    return found;
-""")
-def where_above(block: Block, values: Floats, least: float) -> int:
-    """Return a bit for each of a block's robots whose value is above this one."""
-    ...
-
-
 _STORE = """
     {type}* const to = ({type}*)values.data + {offset};
     if (block.count == {length} && mask == {full})

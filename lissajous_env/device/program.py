@@ -56,17 +56,12 @@ class Stage:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the kernel's parameters that are matched in the state and the constants."""
-        return tuple(name for name in self.labels if name not in PLACES)
+        return tuple(name for name in names_of_arguments(self.run) if name not in PLACES) if self.is_kernel else ()
 
     @property
     def writes(self) -> tuple[str, ...]:
         """Names of what it changes, as `robots.phase`; none where its kernel does not say it."""
         return getattr(self.run, "writes", ())
-
-    @property
-    def labels(self) -> list[str]:
-        """Names of the kernel's parameters."""
-        return names_of_arguments(self.run) if self.is_kernel else []
 
     @property
     def about(self) -> str:
@@ -143,7 +138,7 @@ class Program:
 
     def _launch(self, stage: Stage, low: int, high: int) -> Any:
         """Record the launch of a stage for the worlds from `low` to `high` - 1."""
-        size, names = self._sizes.get(stage.over, 1), stage.labels
+        size, names = self._sizes.get(stage.over, 1), names_of_arguments(stage.run)
         lanes = self._lanes(stage)
         blocks = -(-(high - low) * size // width_on(self._device))
         dim = blocks if stage.run.by_block else (high - low, lanes)

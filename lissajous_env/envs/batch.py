@@ -302,11 +302,6 @@ class Batch(Stateful):
         parts = [state_rows(simulation, library, *most) for simulation in self.simulations]
         return parts[0] if len(parts) == 1 else library.concatenate(parts)
 
-    @property
-    def state_size(self) -> int:
-        """S, the size of a world's true state."""
-        return self.state().shape[1]
-
     def _simulation(self, scenario: Scenario, seed: int = 0) -> Simulation:
         return Simulation(scenario, self.group_size, device=self._device, seed=seed, threads=self._threads)
 

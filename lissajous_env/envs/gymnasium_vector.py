@@ -15,7 +15,6 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import require
-from lissajous_env.world.selection import world_mask
 
 
 class LissajousVectorEnv(Timed, VectorEnv):
@@ -104,8 +103,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
         else:
             rule = f"must be a number or one for each of {len(self._begun)} worlds"
             require(np.shape(seed) == self._begun.shape, "seed", rule, seed)
-            self.batch.seed([seed[k] for k in worlds], worlds)
-        self.batch.reset(world_mask(worlds, len(self._begun)))
+            self.batch.seed([seed[k] for k in np.flatnonzero(worlds)], worlds)
+        self.batch.reset(worlds)
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
         self._begun[worlds] = True
@@ -138,7 +137,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         return self._observed(), reward, terminated, truncated, infos
 
     def _masked(self, options: Any) -> np.ndarray:
-        """Return the indices of the worlds that the options of a reset select.
+        """Return the mask (W,) of the worlds that the options of a reset select.
 
         Raises:
             ValueError: invalid options or an invalid mask.
@@ -146,13 +145,13 @@ class LissajousVectorEnv(Timed, VectorEnv):
         require(options is None or isinstance(options, Mapping), "options", "must be a dict", options)
         mask = (options or {}).get("reset_mask")
         if mask is None:
-            return np.arange(len(self._begun))
+            return np.ones_like(self._begun)
         fits = np.shape(mask) == (self.num_envs,) and np.asarray(mask).dtype == bool
         require(fits, "reset_mask", f"must be bool of shape ({self.num_envs},)", mask)
         of_worlds = np.asarray(mask).reshape(len(self._begun), self._rows_per_world)
-        if (of_worlds.any(axis=1) != of_worlds.all(axis=1)).any():
+        if (of_worlds != of_worlds[:, :1]).any():
             raise ValueError("reset_mask must contain all rows of a world or none, because worlds are reset as a whole")
-        return np.flatnonzero(of_worlds.all(axis=1))
+        return of_worlds[:, 0]
 
     def _flags(self, rows: Rows, acted: np.ndarray, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the flags `terminated` and `truncated` of the rows, for the robots (W, N) that acted."""

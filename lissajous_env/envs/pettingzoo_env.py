@@ -76,7 +76,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self.agents: list[str] = []
         self.observation_spaces = {name: of_agent[0] for name, of_agent in spaces.items()}
         self.action_spaces = {name: of_agent[1] for name, of_agent in spaces.items()}
-        self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (batch.state_size,), np.float32)
+        self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, batch.state()[0].shape, np.float32)
         self.np_random: np.random.Generator | None = None
         """Generator for wrappers, which `reset` with a seed seeds; the environment itself does not use it."""
         self._begun = False

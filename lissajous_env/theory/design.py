@@ -74,15 +74,17 @@ def best_formation(curve: Curve, num_robots: int) -> tuple[int, int]:
     """Return p and alpha of the stable equilibrium (2) that recovers fastest, its ring neighbours adjacent on (5).
 
     At a coupling that is proportional to omega / alpha, deviations along the curve vanish at a rate proportional to
-    -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. Two robots have no stable equilibrium, and four and six
-    share places in each (Lemma 1): for them, return p = alpha = 1, equally spaced.
+    -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. If N shares a factor with a, which is not so for
+    N = a + b, there is no such alpha, and the default p is returned with alpha = 1. Two robots have no stable
+    equilibrium, and four and six share places in each (Lemma 1): for them, return p = alpha = 1, equally spaced.
     """
     stable, rates = closed_forms.stable_equilibria(num_robots), {}
     for alpha in range(1, num_robots):
         p = closed_forms.alpha_for(num_robots, alpha * curve.a, 1)
         if p in stable:
             rates[p, alpha] = -math.cos(2 * math.pi * p / num_robots) / alpha
-    return max(rates, key=rates.__getitem__, default=(1, 1))
+    has_places = closed_forms.has_unclustered_equilibrium(num_robots)
+    return max(rates, key=rates.__getitem__, default=(closed_forms.default_p(num_robots) if has_places else 1, 1))
 
 
 def largest_phase_rate(curve: Curve, speed: float, turning_radius: float = 0.0, grip: float = math.inf) -> float:

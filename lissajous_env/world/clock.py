@@ -46,12 +46,22 @@ def reset_clock(w, seeds, clock):
     clock.invalid_at[w] = 0
 
 
-@stage(WORLD, writes="clock: active, status, step", idle=True)
-def advance_clock(w, clock):
-    """Count a step in the worlds whose episode is running; the others become inactive."""
+@stage(
+    WORLD,
+    writes="clock: active, status, step; latest: collisions, detections, idle_ended, in_sight, waiting",
+    idle=True,
+)
+def advance_clock(w, clock, latest):
+    """Count a step, which has no events yet, in the worlds whose episode is running; the others become inactive."""
     if clock.status[w] == RUNNING:
         clock.active[w] = 1
         clock.step[w] += 1
+        for i in range(latest.detections.shape[1]):
+            latest.detections[w, i] = 0
+            latest.collisions[w, i] = 0
+        latest.in_sight[w] = 0
+        latest.waiting[w] = 0
+        latest.idle_ended[w] = wp.int64(0)
     else:
         clock.active[w] = 0
         clock.status[w] = IDLE

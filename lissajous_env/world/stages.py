@@ -29,7 +29,7 @@ from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.placing import follow_curve, redraw_colliding_starts, reset_robots, turn_from_walls
 from lissajous_env.world.robots.signals import hear, hear_messages, limit_actions, measure, send, send_messages
 from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
-from lissajous_env.world.tally import clear_events, compute_reward, update_totals
+from lissajous_env.world.tally import compute_reward, update_totals
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets, respawn
 from lissajous_env.world.tracks import observe_tracks, record_sightings, update_known_cells, update_tracks
@@ -99,7 +99,6 @@ def _motion(scenario: Scenario) -> list[Stage]:
     model = model_of(scenario.robot.kind)
     return [
         Stage("clock", advance_clock),
-        Stage("events", clear_events),
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", limit_actions),
         *(_driver(scenario) if scenario.task.action == "velocity" else []),

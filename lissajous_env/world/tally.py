@@ -34,17 +34,6 @@ FAULT_MARGIN = wp.constant(1.1)
 """Factor by which a quantity must exceed its largest value before the first fault to count as disturbed by it."""
 
 
-@stage(ROBOT, writes="latest: collisions, detections, idle_ended, in_sight, waiting")
-def clear_events(w, i, clock, latest):
-    """Clear the events of the previous step."""
-    latest.detections[w, i] = 0
-    latest.collisions[w, i] = 0
-    if i == 0:
-        latest.in_sight[w] = 0
-        latest.waiting[w] = 0
-        latest.idle_ended[w] = wp.int64(0)
-
-
 @stage(ROBOT, writes="latest: reward, terms; tally: returns", idle=True)
 def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, latest, tally):
     """Compute the terms of each robot's reward and their sum, which includes the terms of extensions."""

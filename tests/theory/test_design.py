@@ -113,6 +113,8 @@ def test_the_formation_that_recovers_fastest(half, b):
     else:  # equally spaced
         assert n in (2, 4, 6)
         assert (p, alpha) == (1, 1)
+    shared = best_formation(Curve(1, 1, a, b), 3 * a)  # N shares a factor with a: stable, but not on the ellipse
+    assert shared == ((closed_forms.default_p(3 * a), 1) if a > 2 else (1, 1)), a
 
 
 def test_a_design_with_an_inset_is_that_of_the_smaller_rectangle():

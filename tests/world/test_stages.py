@@ -32,12 +32,12 @@ def test_the_stages_print_in_their_order():
     simulation = lissajous_env.Simulation("experiment")
     printed = str(simulation.stages).splitlines()
     assert [line.split()[0] for line in printed] == [
-        "clock", "events", "faults", "commands", "motion", "phase", "measurement", "sending", "collisions", "targets",
+        "clock", "faults", "commands", "motion", "phase", "measurement", "sending", "collisions", "targets",
         "coverage", "boundary", "deviations", "score", "end", "reward", "hearing", "observation",
     ]  # fmt: skip
-    assert printed[4].split()[1] == "robot"
-    assert "Move cars" in printed[4]
-    assert printed[4].endswith("curve, robot, task, faults, command, clock, robots")
+    assert printed[3].split()[1] == "robot"
+    assert "Move cars" in printed[3]
+    assert printed[3].endswith("curve, robot, task, faults, command, clock, robots")
 
 
 @pytest.mark.parametrize(

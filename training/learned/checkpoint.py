@@ -108,10 +108,8 @@ def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str
             require(array.dtype == np.float32, f"dtype of {name}", "must be float32", str(array.dtype))
         kind = TeamNetwork if any(name.startswith("team.") for name in arrays) else RogueNetwork
         network = kind.from_arrays(arrays)
-    sizes = len(card.inputs), card.action_size
-    if (network.inputs, network.outputs) != sizes:
-        got = f"{network.inputs} to {network.outputs}"
-        raise ValueError(f"{path} is damaged: it must map {sizes[0]} to {sizes[1]}, got {got}")
+        sizes, wanted = (network.inputs, network.outputs), (len(card.inputs), card.action_size)
+        require(sizes == wanted, "its inputs and outputs", f"must be {wanted}, as {FILE} states", sizes)
     return network, card, contents
 
 

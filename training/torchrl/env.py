@@ -102,7 +102,7 @@ class LissajousTorchEnv(EnvBase):
 
         observed: dict[str, Any] = {"score": numbers(world, SCORES)}
         if self._with_state:
-            observed["state"] = Unbounded(torch.Size((*world, batch.state_size)), device)
+            observed["state"] = Unbounded(batch.state(torch).shape, device)
         acted, rewarded, ended = {}, {}, flags(world)
         for side in batch.sides:
             team = torch.Size((*world, side.slots))

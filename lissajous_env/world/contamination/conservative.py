@@ -32,6 +32,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.discs import columns_of, disc_run
 from lissajous_env.device.stage import FIELD_ROW, named_struct, part, stage
 from lissajous_env.parameters.spreading import Reaches
 from lissajous_env.world.contamination.labels import MARGIN, NONE
@@ -124,16 +125,10 @@ def clear_covered(w, slot, row, rows: int, grown: float, curve, hops, robots, co
         if place[0] < NOWHERE:
             size = curve.half_width + curve.half_height + hops.radius + wp.abs(place[0]) + wp.abs(place[1])
             radius = hops.radius - grown - _ROUNDING * size
-            far = wp.max(wp.abs(bottom - place[1]), wp.abs(bottom + height - place[1]))
-            if far < radius:
-                half = wp.sqrt(radius * radius - far * far)
-                first = wp.ceil((place[0] - half + curve.half_width) * scale)
-                after = wp.floor((place[0] + half + curve.half_width) * scale)
-                # Clamped before the conversion, because a far position or a wide disc exceeds all whole numbers.
-                begin = int(wp.clamp(first, 0.0, float(hops.columns)))
-                end = int(wp.clamp(after, 0.0, float(hops.columns)))
-                for column in range(begin, end):
-                    contamination.labels[w, slot, row + MARGIN, column + MARGIN] = NONE
+            far = wp.where(place[1] < bottom + 0.5 * height, bottom + height, bottom)  # edge of the row
+            edges = columns_of(disc_run(place, radius, far), curve.half_width, scale, 0.0, hops.columns + 1)
+            for column in range(edges[0], edges[1]):
+                contamination.labels[w, slot, row + MARGIN, column + MARGIN] = NONE
 
 
 @stage(FIELD_ROW, writes="contamination: labels")

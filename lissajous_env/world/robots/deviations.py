@@ -113,13 +113,6 @@ def points_of(curve: Curve | None, device: str) -> Any:
     return sampled
 
 
-@part
-def distance_at_phase(curve, x: float, y: float, alpha: float, phase: wp.float64) -> float:
-    """Return the distance of x, y [m] from the point of a Lissajous curve at a phase [rad]."""
-    point = lissajous(curve, curve_parameter(alpha, phase))
-    return wp.length(wp.vec2(x - point[0], y - point[1]))
-
-
 @stage(ROBOT, writes="latest: lateral, phase_offset, tracking")
 def compute_deviations(block, curve, formation, curve_points, equilibrium, clock, robots, latest):
     """Compute each robot's distances from the curve and from the point at its phase, and its phase error."""
@@ -136,7 +129,8 @@ def compute_deviations(block, curve, formation, curve_points, equilibrium, clock
     if curve.harmonics.shape[0] == 0:
         for k in range(abreast.ABREAST):
             if k < abreast.width():
-                tracking[k] = distance_at_phase(curve, x[k], y[k], alpha, phase[k])
+                at_phase = lissajous(curve, curve_parameter(alpha, phase[k]))
+                tracking[k] = wp.length(wp.vec2(x[k] - at_phase[0], y[k] - at_phase[1]))
     else:
         for k in range(block.count):
             tracking[k] = wp.length(wp.vec2(x[k], y[k]) - point2(curve, curve_parameter(alpha, phase[k])))

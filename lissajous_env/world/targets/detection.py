@@ -61,27 +61,20 @@ def share_until_detection(w, i, before: wp.vec2, after: wp.vec2, radius: float, 
     return 2.0
 
 
-@wp.func
-def leaves_lists(before: wp.vec2, after: wp.vec2, radius: float, bins: Bins) -> bool:
-    """Return whether a target moved so far that the list of its bin may lack robots that detect it.
-
-    Half of the margin of the lists is for the rounding of a target that moves exactly as far as they reach.
-    """
-    return wp.length(after - before) > 0.5 * (bins.reach + bins.widened) - radius
-
-
 @part
-def first_detection(w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots, bins) -> wp.vec2:
+def first_detection(
+    w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, has_list: bool, robots, bins
+) -> wp.vec2:
     """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
 
     The target goes straight from `before` to `after` [m], also if a wall reflected it in between. Robots that end the
     step farther than `reach` [m] from `after` are skipped, and so are those that do not work. A robot that resumes
-    works from the beginning of that step on. With bins, robots are those in the list of the bin in which the target
-    was, unless it moved too far.
+    works from the beginning of that step on. If the target `has_list`, robots are those in the list of the bin in which
+    it was.
     """
     first = int(-1)
     least = float(2.0)
-    if bins.columns > 0 and not leaves_lists(before, after, radius, bins):
+    if has_list:
         entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
         while entry[0] >= 0:
             i = entry[0]
@@ -239,7 +232,7 @@ def detect_together(
     square: Floats,
     x: Floats,
     y: Floats,
-    far: float,
+    longest_listed: float,
     displacement: float,
     sensing,
     robots,
@@ -250,8 +243,8 @@ def detect_together(
     """Let robots detect the targets of a group, now at x, y [m]; return the numbers undetected and in sight.
 
     `square` are the squared distances of `nearest_sensors` at the positions before [m^2]. No robot moves farther than
-    `displacement` [m] in the step. Where the sensing radius and the displacements of a target and a robot add up to
-    more than `far` [m], the lists of bins may lack robots that detected the target.
+    `displacement` [m] in the step. Where the sensing radius and the displacement of a target add up to more than
+    `longest_listed` [m], the lists of bins may lack robots that detected the target.
     """
     radius = sensing.radius
     sight = sensing.sight
@@ -280,7 +273,7 @@ def detect_together(
         if k < width():
             in_sight[k] = wp.where(least[k] < sight * sight, 1, 0)
             reach = near[k] + displacement
-            passed = wp.where(square[k] < reach * reach or reach > far, 1, 0)
+            passed = wp.where(square[k] < reach * reach or near[k] > longest_listed, 1, 0)
             appears = wp.where(status[k] == HIDDEN, 1, 0)
             is_candidate[k] = wp.where(
                 status[k] == DETECTED, 0, wp.where(least[k] < radius * radius, 1, 0) | passed | appears
@@ -296,7 +289,9 @@ def detect_together(
             first = wp.vec2(-1.0, 2.0)
             if group.status[k] == PRESENT:
                 before = wp.vec2(group.before_x[k], group.before_y[k])
-                first = first_detection(w, before, wp.vec2(x[k], y[k]), radius, near[k] + displacement, robots, bins)
+                after = wp.vec2(x[k], y[k])
+                has_list = bins.columns > 0 and near[k] <= longest_listed
+                first = first_detection(w, before, after, radius, near[k] + displacement, has_list, robots, bins)
             at_end = wp.vec2(float(nearest[k]), least[k])
             waiting -= detect(w, t, now, at_end, first, radius, targets, latest)
     return wp.vec2i(waiting, sighted)
@@ -317,8 +312,9 @@ def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots,
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
     displacement = max_displacement(w, robots)
-    # A target that an extension moved farther than lists reach may have passed any robot.
-    far = wp.where(bins.columns > 0, bins.widened + displacement, 1.0e30)
+    # A target that an extension moved farther than lists reach may have passed any robot. Half of the margin of the
+    # lists is for the rounding of a target that moves exactly as far.
+    longest_listed = wp.where(bins.columns > 0, 0.5 * (bins.reach + bins.widened), 1.0e30)
     total = wp.vec2i(0, 0)
     end = targets.status.shape[1]
     t = int(lane)
@@ -342,7 +338,7 @@ def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots,
             nearest, square = nearest_sensors(w, count, group.x, group.y, robots, bins)
             x, y = move_together(w, key, group, nearest, square, task.step, curve, target, robots, targets)
             total += detect_together(
-                w, now, group, square, x, y, far, displacement, sensing, robots, targets, bins, latest
+                w, now, group, square, x, y, longest_listed, displacement, sensing, robots, targets, bins, latest
             )
     if total[0] > 0:
         wp.atomic_add(latest.waiting, w, total[0])
