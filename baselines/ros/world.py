@@ -32,7 +32,7 @@ class WorldNode(ros.Node):
     """The simulation as a node of ROS 2, on whose `/clock` the robots' nodes run.
 
     The clock goes on from step to step: not faster than the pace, and not before each robot has decided on its command.
-    It does not wait for a robot without a decision in the step before, in which it waited for `settings.patience`.
+    A robot that does not decide for `settings.patience` is not waited for until it decides again.
 
     Args:
         scenario: The scenario, of cars or differential drives.
@@ -42,7 +42,7 @@ class WorldNode(ros.Node):
     Attributes:
         simulation: The simulation.
         loop: Executor that runs this node while it plays; further nodes may be added.
-        decided_at: Time of the latest decision of each robot [s].
+        awaited: For each robot, whether the clock waits for its decision.
         discovery: Time for which the node waits at least, so that a recorder that was there before misses nothing [s].
 
     Raises:
@@ -66,7 +66,8 @@ class WorldNode(ros.Node):
         watchdog = Limits().of(self.scenario).watchdog
         self._vehicles = [Vehicle(self.scenario, watchdog) for _ in range(count)]
         self._status = [-1] * count
-        self.decided_at = [-math.inf] * count
+        self.awaited = [True] * count
+        self._decided_at = [-math.inf] * count
         self.loop = ros.make_executor()
         self.loop.add_node(self)
         self._robots = [self._connect(k) for k in range(count)]
@@ -92,7 +93,6 @@ class WorldNode(ros.Node):
         self._await_robots()
         if not self._call("start", self.settings.wait):
             raise CommandError(f"no answer of the robots to start within {self.settings.wait:g} s")
-        self.decided_at = [self.now] * self.scenario.num_robots
         self._start += self.scenario.task.step
         self._recorder.take()
         # A recorded log then contains all that `lissajous score` needs.
@@ -134,7 +134,7 @@ class WorldNode(ros.Node):
         self._vehicles[robot].receive(self.now, topic, message)
 
     def _decide(self, robot: int, message: Any) -> None:
-        self.decided_at[robot] = seconds(message.header.stamp)
+        self._decided_at[robot], self.awaited[robot] = seconds(message.header.stamp), True
 
     def _spin(self, timeout: float) -> None:
         """Receive a message, within a time of the machine's clock [s]."""
@@ -156,13 +156,14 @@ class WorldNode(ros.Node):
     def _await_decisions(self) -> None:
         """Publish the state, and wait until every robot that is waited for has decided on its command."""
 
-        def is_awaited(robot: int) -> bool:
-            late = (self.now - self.decided_at[robot]) / self.scenario.task.step
-            return 0.5 < late < 1.5 and self._status[robot] != REMOVED
+        def missing() -> list[int]:
+            late = [k for k, decided_at in enumerate(self._decided_at) if decided_at < self.now - 1e-6]
+            return [k for k in late if self.awaited[k] and self._status[k] != REMOVED]
 
         self._publish()
-        robots = range(self.scenario.num_robots)
-        self._spin_until(lambda: not any(map(is_awaited, robots)), self.settings.patience, self._publish)
+        if not self._spin_until(lambda: not missing(), self.settings.patience, self._publish):
+            for k in missing():
+                self.awaited[k] = False
 
     def _await_robots(self) -> None:
         """Publish the first state, at which the robots stand still, until every robot can be started."""

@@ -93,10 +93,10 @@ def test_a_robot_whose_node_ends_stops_and_joins_again():
 
 def test_the_others_drive_on_without_a_removed_robot():
     made = team_scenario(3.0, **{"faults.removed": ((0, 1.0),)})
-    forever = {"patience": 1e6}  # it would never be waited for in vain
-    with Team(made, "kuramoto-mpcc", message_wait=0.02, silence=1e6, world=forever) as team:
+    with Team(made, "kuramoto-mpcc", message_wait=0.02, silence=1e6) as team:
         watch = Watch(team.world)
         played = team.world.play(watch.look)
+        assert team.world.awaited[0], "it was never waited for in vain"
     assert played.status[-1].tolist() == [2, 0, 0, 0, 0]
     assert (played.speed[20:, 1:] > 0.05).all()
 
@@ -177,8 +177,7 @@ def test_robots_stop_while_the_network_is_silent_and_go_on_after():
                 reasons.append(step)
             radio.is_silent = 15 <= step < 35
             if step in (15, 35):
-                # Nobody decides in the silence.
-                team.world.decided_at[:] = [team.world.now - STEP if step == 35 else -math.inf] * 5
+                team.world.awaited[:] = [step == 35] * 5  # nobody decides in the silence
             if step == 15:
                 drain(team)
 
