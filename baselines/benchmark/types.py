@@ -171,7 +171,9 @@ def cells_of(
     policies: Mapping[str, Factory | ActingPolicy] | None = None,
     scenarios: Iterable[Scenario] | None = None,
 ) -> list[Cell]:
-    """Return the policies on scenarios that some settings name; of the standard scenarios, those that a policy drives.
+    """Return the policies on scenarios that some settings name.
+
+    Of the standard scenarios, and with a policy in a folder of any, those that no policy drives are left out.
 
     Raises:
         ValueError: an unknown name or device, a policy that drives no scenario, or another scenario without a policy.
@@ -193,7 +195,8 @@ def cells_of(
             names = [*_default(scenario, plays_all), *given]
         cells += [Cell(scenario, name, wanted.get(name) or factories.as_factory(name)) for name in names]
     idle = [scenario for scenario in played if all(cell.scenario is not scenario for cell in cells)]
-    if idle and (settings.scenarios != SCENARIOS or not cells):
+    leaves_out = settings.scenarios == SCENARIOS or any(map(registry.is_folder, wanted))
+    if idle and not (leaves_out and cells):
         kind, got = f"robots of kind {idle[0].actuation}", few_of(wanted) or "none"
         raise ValueError(f"policies must contain one for {idle[0].name}, which has {kind}; got {got}")
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:

@@ -147,6 +147,17 @@ def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) ->
     ...
 
 
+@wp.func_native("""
+    int bits = 0;
+    for (int k = 0; k < block.count; ++k)
+        bits |= (values[k] > least) << k;
+    return bits;
+""")
+def where_above(block: Block, values: Floats, least: float) -> int:
+    """Return a bit for each of a block's robots whose value is above this one."""
+    ...
+
+
 _STORE = """
     {type}* const to = ({type}*)values.data + {offset};
     if (block.count == {length} && mask == {full})
@@ -176,6 +187,11 @@ def put_floats(block: Block, mask: int, given: Floats, values: wp.array2d(dtype=
 @wp.func_native(_store("float64", ("given[k]",), "1"))
 def put_doubles(block: Block, mask: int, given: Doubles, values: wp.array2d(dtype=wp.float64)):
     """Set the values (W, N) of the block's robots that have a bit."""
+
+
+@wp.func_native(_store("int32", ("bits >> k & 1",), "1"))
+def put_bits(block: Block, mask: int, bits: int, values: wp.array2d(dtype=wp.int32)):
+    """Set the values (W, N) of the block's robots that have a bit in `mask` to their bits in `bits`."""
 
 
 @wp.func_native(_store("float32", ("given[k]",), "values.shape[2]", "entry"))

@@ -205,6 +205,12 @@ _LABEL_CELLS = f"""
     for (int first = 0; first < 32; first += lanes, here += lanes) {{
         if (!(todo >> first & all))
             continue;
+#if !defined(__CUDA_ARCH__)
+        // The labels of many worlds do not fit into a cache: those of the next rows are fetched in advance.
+        for (int tick = 0; tick < ring; ++tick)
+            for (int further = 0; further <= lanes; further += lanes)
+                __builtin_prefetch(here + tick * slot_stride + {int(MARGIN)} * row_stride + further);
+#endif
         int label[lanes], hopped[lanes];
         for (int l = 0; l < lanes; ++l) {{
             const int before = here[now.latest * slot_stride + l] & now.label_mask;

@@ -10,7 +10,7 @@ import warp as wp
 from lissajous_env.device import abreast
 from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import into_rectangle, wrap
+from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.device.trig import cos_sin
@@ -216,19 +216,34 @@ _EDGE = wp.constant(1e-3)
 
 
 @stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
-def mark_outside(w, i, curve, robot, task, clock, robots, latest):
+def mark_outside(block, curve, robot, task, clock, robots, latest):
     """Mark the robots that are partly or wholly outside the rectangle; `task.boundary=remove` removes the latter."""
-    place = planar(robots.position[w, i])
-    inside = distance_inside(curve.half_width, curve.half_height, place[0], place[1])
-    beyond = place - into_rectangle(place, curve)
-    is_there = robots.status[w, i] != REMOVED
-    is_outside = is_there and wp.dot(beyond, beyond) > robot.radius * robot.radius
-    latest.partly_outside[w, i] = wp.where(is_there and inside < (1.0 - _EDGE) * robot.radius, 1, 0)
-    latest.outside[w, i] = wp.where(is_outside, 1, 0)
-    if is_outside and task.boundary == _REMOVE_OUTSIDE:
-        robots.status[w, i] = REMOVED
-        robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
-        latest.terminated[w, i] = True
+    n = robots.status.shape[1]
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    excess = Floats()  # of a centre beyond the nearest edge, negative inside
+    square = Floats()  # of the distance of a centre from the rectangle
+    for k in range(abreast.ABREAST):
+        if k < abreast.width():
+            beyond_x = wp.abs(x[k]) - curve.half_width
+            beyond_y = wp.abs(y[k]) - curve.half_height
+            excess[k] = wp.max(beyond_x, beyond_y)
+            beyond_x = wp.max(beyond_x, 0.0)
+            beyond_y = wp.max(beyond_y, 0.0)
+            square[k] = beyond_x * beyond_x + beyond_y * beyond_y
+    there = ~abreast.where_equal(block, robots.status, REMOVED)
+    outside = abreast.where_above(block, square, robot.radius * robot.radius) & there
+    partly = abreast.where_above(block, excess, -(1.0 - _EDGE) * robot.radius) & there
+    abreast.put_bits(block, block.active_mask, partly, latest.partly_outside)
+    abreast.put_bits(block, block.active_mask, outside, latest.outside)
+    if task.boundary == _REMOVE_OUTSIDE:
+        for k in range(block.count):
+            if abreast.is_in(k, outside & block.active_mask):
+                w = (block.start + k) / n
+                i = (block.start + k) % n
+                robots.status[w, i] = REMOVED
+                robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+                latest.terminated[w, i] = True
 
 
 @part
