@@ -90,6 +90,15 @@ class ScenarioSpace:
     def __post_init__(self) -> None:
         require(isinstance(self.base, Scenario), "base of a space", "must be a Scenario", self.base)
         object.__setattr__(self, "require", tuple(self.require))
+        for name, parts in {
+            "draw": self.draw,
+            **{f"shift.{name}": parts for name, parts in self.shifts.items()},
+        }.items():
+            require(isinstance(parts, Mapping), name, "must be a mapping from parts to draws", parts)
+            for part, entries in parts.items():
+                require(
+                    isinstance(entries, Mapping), f"{name}.{part}", "must be a mapping from fields to draws", entries
+                )
         for name in self.shifts:
             if name in SPLITS:
                 raise ValueError(f"a shift must not have the name of a split, got {name}")
@@ -188,7 +197,6 @@ class ScenarioSpace:
         draws, known = {}, [*PARTS, "variables", "scale"]
         for part, entries in self.draw.items():
             require(part in known, "draw", f"must name one of {', '.join(known)}", part, known)
-            require(isinstance(entries, Mapping), f"draw.{part}", "must be a mapping from fields to draws", entries)
             for name in entries if part == "scale" else ():
                 require(name in _SCALE, "draw.scale", "must contain length or time", name)
             for name, entry in entries.items():
@@ -276,10 +284,11 @@ def _choice(name: str, choices: Any, weights: Any) -> Callable[[Names], Any]:
     Raises:
         ValueError: there is none, or the weights are not a number for each.
     """
-    is_list = isinstance(choices, (list, tuple)) and choices
-    require(is_list, f"{name}.choices", "must be a list of at least one value", choices)
-    shares = [1.0] * len(choices) if weights is None else list(weights)
-    fits = len(shares) == len(choices) and all(is_finite(share) and share >= 0 for share in shares) and sum(shares)
+    is_list = isinstance(choices, (list, tuple)) and choices and all(isinstance(choice, Mapping) for choice in choices)
+    require(is_list, f"{name}.choices", "must be a list of at least one mapping from fields to values", choices)
+    shares = [1.0] * len(choices) if weights is None else weights
+    fits = isinstance(shares, (list, tuple)) and len(shares) == len(choices)
+    fits = fits and all(is_finite(share) and share >= 0 for share in shares) and sum(shares)
     require(fits, f"{name}.weights", f"must be {len(choices)} numbers of at least 0, not all 0", weights)
     above = list(itertools.accumulate(shares))
     return lambda names: choices[bisect.bisect(above, names("uniform")(0, above[-1]))]
