@@ -197,7 +197,9 @@ def _key(row: Mapping[str, Any]) -> _Key:
 
 
 def _entries(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Return the entries of nested settings by dotted name."""
+    """Return the entries of nested settings by dotted name; those of a list of objects by their places."""
+    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        value = dict(enumerate(value))
     if isinstance(value, dict) and value:
         for key, entry in value.items():
             yield from _entries(entry, f"{name}.{key}".lstrip("."))
