@@ -53,9 +53,8 @@ Part = Iterator[Claim | Picture]
 
 def near(claim: str, paper: float, result: float, tolerance: float, unit: str = "", why: str = "") -> Claim:
     """Claim that a number, `result`, differs from `paper` by at most the tolerance, all in the same unit."""
-    number, ours = f"{paper:g} {unit}".rstrip(), f"{result:.4g} {unit}".rstrip()
     rule, agrees = f"\N{PLUS-MINUS SIGN} {tolerance:g} {unit}".rstrip(), bool(abs(result - paper) <= tolerance)
-    return Claim(claim, number, ours, rule, agrees, why)
+    return Claim(claim, f"{paper:g} {unit}".rstrip(), f"{result:.4g} {unit}".rstrip(), rule, agrees, why)
 
 
 def within_range(claim: str, paper: float, result: np.ndarray, unit: str = "", why: str = "") -> Claim:
