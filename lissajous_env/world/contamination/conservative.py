@@ -73,9 +73,7 @@ def as_reach(reaches: Reaches, device: Any) -> Reach:
 
 @part
 def is_near_entry(row, column, rows_away: int, columns_away: int, rows: int, columns: int, target) -> bool:
-    """Return whether targets are introduced in a cell at most so many rows and columns away."""
-    if target.arrival_rate == 0.0:
-        return False
+    """Return whether targets may be introduced in a cell at most so many rows and columns away."""
     if target.entry != BOUNDARY:
         return True
     near_row = row <= rows_away or row >= rows - 1 - rows_away
@@ -102,10 +100,11 @@ def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough:
 def bound_of_cell(w, tick: int, row, column, rows: int, target, hops, reach, contamination) -> int:
     """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
+    arrives = target.arrival_rate > 0.0
     for k in range(reach.lags.shape[0]):
         lag = reach.lags[k]
         since = int(NONE)  # of targets that were introduced in the meantime
-        if is_near_entry(row, column, reach.rows[k], reach.widths[k, 0], rows, hops.columns, target):
+        if arrives and is_near_entry(row, column, reach.rows[k], reach.widths[k, 0], rows, hops.columns, target):
             since = wp.max((tick - lag + 1) * hops.period - 1, 0) * 256
         if label < NONE and since > label:
             slot = (tick - lag + hops.history_length) % hops.history_length
@@ -136,8 +135,7 @@ def reset_bounds(w, row, target, hops, clock, contamination):
     """Contaminate the cells in which targets are introduced, if some are present from the start."""
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
-        is_edge = row == 0 or row == rows - 1 or column == 0 or column == hops.columns - 1
-        enter = target.count > 0 and (is_edge or target.entry != BOUNDARY)
+        enter = target.count > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target)
         for k in range(hops.history_length):
             contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(enter, 0, NONE)
 
@@ -154,7 +152,7 @@ def bound_labels(w, row, curve, target, hops, reach, clock, robots, contaminatio
         if now > 0 and since == 0:
             label = bound_of_cell(w, tick, row, column, rows, target, hops, reach, contamination)
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
-        elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
+        elif now > 0 and target.arrival_rate > 0.0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * 256)
     clear_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)

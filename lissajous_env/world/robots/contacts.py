@@ -248,11 +248,11 @@ def mark_outside(block, curve, robot, task, clock, robots, latest):
 
 @part
 def driven_speed(w, i, action_speeds, limited_action) -> float:
-    """Return the speed that a robot's action requests [m/s], without its direction; see `values`."""
+    """Return the speed that a robot's action requests [m/s]; its components add up like those of a vector."""
     square = float(0.0)
     for k in range(action_speeds.shape[0]):
-        part = action_speeds[k, 1] * (limited_action[w, i, k] - action_speeds[k, 0])
-        square += part * part
+        speed = action_speeds[k, 1] * (limited_action[w, i, k] - action_speeds[k, 0])
+        square += speed * speed
     return wp.sqrt(square)
 
 
