@@ -35,7 +35,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import columns_of, disc_run
 from lissajous_env.device.stage import FIELD_ROW, named_struct, part, stage
 from lissajous_env.parameters.spreading import Reaches
-from lissajous_env.world.contamination.labels import MARGIN, NONE
+from lissajous_env.world.contamination.labels import MARGIN, NONE, PER_STEP
 from lissajous_env.world.state import NEVER, NOWHERE
 from lissajous_env.world.targets.motion import BOUNDARY
 
@@ -105,7 +105,7 @@ def bound_of_cell(w, tick: int, row, column, rows: int, target, hops, reach, con
         lag = reach.lags[k]
         since = int(NONE)  # of targets that were introduced in the meantime
         if arrives and is_near_entry(row, column, reach.rows[k], reach.widths[k, 0], rows, hops.columns, target):
-            since = wp.max((tick - lag + 1) * hops.period - 1, 0) * 256
+            since = wp.max((tick - lag + 1) * hops.period - 1, 0) * PER_STEP
         if label < NONE and since > label:
             slot = (tick - lag + hops.history_length) % hops.history_length
             least = least_label(w, slot, row, column, rows, hops.columns, k, label, reach, contamination)
@@ -154,14 +154,14 @@ def bound_labels(w, row, curve, target, hops, reach, clock, robots, contaminatio
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
         elif now > 0 and target.arrival_rate > 0.0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
-            contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * 256)
+            contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * PER_STEP)
     clear_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)
     oldest = int(NEVER)
     ages = wp.int64(0)
     for column in range(hops.columns):
         label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
         if label < NONE:
-            oldest = wp.min(oldest, label / 256)
-            ages += wp.int64(now - label / 256)
+            oldest = wp.min(oldest, label / PER_STEP)
+            ages += wp.int64(now - label / PER_STEP)
     contamination.row_oldest[w, row] = oldest
     contamination.row_ages[w, row] = ages
