@@ -201,17 +201,17 @@ def test_an_invalid_command_line_ends_with_exit_code_2_and_names_the_option(argu
 
 def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     code, out, _ = called(capsys, "policies", "failure", "--json")
-    listed = {each["name"]: each for each in json.loads(out)}
+    listed = {policy["name"]: policy for policy in json.loads(out)}
     assert (code, tuple(listed)) == (0, baselines.names("failure"))
     everything = json.loads(called(capsys, "policies", "--json")[1])
-    by = {each["name"]: each["steered_by"] for each in everything}
+    by = {policy["name"]: policy["steered_by"] for policy in everything}
     assert {name for name in by if by[name] == "network"} == {"learned-watch", "learned-intercept"}
     assert (by["kuramoto"], by["portfolio"], by["portfolio-safe"]) == ("rule", "plan", "plan")
-    assert [each["name"] for each in everything] == list(baselines.names())
-    assert all(each["description"] and each["kind"] in (None, *MODELS, "velocity") for each in everything)
+    assert [policy["name"] for policy in everything] == list(baselines.names())
+    assert all(policy["description"] and policy["kind"] in (None, *MODELS, "velocity") for policy in everything)
     table = called(capsys, "policies")[1]
-    for each in everything:
-        assert re.search(rf"^{each['name']} +({each['kind'] or 'any'}) ", table, re.MULTILINE)
+    for policy in everything:
+        assert re.search(rf"^{policy['name']} +({policy['kind'] or 'any'}) ", table, re.MULTILINE)
     assert "module:factory, where factory(scenario" in " ".join(table.split())  # and no little picture of a factory
     assert called(capsys, "policies", "faliure")[0] == 2
 
