@@ -10,7 +10,6 @@ folder. The command then accepts the names that it registers, of scenarios, poli
 """
 
 import ast
-import contextlib
 import importlib.util
 import inspect
 import io
@@ -18,10 +17,9 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
-from typing import Any
 
 import tyro
 
@@ -48,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # prints "?" for characters that the terminal does not have
     os.environ.pop("MPLBACKEND", None)  # matplotlib refuses that of a notebook elsewhere; pictures need none
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"  # without its place in the code
     code = _exit_code(list(sys.argv[1:] if arguments is None else arguments))
     try:
         print(end="", flush=True)
@@ -69,8 +68,7 @@ def commands() -> dict[str, EntryPoint]:
 def _exit_code(arguments: list[str]) -> int:
     """Run a command and return its exit code; print errors as one line."""
     try:
-        with _short_warnings():
-            return _run(arguments)
+        return _run(arguments)
     except SystemExit as end:  # of tyro after the help or an error, of rich after a closed pipe, or of a command
         if end.code is None or isinstance(end.code, int):
             return int(end.code or 0)
@@ -125,8 +123,9 @@ def _run(arguments: list[str]) -> int:
         function = known[name].load()
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
+    description = (inspect.getdoc(function) or "").partition("\nArgs:")[0]
     with interrupts.raised():
-        result = tyro.cli(function, prog=f"lissajous {name}", description=_description(function), args=options)
+        result = tyro.cli(function, prog=f"lissajous {name}", description=description, args=options)
     return result if type(result) is int else 0  # True is a result, not an exit code
 
 
@@ -149,22 +148,6 @@ def _import_modules(arguments: list[str]) -> list[str]:
             rule = "must be followed by a module that can be imported"
             raise ValueError(f"{IMPORT} {rule}, got {shown(module)}: {where_raised(error)}") from error
     return others
-
-
-def _description(function: Callable[..., Any]) -> str:
-    """Return the docstring of a command up to the section on its arguments, with the example."""
-    return (inspect.getdoc(function) or "").partition("\nArgs:")[0]
-
-
-@contextlib.contextmanager
-def _short_warnings() -> Iterator[None]:
-    """Print each warning on one line, without its place in the code."""
-    before = warnings.formatwarning
-    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
-    try:
-        yield
-    finally:
-        warnings.formatwarning = before
 
 
 def _print_commands(known: Mapping[str, EntryPoint]) -> None:
