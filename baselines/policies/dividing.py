@@ -138,7 +138,9 @@ class DividedPursuit(Chase):
     """Distance that is added to the way to a target [sight]."""
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """Drive to where the robot's own target will be."""
+        """Drive to where the robot's own target will be, if rows have entries for tracks."""
+        if rows.tracks.shape[2] == 0:
+            return super().react(rows)
         there = self.in_sight(rows)
         at = np.where(there[..., None], rows.position[:, :, None] + rows.track_offset, np.nan)
         far = distances(known_places(rows), at)
