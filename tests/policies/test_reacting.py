@@ -241,8 +241,7 @@ def test_a_setting_that_is_none_is_refused():
 
 @pytest.mark.parametrize("name", ["follow", "a-cmommt", "greedy-cover", "lead-pursuit", "divided-pursuit"])
 def test_without_targets_in_its_row_a_robot_patrols(name):
-    entries = "sensing.targets_seen" if name == "follow" else "sensing.tracks_seen"
-    blind = lissajous_env.scenario("watch", **{entries: 0})
+    blind = lissajous_env.scenario("watch", **{f"sensing.{'targets' if name == 'follow' else 'tracks'}_seen": 0})
     rows = lissajous_env.Simulation(blind, seed=1).observation.numpy()
     patrol = Lanes(blind, reach=blind.resolve().sight).act(rows)
     np.testing.assert_array_equal(baselines.make(name, blind).act(rows), patrol)
