@@ -151,19 +151,19 @@ APART = wp.constant(0.05)
 
 
 @part
-def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
+def stop_at_wall(curve, radius: float, pose: wp.vec4) -> wp.vec4:
     """Return a body (x, y [m], heading [rad], speed [m/s]) moved back into the rectangle.
 
     The component of its velocity into a wall is lost; its heading is unchanged.
     """
-    along = cos_sin(robot[2])
-    x = wp.clamp(robot[0], radius - curve.half_width, curve.half_width - radius)
-    y = wp.clamp(robot[1], radius - curve.half_height, curve.half_height - radius)
-    forwards = wp.where(robot[3] < 0.0, -1.0, 1.0)
-    along_x = wp.where((robot[0] - x) * along[0] * forwards > 0.0, 0.0, along[0])
-    along_y = wp.where((robot[1] - y) * along[1] * forwards > 0.0, 0.0, along[1])
+    along = cos_sin(pose[2])
+    x = wp.clamp(pose[0], radius - curve.half_width, curve.half_width - radius)
+    y = wp.clamp(pose[1], radius - curve.half_height, curve.half_height - radius)
+    forwards = wp.where(pose[3] < 0.0, -1.0, 1.0)
+    along_x = wp.where((pose[0] - x) * along[0] * forwards > 0.0, 0.0, along[0])
+    along_y = wp.where((pose[1] - y) * along[1] * forwards > 0.0, 0.0, along[1])
     share = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
-    return wp.vec4(x, y, robot[2], robot[3] * share)
+    return wp.vec4(x, y, pose[2], pose[3] * share)
 
 
 @part

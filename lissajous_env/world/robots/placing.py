@@ -212,7 +212,7 @@ def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, hal
 
 
 @part
-def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_radius: float, curve, robot) -> float:
+def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_radius, curve, robot) -> float:
     """Return the heading at which a car begins between walls [rad]: the nearest with room for its tightest circle.
 
     Its steering (`turning_radius` [m]) or, at its speed [m/s], its grip limits that circle.

@@ -63,12 +63,12 @@ def share_until_detection(w, i, before: wp.vec2, after: wp.vec2, radius: float, 
 
 @part
 def first_detection(
-    w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, has_list: bool, robots, bins
+    w, before: wp.vec2, after: wp.vec2, radius: float, farthest: float, has_list: bool, robots, bins
 ) -> wp.vec2:
     """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
 
     The target goes straight from `before` to `after` [m], also if a wall reflected it in between. Robots that end the
-    step farther than `reach` [m] from `after` are skipped, and so are those that do not work. A robot that resumes
+    step farther than `farthest` [m] from `after` are skipped, and so are those that do not work. A robot that resumes
     works from the beginning of that step on. If the target `has_list`, robots are those in the list of the bin in which
     it was.
     """
@@ -84,9 +84,9 @@ def first_detection(
                     least = share
                     first = i
             entry = bins.entry[w, entry[1]]
-    elif reach > 0.0:
+    elif farthest > 0.0:
         for i in range(robots.sensor.shape[1]):
-            if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
+            if wp.length_sq(robots.sensor[w, i] - after) < farthest * farthest:
                 share = share_until_detection(w, i, before, after, radius, robots)
                 if share < least:
                     least = share
@@ -170,11 +170,11 @@ def gather(w, count: int, number: Ints, target, targets) -> TargetGroup:
 
 @part
 def move_together(
-    w, key, group: TargetGroup, nearest: Ints, square: Floats, step: float, curve, target, robots, targets
+    w, key, group: TargetGroup, nearest_robot: Ints, square: Floats, step: float, curve, target, robots, targets
 ) -> tuple[Floats, Floats]:
     """Move a group of targets over a step [s]; return their new x, y [m].
 
-    `nearest` and `square` are the results of `nearest_sensors` at their positions before.
+    `nearest_robot` and `square` are the results of `nearest_sensors` at their positions before.
     """
     # Copies: a loop over the fields of a struct does not become SIMD.
     number = group.number
@@ -192,7 +192,7 @@ def move_together(
     for k in range(group.count):
         if square[k] < target.flee_radius * target.flee_radius and group.motion[k] == FLEEING:
             place = wp.vec2(group.x[k], group.y[k])
-            away = place - robots.sensor[w, nearest[k]]
+            away = place - robots.sensor[w, nearest_robot[k]]
             if target.flight == _FROM_ALL:
                 away = away_from_all(w, place, curve, target, robots)
             fled = flee(place, away, step, curve, target)
@@ -206,13 +206,13 @@ def move_together(
 
 
 @part
-def detect(w, t, now, nearest: wp.vec2, first: wp.vec2, radius: float, targets, latest) -> int:
+def detect(w, t, now, at_end: wp.vec2, first: wp.vec2, radius: float, targets, latest) -> int:
     """Let a robot detect a target: the first one during the step or, without any, the nearest one at its end.
 
-    `nearest` is the result of `nearest_sensors` at the end, and `first` that of `first_detection`. Returns 1 for a
+    `at_end` is the result of `nearest_sensors` at the end, and `first` that of `first_detection`. Returns 1 for a
     detection, else 0.
     """
-    robot = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
+    robot = wp.where(at_end[1] < radius * radius, int(at_end[0]), -1)
     if first[1] <= 1.0:
         robot = int(first[0])
         targets.found_early[w, t] = 1.0 - first[1]
