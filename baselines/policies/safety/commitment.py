@@ -74,7 +74,7 @@ class Memory:
 def gap_to_edge(course: Course, terms: Terms) -> float:
     """Return the least distance of a course from the edge of the rectangle that tails stay in [m] (condition 1).
 
-    At the share x of a piece a car is at most 4 bound x (1 - x) beside its chord. Where this leads inside by `rise`, the
+    At the share x of a piece, a car is at most 4 bound x (1 - x) beside the chord. Where this leads in by `rise`, the
     car is at most (4 bound - rise)^2 / (16 bound) nearer to the edge than at the beginning of the piece.
     """
     least = float(wp.inf)
