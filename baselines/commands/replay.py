@@ -11,7 +11,7 @@ from baselines.policies import registry
 from baselines.policies.factories import as_factory
 from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.episodes.recording import load
-from lissajous_env.plugins import beside
+from lissajous_env.plugins import files_beside
 from lissajous_env.wording import nearest, require
 
 _Against = Annotated[str | None, tyro.conf.arg(metavar="POLICY")]
@@ -49,7 +49,7 @@ def replay(
         require(least <= value <= most, name, f"must be from {least:g} to {most:g}", value)
     alone = len(names) == 1 and registry.is_folder(names[0])
     if not names or (len(names) == 1 and not alone and not Path(names[0]).is_file()):
-        hint = "".join(nearest(name, beside(name, ".npz")) for name in names)
+        hint = "".join(nearest(name, files_beside(name, ".npz")) for name in names)
         got = f"but there is no file {names[0]}{hint}" if names else "got nothing"
         raise ValueError(
             f"names must be a scenario and a policy, a policy's folder, or the file of a recording (.npz), {got}"
