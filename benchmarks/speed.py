@@ -40,8 +40,8 @@ from speeds import (
     step,
 )
 
+from lissajous_env import identity
 from lissajous_env.device.devices import cores
-from lissajous_env.identity import cpu_model
 
 _MODULES = (step, rogues, memory, contamination, growth, controller, onboard, marl, cluster, cuda)
 PARTS = {module.PART.name: module.PART for module in _MODULES}
@@ -50,7 +50,7 @@ PARTS = {module.PART.name: module.PART for module in _MODULES}
 def machine(parts: Sequence[str], threads: int) -> figures.Table:
     """Return a table with the machine and the versions with which some parts are measured, a row for each part."""
     of = {
-        "processor": cpu_model(),
+        "processor": identity.machine("cpu")["cpu"],
         "cores": str(os.cpu_count()),
         "threads": str(threads),
         "Python": platform.python_version(),

@@ -1,17 +1,15 @@
 """State of one world at one time, on the host, from a simulation or a recording."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.episode import detection_times
 from lissajous_env.world.selection import of_world
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED, WORKING
-
-if TYPE_CHECKING:
-    from lissajous_env.world.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Snapshot:
     """Collisions in the episode so far."""
 
     @classmethod
-    def of(cls, simulation: "Simulation", world: int = 0) -> "Snapshot":
+    def of(cls, simulation: Simulation, world: int = 0) -> "Snapshot":
         """Copy the state of one world of a simulation."""
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
         step, cells = int(of_world(clock.step, world)), simulation.cells

@@ -169,6 +169,14 @@ def test_the_command(tmp_path, capfd):
     assert out.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
+def test_without_a_rogue_the_command_prints_its_results_and_fails_to_write_a_page(tmp_path, capsys):
+    # Oracle: sensors that reach over the whole rectangle.
+    changes = "--set", "sensing.radius=100", "task.duration=1", "task.contamination=(30,20)"
+    code, out, error = called(capsys, "exploit", "ideal", "still", *changes, "--json", "--out", tmp_path / "a.html")
+    assert (code, json.loads(out)["episodes"], json.loads(out)["wrote"]) == (1, [{"seed": 0}], None)
+    assert "a.html was not written, because no rogue is undetected at any moment" in error
+
+
 def test_bad_input_of_the_command_is_refused_by_name(capsys):
     for arguments, words in (
         (("evaders", "swep"), "policy must be"),
