@@ -77,9 +77,9 @@ def test_saved_and_loaded_by_any_name_is_the_same(recording, tmp_path):
     assert loaded.scenario == recording.scenario
     assert str(loaded.score) == str(recording.score)
     for name in recordings.ARRAYS:
-        kept, read = getattr(recording, name), getattr(loaded, name)
-        assert kept.dtype == read.dtype, name
-        np.testing.assert_array_equal(kept, read, err_msg=name)
+        original, read = getattr(recording, name), getattr(loaded, name)
+        assert original.dtype == read.dtype, name
+        np.testing.assert_array_equal(original, read, err_msg=name)
 
 
 def test_scenarios_with_infinite_fields_come_back(tmp_path):
