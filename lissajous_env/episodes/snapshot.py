@@ -89,12 +89,12 @@ class Snapshot:
     @property
     def num_targets(self) -> int:
         """Number of targets that have appeared."""
-        return np.count_nonzero(self.appears_at <= self.step) + self.earlier
+        return int((self.appears_at <= self.step).sum()) + self.earlier
 
     @property
     def num_detected(self) -> int:
         """Number of targets that were detected."""
-        return np.count_nonzero(self.detected) + self.earlier
+        return int(self.detected.sum()) + self.earlier
 
     def in_sight(self, sight: float) -> np.ndarray:
         """Return (T,) bool: targets in the world that a working robot has within `sight` [m]."""
