@@ -126,7 +126,7 @@ class Registry(dict[str, Any]):
         return ValueError("; ".join([f"{rule}, got {shown(name)}{nearest(name, [*known, *others])}", *self.broken]))
 
 
-def beside(name: Any, suffix: str) -> list[str]:
+def files_beside(name: Any, suffix: str) -> list[str]:
     """Return the files with a suffix in the folder of a path, which for a mere name is the current folder."""
     try:
         paths = sorted(Path(name).parent.iterdir())

@@ -10,7 +10,14 @@ from baselines.benchmark.progress import bar
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import as_csv
 from baselines.commands.playing import FORMATS, check_file, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, parse_overrides
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    LogFiles,
+    OutputOptions,
+    Overrides,
+    ScenarioOption,
+    parse_overrides,
+)
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import own_scenario
@@ -20,14 +27,12 @@ from lissajous_env.parameters import named
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.files import write_atomically
 
-_Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
-_Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
 _Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
 
 
 def score(
-    logs: _Logs,
-    scenario: _Scenario = None,
+    logs: LogFiles,
+    scenario: ScenarioOption = None,
     topics: tuple[str, ...] = TOPICS,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     gap: float | None = None,

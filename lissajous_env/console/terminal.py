@@ -73,6 +73,8 @@ ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENA
 ScenarioNames = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
 ]
+ScenarioOption = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
+LogFiles = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
 Device = Annotated[str, tyro.conf.arg(help="device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.")]
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 OutFolder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]

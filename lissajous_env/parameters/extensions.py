@@ -60,6 +60,7 @@ class Extension(Checked):
             fits = isinstance(name, str) and name.isidentifier() and is_shape
             require(fits, f"state of {called}", "must map names to tuples of whole numbers above 0", {name: shape})
         require(self.reset is None or callable(self.reset), f"reset of {called}", "must be a function", self.reset)
+        object.__setattr__(self, "part", self.name)  # as in `near_wall.weight`
         super().__post_init__()
 
     @classmethod
@@ -74,11 +75,6 @@ class Extension(Checked):
             ValueError: it is neither a function nor a kernel, or a setting is invalid.
         """
         return partial(cls.of, **settings) if run is None else cls(*_origin(run), **settings)
-
-    @property
-    def part(self) -> str:
-        """Name in error messages, as `near_wall` in `near_wall.weight`."""
-        return self.name
 
     @property
     def kind(self) -> str:

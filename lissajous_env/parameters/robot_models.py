@@ -11,6 +11,7 @@ import warp as wp
 
 from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.plugins import Registry
+from lissajous_env.settings.checks import is_number
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.theory.geometry import turning_radius
@@ -111,7 +112,7 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     require(rests, f"rest of {called}", "must be a function of a Robot", model.rest)
     for what, given in {"table": model.table, "rest": [model.rest_action(Robot())]}.items():
         for row in given:
-            are_actions = len(row) == size and all(map(_is_action, row))
+            are_actions = len(row) == size and all(is_number(value, -1, 1) for value in row)
             require(are_actions, f"{what} of {called}", f"must contain rows of {size} numbers from -1 to 1", row)
     are_indices = set(model.driving or ()) <= set(range(size))
     rule = f"must contain indices of components of the action, from 0 to {size - 1}"
@@ -122,10 +123,6 @@ def register_robot_model(model: RobotModel) -> RobotModel:
         rule = f"must be a Warp kernel of {', '.join(_TO_ACT)}"
         require(tuple(arguments) == _TO_ACT, f"as_car.act of {called}", rule, arguments or as_car.act)
     return MODELS.add(model)
-
-
-def _is_action(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and bool(-1 <= value <= 1)
 
 
 def model_of(kind: str) -> RobotModel:

@@ -18,6 +18,7 @@ from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity
 from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
+from lissajous_env.settings.checks import is_number
 from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Noise, Robot
 from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_laws
 from lissajous_env.theory import closed_forms, geometry
@@ -234,7 +235,7 @@ class Scenario(BringsRogues):
         actions are velocities do not follow it.
         """
         curve = dataclasses.replace(self.curve, inset=self.inset)
-        if self.start_turning == 0 or curve.harmonics or self.task.action == "velocity":
+        if self.start_turning == 0 or curve.harmonics or not self.has_formation:
             return curve
         is_tight = 2 * geometry.along_lap(self._unrounded)[1].min() < self.start_turning
         return closed_forms.rounded(curve) if is_tight else curve
@@ -285,16 +286,19 @@ class Scenario(BringsRogues):
 
     @property
     def detection_time_is_bounded(self) -> bool:
-        """True if T_max bounds the detection time in the undisturbed formation.
+        """True if T_max bounds the detection time in the undisturbed formation: its equilibrium (2) must be stable."""
+        is_stable = self.p in closed_forms.stable_equilibria(self.num_robots)
+        return is_stable and self.has_places and self.senses_neighbours
 
-        This requires that the equilibrium (2) is stable, that the robots have a + b places, and that the sensing radius
-        satisfies (8), so that the discs of neighbours on the ellipse (5) always overlap.
-        """
-        n, curve = self.num_robots, self.curve
-        if self.driven.harmonics or n != self.clusters * (curve.a + curve.b):
-            return False
-        stable = self.p in closed_forms.stable_equilibria(n)
-        return stable and self.sensing_radius >= self.detection_radius * (1 - 1e-9)
+    @property
+    def has_places(self) -> bool:
+        """True if the robots have the a + b places of a Lissajous curve, for which the paper derives its bounds."""
+        return not self.driven.harmonics and self.num_robots == self.clusters * (self.curve.a + self.curve.b)
+
+    @property
+    def senses_neighbours(self) -> bool:
+        """True if the sensing radius satisfies (8), so that the discs of neighbours on the ellipse (5) overlap."""
+        return self.sensing_radius >= self.detection_radius * (1 - 1e-9)
 
     @property
     def detection_time_label(self) -> str:
@@ -323,12 +327,12 @@ class Scenario(BringsRogues):
     def model(self) -> RobotModel:
         """Model of the robots, with the actions of the task."""
         model = model_of(self.robot.kind)
-        return driven_by_velocity(model) if self.task.action == "velocity" else model
+        return model if self.has_formation else driven_by_velocity(model)
 
     @property
     def actuation(self) -> str:
         """Kind of the robots that policies drive, or `velocity` where an action is a velocity of a car."""
-        return "velocity" if self.task.action == "velocity" else self.robot.kind
+        return self.robot.kind if self.has_formation else "velocity"
 
     @property
     def has_formation(self) -> bool:
@@ -379,9 +383,9 @@ class Scenario(BringsRogues):
             ValueError: a factor is not a positive number, or a scaled field is out of its range.
         """
         for name, factor in (("length", length), ("time", time)):
-            is_positive = isinstance(factor, (int, float)) and 0 < factor < math.inf
-            require(is_positive, name, "must be a positive number", factor)
-        return dataclasses.replace(self, **{name: getattr(self, name).scaled(length, time) for name in PARTS})
+            require(is_number(factor) and factor > 0, name, "must be a positive number", factor)
+        factors = float(length), float(time)
+        return dataclasses.replace(self, **{name: getattr(self, name).scaled(*factors) for name in PARTS})
 
     def to_dict(self) -> dict:
         """Return nested plain values, as written beside results."""

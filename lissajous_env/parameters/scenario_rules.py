@@ -10,12 +10,15 @@ import numpy as np
 from lissajous_env.parameters.extensions import TargetEntry, TargetMotion
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.rogues import rogue_of
+from lissajous_env.parameters.spreading import TICKS_MAX
 from lissajous_env.settings.task import MOST_TARGETS
 from lissajous_env.theory import closed_forms
 from lissajous_env.wording import require
 
 _OUTSIDE = 1.002
 """Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
+_STRETCH_MAX = 1.5
+"""Largest ratio of the sides of a cell of contamination."""
 _ROBOTS = "formation.ring", "formation.displaced", "robot.drive_factors", "faults.schedule", "faults.removed"
 """Fields that name robots, alone or first in a row."""
 Rules = Iterator[tuple[Any, ...]]
@@ -85,7 +88,7 @@ def _of_times(scenario: Any) -> Rules:
 
 def _of_task(scenario: Any) -> Rules:
     kind, sensed, task = scenario.robot.kind, scenario.sensing_radius, scenario.task
-    yield task.action != "velocity" or kind == "car", "task.action", f"must be control for robots of kind {kind}"
+    yield scenario.has_formation or kind == "car", "task.action", f"must be control for robots of kind {kind}"
     yield scenario.sight >= sensed, "sensing.sight", f"must be at least the sensing radius, {sensed:g} [m]"
     if (check := model_of(kind).check) is not None:
         check(scenario.curve, scenario.formation, scenario.robot, scenario.noise, task)
@@ -99,7 +102,15 @@ def _of_targets(scenario: Any) -> Rules:
         yield is_limited, "targets.speed_limit", rule
         rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
         yield targets.arrival_rate > 0 or not targets.respawn, "targets.arrival_rate", rule
-    _ = scenario.spreading  # which checks the grid
+        columns, rows = scenario.task.contamination
+        sides = 2 * scenario.curve.half_width / columns, 2 * scenario.curve.half_height / rows
+        rule = (
+            f"must make cells whose sides differ by {_STRETCH_MAX} times at most, not by {max(sides) / min(sides):.3g}"
+        )
+        yield max(sides) <= _STRETCH_MAX * min(sides), "task.contamination", rule
+        moved = scenario.rogue_speed * scenario.task.step
+        rule = f"must make cells of at least 1/{TICKS_MAX} of an evading target's motion in a step, {moved:.3g} m"
+        yield math.ceil(moved / min(sides)) <= TICKS_MAX, "task.contamination", rule
     laws = [extension.name for extension in extensions if isinstance(extension, TargetEntry)]
     rule = f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
     yield (targets.entry == "custom") == bool(laws), "targets.entry", rule

@@ -86,7 +86,7 @@ def test_a_module_that_cannot_be_imported_says_why(module, words, folder, capsys
 @pytest.mark.parametrize(("line", "words"), [
     (["run", "depot", "kuramoto"], "got 'depot'; did you mean depot.toml?"),
     (["run", "depo.toml", "kuramoto"], "depo.toml is missing; did you mean depot.toml?"),
-    (["--import", "my_scenarios", "scenarios", "shrt-one"], "did you mean short-one?"),
+    (["--import=my_scenarios", "scenarios", "shrt-one"], "did you mean short-one?"),
     (["--import", "my_policies", "evaluate", "failure", "my-stil"], "did you mean my-still?"),
     (["evaluate", "failure", "kuramoto-mpcc"], "got kuramoto-mpcc, which drives kind car; did you mean kuramoto?"),
     (["replay", "epsode.npz"], "there is no file epsode.npz; did you mean episode.npz?"),
