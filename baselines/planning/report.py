@@ -35,7 +35,7 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
         detection = Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
         settled = worst_in_words(figures.settled, planned.rows, SETTLED_TIME)
         return [
-            (True, Column("plan", left=True), _name(planned)),
+            (True, Column("plan", left=True), planned.plan.settings.policy + " (close)" * figures.too_close),
             (len(outcome.scenarios) > 1, Column("N"), str(robots)),
             (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(figures.worst_case, planned.rows)),
             (True, Column(f"second half [s]\n{episodes}"), settled),
@@ -52,10 +52,6 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
     shown = [[(column, words) for is_shown, column, words in entries(planned) if is_shown] for planned in plans]
     rows = [[str(k), *(words for _, words in row)] for k, row in enumerate(shown, start=1)]
     print_table(console, [Column("", name="number"), *(column for column, _ in shown[0])], rows)
-
-
-def _name(planned: Planned) -> str:
-    return f"{planned.plan.settings.policy} (close)" if planned.figures.too_close else planned.plan.settings.policy
 
 
 def untried_in_words(outcome: PlanOutcome) -> str:
