@@ -19,8 +19,8 @@ from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.checks import is_number
-from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Noise, Robot
-from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_laws
+from lissajous_env.settings.parts import DEFAULT_PHASE_RATE_FACTOR, Curve, Faults, Formation, Noise, Robot
+from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_custom_motion
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
 
@@ -67,7 +67,7 @@ class Scenario(BringsRogues):
 
     def without_extensions(self) -> "Scenario":
         """Return the scenario without its extensions; targets of their laws then appear anywhere, and do not move."""
-        targets = dataclasses.replace(self.targets, **without_laws(vars(self.targets)))
+        targets = dataclasses.replace(self.targets, **without_custom_motion(vars(self.targets)))
         return dataclasses.replace(self, targets=targets, extensions=())
 
     @cached_property
@@ -356,7 +356,9 @@ class Scenario(BringsRogues):
             "curve": {"inset": self.inset, "harmonics": self._rounded.harmonics},
             "robot": {
                 "count": self.num_robots,
-                "phase_rate_max": SPRINT * self.formation.phase_rate / self.alpha if rate_max is None else rate_max,
+                "phase_rate_max": DEFAULT_PHASE_RATE_FACTOR * self.formation.phase_rate / self.alpha
+                if rate_max is None
+                else rate_max,
                 "model_offset": robot.offset if robot.model_offset is None else robot.model_offset,
                 "throttle_max": robot.full_throttle,
                 "speed_max": robot.top_speed,

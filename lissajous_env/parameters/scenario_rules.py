@@ -15,11 +15,11 @@ from lissajous_env.settings.task import MOST_TARGETS
 from lissajous_env.theory import closed_forms
 from lissajous_env.wording import require
 
-_OUTSIDE = 1.002
+_EXCESS_MAX = 1.002
 """Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
 _STRETCH_MAX = 1.5
 """Largest ratio of the sides of a cell of contamination."""
-_ROBOTS = "formation.ring", "formation.displaced", "robot.drive_factors", "faults.schedule", "faults.removed"
+_ROBOT_FIELDS = "formation.ring", "formation.displaced", "robot.drive_factors", "faults.schedule", "faults.removed"
 """Fields that name robots, alone or first in a row."""
 Rules = Iterator[tuple[Any, ...]]
 """Rules in order: whether one holds, its field, the rule in words, and perhaps a value in place of the field's."""
@@ -42,7 +42,7 @@ def _of_harmonics(scenario: Any) -> Rules:
         return
     gamma = np.linspace(0, 2 * np.pi, 32 * len(curve.harmonics) + 64, endpoint=False)
     extent = np.abs(closed_forms.curve_point(curve, gamma)).max(axis=0)
-    holds = (extent <= _OUTSIDE * np.array([curve.half_width, curve.half_height])).all()
+    holds = (extent <= _EXCESS_MAX * np.array([curve.half_width, curve.half_height])).all()
     rule = f"must stay in the rectangle, {curve.half_width:g} m x {curve.half_height:g} m to each side"
     yield holds, "curve.harmonics", rule, [float(f"{half:.6g}") for half in extent]
     rule = "must be given for a curve of harmonics, because the paper's formulas do not apply"
@@ -53,7 +53,7 @@ def _of_harmonics(scenario: Any) -> Rules:
 def _of_robots(scenario: Any) -> Rules:
     n, kind, ring = scenario.num_robots, scenario.robot.kind, scenario.formation.ring
     yield n <= 1024, "robot.count", f"must be given, from 1 to 1024, because a + b is {n}"
-    for name in _ROBOTS:
+    for name in _ROBOT_FIELDS:
         rows = operator.attrgetter(name)(scenario) or ()
         robots = tuple(row[0] if isinstance(row, tuple) else row for row in rows)
         yield max(robots, default=0) < n, name, f"must name robots 0 to {n - 1}", robots
