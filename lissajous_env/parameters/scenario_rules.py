@@ -31,7 +31,7 @@ def check_together(scenario: Any) -> None:
     Raises:
         ValueError: a scenario violates one; the message names the field, the rule and the value.
     """
-    for rules in (_of_harmonics, _of_robots, _of_inset, _of_times, _of_task, _of_targets):
+    for rules in (_of_harmonics, _of_robots, _of_inset, _of_times, _of_task, _of_contamination, _of_targets):
         for holds, name, rule, *got in rules(scenario):
             require(holds, name, rule, got[0] if got else operator.attrgetter(name)(scenario))
 
@@ -94,23 +94,24 @@ def _of_task(scenario: Any) -> Rules:
         check(scenario.curve, scenario.formation, scenario.robot, scenario.noise, task)
 
 
+def _of_contamination(scenario: Any) -> Rules:
+    targets, grid = scenario.targets, scenario.task.contamination
+    if grid is None:
+        return
+    rule = "must be given if targets have a custom motion and task.contamination is set [m/s]"
+    yield targets.custom == 0 or targets.speed_limit is not None, "targets.speed_limit", rule
+    rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
+    yield targets.arrival_rate > 0 or not targets.respawn, "targets.arrival_rate", rule
+    least, largest = sorted((2 * scenario.curve.half_width / grid[0], 2 * scenario.curve.half_height / grid[1]))
+    rule = f"must make cells whose sides differ by {_STRETCH_MAX} times at most, not by {largest / least:.3g}"
+    yield largest <= _STRETCH_MAX * least, "task.contamination", rule
+    moved = scenario.rogue_speed * scenario.task.step
+    rule = f"must make cells of at least 1/{TICKS_MAX} of an evading target's motion in a step, {moved:.3g} m"
+    yield moved <= TICKS_MAX * least, "task.contamination", rule
+
+
 def _of_targets(scenario: Any) -> Rules:
     targets, extensions = scenario.targets, scenario.extensions
-    if scenario.task.contamination is not None:
-        is_limited = targets.custom == 0 or targets.speed_limit is not None
-        rule = "must be given if targets have a custom motion and task.contamination is set [m/s]"
-        yield is_limited, "targets.speed_limit", rule
-        rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
-        yield targets.arrival_rate > 0 or not targets.respawn, "targets.arrival_rate", rule
-        columns, rows = scenario.task.contamination
-        sides = 2 * scenario.curve.half_width / columns, 2 * scenario.curve.half_height / rows
-        rule = (
-            f"must make cells whose sides differ by {_STRETCH_MAX} times at most, not by {max(sides) / min(sides):.3g}"
-        )
-        yield max(sides) <= _STRETCH_MAX * min(sides), "task.contamination", rule
-        moved = scenario.rogue_speed * scenario.task.step
-        rule = f"must make cells of at least 1/{TICKS_MAX} of an evading target's motion in a step, {moved:.3g} m"
-        yield math.ceil(moved / min(sides)) <= TICKS_MAX, "task.contamination", rule
     laws = [extension.name for extension in extensions if isinstance(extension, TargetEntry)]
     rule = f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
     yield (targets.entry == "custom") == bool(laws), "targets.entry", rule
