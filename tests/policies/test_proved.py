@@ -17,20 +17,19 @@ CROWD = {**EXACT, **RANDOM_STARTS, "curve.half_width": 1.8, "curve.half_height":
 PAIR = lissajous_env.scenario("experiment", **{"robot.count": 2, "formation.ring": None, **EXACT, **RANDOM_STARTS})
 FIVE = lissajous_env.scenario("experiment", **EXACT, **RANDOM_STARTS)
 FIFTEEN = lissajous_env.scenario("team", **CROWD)
+ALIKE = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
+GRIP = {"robot.lateral_acceleration_max": 1.0}
 CASES = {
     "two cars": PAIR,
     "five cars": FIVE,
-    "alike and fast": lissajous_env.scenario(
-        FIVE, **{"robot.throttle_max": 0.177017, "noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
-    ),
+    "alike and fast": lissajous_env.scenario(FIVE, **ALIKE, **{"robot.throttle_max": 0.177017}),
     "fifteen cars": FIFTEEN,
     "motors that fail": lissajous_env.scenario(FIVE, **{"faults.rate": 0.2, "faults.stop": "coast"}),
     "two of five cars stop dead": lissajous_env.scenario(FIVE, **{"faults.schedule": ((0, 1.5, 3.0), (3, 2.0, 9.0))}),
     "stop dead, lost messages": lissajous_env.scenario(FIVE, **{"faults.rate": 0.2, "noise.message_loss": 0.5}),
     "a wall": lissajous_env.scenario(FIVE, **{"task.boundary": "wall"}),
-    "little grip, uneven motors": lissajous_env.scenario(
-        FIVE, **{"robot.lateral_acceleration_max": 1.0, "robot.drive_factors": ((0, 0.8), (3, 1.3))}
-    ),
+    "wide turns": lissajous_env.scenario(FIVE, **ALIKE, **GRIP, **{"task.boundary": "wall", "task.step": 0.02}),
+    "little grip, uneven motors": lissajous_env.scenario(FIVE, **GRIP, **{"robot.drive_factors": ((0, 0.8), (3, 1.3))}),
     "large and slow": FIVE.scaled(length=30.0, time=7.0),
     "a robot is removed": lissajous_env.scenario(FIVE, **{"faults.removed": ((1, 2.0),)}),
 }
@@ -95,9 +94,10 @@ def least_distance(simulation, worlds):
     return least
 
 
-@pytest.mark.parametrize(
-    ("case", "adversary"), [*((case, towards_the_nearest) for case in CASES), ("five cars", at_random)]
-)
+ATTACKS = [*((case, towards_the_nearest) for case in CASES), ("five cars", at_random), ("wide turns", at_random)]
+
+
+@pytest.mark.parametrize(("case", "adversary"), ATTACKS)
 def test_no_two_robots_collide_once_their_tails_are_compatible(case, adversary):
     """Oracle: the theorem. Sub-steps' closest approach counts, and the same actions unfiltered collide."""
     scenario = CASES[case]

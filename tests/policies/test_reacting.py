@@ -239,9 +239,9 @@ def test_a_setting_that_is_none_is_refused():
         Chase("intercept", lad=0.5)
 
 
-@pytest.mark.parametrize(("name", "what"), [("follow", "targets_seen"), ("greedy-cover", "tracks_seen")])
-def test_without_targets_in_its_row_a_robot_patrols(name, what):
-    blind = lissajous_env.scenario("watch", **{f"sensing.{what}": 0})
+@pytest.mark.parametrize("name", ["follow", "a-cmommt", "greedy-cover", "lead-pursuit", "divided-pursuit"])
+def test_without_targets_in_its_row_a_robot_patrols(name):
+    blind = lissajous_env.scenario("watch", **{f"sensing.{'targets' if name == 'follow' else 'tracks'}_seen": 0})
     rows = lissajous_env.Simulation(blind, seed=1).observation.numpy()
     patrol = Lanes(blind, reach=blind.resolve().sight).act(rows)
     np.testing.assert_array_equal(baselines.make(name, blind).act(rows), patrol)
