@@ -19,7 +19,7 @@ from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.checks import is_number
-from lissajous_env.settings.parts import DEFAULT_PHASE_RATE_FACTOR, Curve, Faults, Formation, Noise, Robot
+from lissajous_env.settings.parts import POINT_RATE_FACTOR, Curve, Faults, Formation, Noise, Robot
 from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_custom_motion
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
@@ -351,14 +351,13 @@ class Scenario(BringsRogues):
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; it runs identically."""
-        robot, rate_max, rogues = self.robot, self.robot.phase_rate_max, self.targets.rogues is not None
+        robot, has_rogues = self.robot, self.targets.rogues is not None
+        rate = POINT_RATE_FACTOR * self.formation.phase_rate / self.alpha
         filled: dict[str, dict[str, Any]] = {
             "curve": {"inset": self.inset, "harmonics": self._rounded.harmonics},
             "robot": {
                 "count": self.num_robots,
-                "phase_rate_max": DEFAULT_PHASE_RATE_FACTOR * self.formation.phase_rate / self.alpha
-                if rate_max is None
-                else rate_max,
+                "phase_rate_max": rate if robot.phase_rate_max is None else robot.phase_rate_max,
                 "model_offset": robot.offset if robot.model_offset is None else robot.model_offset,
                 "throttle_max": robot.full_throttle,
                 "speed_max": robot.top_speed,
@@ -370,7 +369,7 @@ class Scenario(BringsRogues):
             "formation": {"coupling": self.coupling, "p": self.p, "alpha": self.alpha, "ring": self.ring},
             "sensing": {"radius": self.sensing_radius},
             "targets": {"speed_limit": self.rogue_speed}
-            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if rogues else {}),
+            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if has_rogues else {}),
         }
         parts = {name: dataclasses.replace(getattr(self, name), **fields) for name, fields in filled.items()}
         return dataclasses.replace(self, **parts)
