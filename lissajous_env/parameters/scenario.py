@@ -55,10 +55,9 @@ class Scenario(BringsRogues):
     messages: Messages = field(default_factory=Messages)
 
     def __post_init__(self) -> None:
-        for name, part in PARTS.items():
-            require(isinstance(getattr(self, name), part), name, f"must be a {part.__name__}", getattr(self, name))
-        for name in ("name", "description"):
-            require(isinstance(getattr(self, name), str), name, "must be text", getattr(self, name))
+        rules = {name: (part, f"must be a {part.__name__}") for name, part in PARTS.items()}
+        for name, (kind, rule) in (rules | dict.fromkeys(("name", "description"), (str, "must be text"))).items():
+            require(isinstance(getattr(self, name), kind), name, rule, getattr(self, name))
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
 
@@ -385,8 +384,8 @@ class Scenario(BringsRogues):
         """
         for name, factor in (("length", length), ("time", time)):
             require(is_number(factor) and factor > 0, name, "must be a positive number", factor)
-        factors = float(length), float(time)
-        return dataclasses.replace(self, **{name: getattr(self, name).scaled(*factors) for name in PARTS})
+        parts = {name: getattr(self, name).scaled(float(length), float(time)) for name in PARTS}
+        return dataclasses.replace(self, **parts)
 
     def to_dict(self) -> dict:
         """Return nested plain values, as written beside results."""
