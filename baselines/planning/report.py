@@ -32,10 +32,11 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
     def entries(planned: Planned) -> list[tuple[bool, Column, str]]:
         """Return whether each column is shown, the column, and the words of a plan."""
         figures, robots = planned.figures, planned.plan.scenario.num_robots
+        name = planned.plan.settings.policy + (" (close)" if figures.too_close else "")
         detection = Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
         settled = worst_in_words(figures.settled, planned.rows, SETTLED_TIME)
         return [
-            (True, Column("plan", left=True), planned.plan.settings.policy + " (close)" * figures.too_close),
+            (True, Column("plan", left=True), name),
             (len(outcome.scenarios) > 1, Column("N"), str(robots)),
             (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(figures.worst_case, planned.rows)),
             (True, Column(f"second half [s]\n{episodes}"), settled),
