@@ -189,6 +189,8 @@ def test_the_targets_in_sight_are_those_of_the_simulation(name, score):
         shares.append(in_sight.mean())
     assert 0 < np.mean(shares) < 1
     recording = recorder.recording()
+    assert now.num_detected == round(recording.score["detected_fraction"] * recording.score["targets"])
+    assert now.mean_detection_time(scenario.task.step) == pytest.approx(recording.score["detection_time_mean"])
     if score is not None:
         assert np.mean(shares) == pytest.approx(recording.score[score])
     page = contents(recording)

@@ -27,7 +27,7 @@ def test_a_family_without_a_plan_says_why(capsys):
 def test_points_have_formations_alone():
     families = families_of(Request(**HALL, robots=5).scenario_of(5))
     assert {family.name for family in families if family.first} == {"defaults", "Lissajous"}
-    words = "sweep and laps drive cars, and the robots are of kind curve (give a turning radius)"
+    words = "the robots are of kind curve, not cars as for sweep and laps (give a turning radius)"
     assert words in [family.refusal for family in families]
 
 

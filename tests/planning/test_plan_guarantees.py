@@ -202,11 +202,11 @@ def test_plans_without_a_bound_after_failures_say_why():
     outcome.finals.append(planned(6.0, failed=7.0))
     assert not any("with 1 removed:" in sentence for sentence in report.sentences(outcome))
     first = "in which 1 robot is removed after a quarter of the episode (each robot"
-    assert f"and 5 {first}" in report.sentences(outcome)[0]
+    assert f"and in 5 {first}" in report.sentences(outcome)[0]
     loses_one = lissajous_env.scenario("evaders", **{"faults.lost": 1})
     for request in (Request("evaders", failures=2), Request(loses_one, failures=1)):
         outcome = dataclasses.replace(PlanOutcome.of(request), finals=finals[:2])
-        assert "and 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
+        assert "and in 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
         assert "with 2 lost [s]" in " ".join(printed(outcome, finals).split())
         assert any("with 2 removed" in sentence for sentence in report.sentences(outcome))
     with pytest.raises(ValueError, match=r"failures must be a whole number from 0 to 3, .* got 4"):
