@@ -11,7 +11,7 @@ from baselines.policies import registry
 from baselines.policies.factories import as_factory
 from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.episodes.recording import load
-from lissajous_env.plugins import beside
+from lissajous_env.plugins import files_beside
 from lissajous_env.wording import nearest, require
 
 _Against = Annotated[str | None, tyro.conf.arg(metavar="POLICY")]
@@ -50,7 +50,7 @@ def replay(
     is_recording = len(names) == 1 and not registry.is_folder(names[0])
     if is_recording and not Path(names[0]).is_file():
         rule = "names must be a scenario and a policy, a policy's folder, or the file of a recording (.npz)"
-        raise ValueError(f"{rule}, but there is no file {names[0]}{nearest(names[0], beside(names[0], '.npz'))}")
+        raise ValueError(f"{rule}, but there is no file {names[0]}{nearest(names[0], files_beside(names[0], '.npz'))}")
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if against is not None:

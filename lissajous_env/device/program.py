@@ -122,10 +122,14 @@ class Program:
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         return "\n".join("  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows)
 
+    def _lanes(self, stage: Stage) -> int:
+        """Return the number of threads that share the entities of a world."""
+        return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
+
     def _launch(self, stage: Stage, low: int, high: int) -> Any:
         """Record the launch of a stage for the worlds from `low` to `high` - 1."""
         size, names = self._sizes.get(stage.over, 1), names_of_arguments(stage.run)
-        lanes = 1 if self._device.is_cpu else size  # threads that share the entities of a world
+        lanes = self._lanes(stage)
         blocks = -(-(high - low) * size // width_on(self._device))
         dim = blocks if stage.run.by_block else (high - low, lanes)
         launch = dict(zip(LAUNCH, (low, high, lanes, size), strict=True))

@@ -139,15 +139,9 @@ def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> None:
         loop.body, body = body, [loop]
     else:
         replaced, before = 1, _LANE + active
-    clock = [] if idle or "clock" in names else _parameters("clock")
-    tree.args.args = [*_parameters(", ".join(f"{name}: int" for name in LAUNCH)), *arguments[replaced:], *clock]
+    clock = [] if idle or "clock" in names else [ast.arg("clock")]
+    tree.args.args = [*(ast.arg(name, ast.Name("int")) for name in LAUNCH), *arguments[replaced:], *clock]
     tree.body = [*about, *ast.parse(before).body, *body]
-
-
-def _parameters(text: str) -> list[ast.arg]:
-    definition = ast.parse(f"def kernel({text}): pass").body[0]
-    assert isinstance(definition, ast.FunctionDef)
-    return definition.args.args
 
 
 def _compiled(tree: ast.FunctionDef, function: Any) -> Any:

@@ -31,6 +31,7 @@ from lissajous_env.world.selection import drawn_seeds, fold_seed
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import ENDED, RUNNING
 
+NEEDS_RESET = "step needs a running episode: call reset first"
 FIRST_SCENARIOS = 64
 """Number of scenarios at the beginning of a split whose largest team and most target slots are those of a batch."""
 _FROM_SYSTEM, _NEXT = -2, -1
@@ -219,7 +220,7 @@ class Batch(Stateful):
             ResetNeeded: the worlds of a space have not been reset yet.
         """
         if self.space is not None and self._draws is None:
-            raise ResetNeeded("step needs a running episode: call reset first")
+            raise ResetNeeded(NEEDS_RESET)
         for group, simulation in enumerate(self.simulations):
             policy = self.robot_policy
             of_robots = actions["robot"] if policy is None else policy.act(simulation.observation)

@@ -20,7 +20,7 @@ from lissajous_env.world.contamination.conservative import bound_labels, reset_b
 from lissajous_env.world.contamination.field import clear_cells, reset_labels, spread, update_undetected_time
 from lissajous_env.world.coverage import cover
 from lissajous_env.world.observing import observe, store_final_rows
-from lissajous_env.world.robots.car import drive
+from lissajous_env.world.robots.car import follow_velocity
 from lissajous_env.world.robots.contacts import count_collisions, count_wall_contacts, mark_outside, stop_or_remove
 from lissajous_env.world.robots.deviations import compute_deviations
 from lissajous_env.world.robots.faults import reset_losses, update_status
@@ -110,8 +110,8 @@ def _motion(scenario: Scenario) -> list[Stage]:
 def _driver(scenario: Scenario) -> list[Stage]:
     """Return the stages in which drivers turn velocities into steering and throttle, and stay inside walls."""
     if not has_room(scenario):
-        return [Stage("driver", drive)]
-    return [Stage("driver", drive), Stage("walls ahead", drive_inside, own={"walls": walls_of(scenario)})]
+        return [Stage("driver", follow_velocity)]
+    return [Stage("driver", follow_velocity), Stage("walls ahead", drive_inside, own={"walls": walls_of(scenario)})]
 
 
 def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:

@@ -24,7 +24,7 @@ from lissajous_env.theory import closed_forms, geometry
 @pytest.fixture(autouse=True)
 def _nothing_reported(monkeypatch):
     monkeypatch.setattr(assumptions, "_reported", set())
-    monkeypatch.setattr(named, "_unreported", set())
+    monkeypatch.setattr(named, "_violated_beside_policies", set())
 
 
 def said(make):

@@ -88,12 +88,9 @@ def test_overrides_are_literals_words_and_infinity():
         "curve.a": 5, "task.grid": (4, 2), "formation.start": "random", "task.duration": float("inf"),
         "robot.count": None,
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("entry", ["curve.a", "=3", "curve.a=3 +", "curve.a=__import__('os')"])
-def test_an_override_that_is_no_value_is_refused(entry):
-    with pytest.raises(ValueError, match="--set"):
-        parse_overrides([[entry]])
+    for entry in ("curve.a", "=3"):
+        with pytest.raises(ValueError, match="--set must be given as name=value"):
+            parse_overrides([[entry]])
 
 
 @pytest.mark.parametrize(
@@ -106,7 +103,9 @@ def test_infinity_may_stand_inside_a_literal(text, value):
     assert parse_overrides([[f"curve.a={text}"]]) == {"curve.a": value}
 
 
-@pytest.mark.parametrize("text", ["nan", "-nan", "((0, nan),)", "1j", "b''", "f''", "{**{}}", "...", "{1}"])
+@pytest.mark.parametrize(
+    "text", ["nan", "-nan", "((0, nan),)", "1j", "b''", "f''", "{**{}}", "...", "{1}", "3 +", "__import__('os')"]
+)
 def test_what_is_no_literal_is_no_value(text):
     with pytest.raises(ValueError, match=r"--set curve\.a must be given"):
         parse_overrides([[f"curve.a={text}"]])

@@ -60,10 +60,8 @@ def test_values_are_in_their_ranges_and_spread_over_them():
     made = [space().sample(seed) for seed in range(200)]
     heights = np.array([each.curve.half_height for each in made])
     shares = np.array([each.sensing.radius for each in made]) / heights
-    assert heights.min() >= 0.8
-    assert heights.max() <= 3.2
-    assert shares.min() >= 0.5
-    assert shares.max() <= 1.0
+    assert 0.8 <= heights.min() <= heights.max() <= 3.2
+    assert 0.5 <= shares.min() <= shares.max() <= 1.0
     assert abs((heights < 1.6).mean() - 0.5) < 0.08  # the middle of the logarithms
     assert abs((shares < 0.75).mean() - 0.5) < 0.08
     assert abs(np.mean([each.curve.a == 5 for each in made]) - 0.5) < 0.08
@@ -106,6 +104,14 @@ def test_rules_hold_and_impossible_ones_are_named():
     assert all(each.sensing_radius < 0.7 * each.curve.half_height for each in first(of, "train", 50))
     with pytest.raises(ValueError, match=r"require must be met .* seed 0 of space, .*: sensing_radius < 0\.1"):
         space(require=("sensing_radius < 0.1",))
+    with pytest.raises(ValueError, match="require must be a list of formulas, got 'sensing_radius < 9'"):
+        space(require="sensing_radius < 9")
+
+
+def test_a_draw_of_a_hash_that_rounds_to_1_is_the_last_one(monkeypatch):
+    monkeypatch.setattr(lissajous_env.parameters.space, "_hashed", lambda text: 2**64 - 1)
+    made = space(draw={**DRAW, "targets": {"count": "whole(1, 9)", "entry": "choice('inside', 'unseen')"}}).sample(0)
+    assert (made.curve.a, made.targets.count, made.targets.entry) == (5, 9, "unseen")
 
 
 def test_a_scale_scales_the_whole_scenario():
@@ -215,6 +221,9 @@ def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch)
         expanded(["mine.toml:tset"])
     with pytest.raises(ValueError, match=r"only commands that play several .*; got mine\.toml:test:3"):
         scenario("mine.toml:test:3")
+    for part in ("mine.toml:test", "mine.toml:wide"):
+        with pytest.raises(ValueError, match=f"choose one of its scenarios, as {expanded([part])[0]}$"):
+            scenario(part)
 
 
 def test_the_base_in_a_file_is_registered_and_no_other_file(tmp_path, monkeypatch):

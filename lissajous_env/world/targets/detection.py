@@ -97,9 +97,9 @@ def first_detection(
 @wp.func
 def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
     """List a target that is in sight, for the robots that observe it."""
-    here = wp.atomic_add(bins.seen_used, w, 1)
-    after = wp.atomic_exch(bins.first_seen, w, bin_of(place, bins), here)
-    bins.seen[w, here] = wp.vec4(place[0], place[1], float(t), float(after))
+    here = wp.atomic_add(bins.targets_used, w, 1)
+    after = wp.atomic_exch(bins.first_target, w, bin_of(place, bins), here)
+    bins.target_entry[w, here] = wp.vec4(place[0], place[1], float(t), float(after))
 
 
 @stage(TARGET, writes="targets: position")
@@ -127,6 +127,7 @@ class TargetGroup:
 
     count: wp.int32
     number: Ints
+    """Their slots."""
     status: Ints
     motion: Ints
     """STILL for a hidden target."""
@@ -135,6 +136,7 @@ class TargetGroup:
     """Position at the beginning of the step [m]."""
     x: Floats
     y: Floats
+    """Position now [m], which is also that before for a target that the simulation itself moves."""
     heading: Floats
     speed: Floats
     """Speed of a target while it does not flee [m/s]."""
@@ -142,7 +144,11 @@ class TargetGroup:
 
 @part
 def gather(w, count: int, number: Ints, target, targets) -> TargetGroup:
-    """Return the group of `count` targets; those that an extension moves have already moved in this step."""
+    """Return the group of `count` targets, whose slots are `number`.
+
+    Targets that an extension or an adversary moves have already moved in this step: their position before it is read
+    from `targets.before`, where the present one replaces it.
+    """
     group = TargetGroup()
     group.count = count
     group.number = number
@@ -174,7 +180,7 @@ def move_together(
 ) -> tuple[Floats, Floats]:
     """Move a group of targets over a step [s]; return their new x, y [m].
 
-    `nearest_robot` and `square` are the results of `nearest_sensors` at their positions before.
+    `nearest_robot` and `square` are the results of `nearest_sensors` at `group.x`, `group.y`.
     """
     # Copies: a loop over the fields of a struct does not become SIMD.
     number = group.number
@@ -242,7 +248,7 @@ def detect_together(
 ) -> wp.vec2i:
     """Let robots detect the targets of a group, now at x, y [m]; return the numbers undetected and in sight.
 
-    `square` are the squared distances of `nearest_sensors` at the positions before [m^2]. No robot moves farther than
+    `square` are the squared distances of `nearest_sensors` at `group.x`, `group.y` [m^2]. No robot moves farther than
     `displacement` [m] in the step. Where the sensing radius and the displacement of a target add up to more than
     `longest_listed` [m], the lists of bins may lack robots that detected the target.
     """
@@ -262,7 +268,7 @@ def detect_together(
     for k in range(group.count):
         reach = near[k] + sight - radius
         comes_into_sight = comes_into_sight or square[k] < reach * reach
-    if comes_into_sight:  # else the distances from the old positions serve as well
+    if comes_into_sight:  # else those distances serve as well
         nearest, least = nearest_sensors(w, group.count, x, y, robots, bins)
     waiting = int(0)
     sighted = int(0)
@@ -300,7 +306,7 @@ def detect_together(
 @stage(
     TARGET,
     writes=(
-        "bins: first_seen, seen, seen_used; latest: detections, in_sight, waiting; targets: before, "
+        "bins: first_target, target_entry, targets_used; latest: detections, in_sight, waiting; targets: before, "
         "found_at, found_early, heading, in_sight, position, status"
     ),
 )
