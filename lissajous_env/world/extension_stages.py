@@ -320,8 +320,8 @@ def _check_numbers(extension: Extension, numbers: np.ndarray) -> None:
     if numbers.size == 0 or max(float(numbers.max()), -float(numbers.min())) * weight <= _LARGEST_ROUNDED:
         return  # NaN, which is the largest, compares as False
     place = np.argwhere(~(np.abs(numbers).astype(float) * weight <= _LARGEST_ROUNDED))[0]
-    thing = "target" if isinstance(extension, (TargetMotion, TargetEntry)) else "robot"
-    where = f"{thing}_{place[1]} in world {place[0]}" if len(place) > 1 else f"world {place[0]}"
+    entity = "target" if isinstance(extension, (TargetMotion, TargetEntry)) else "robot"
+    where = f"{entity}_{place[1]} in world {place[0]}" if len(place) > 1 else f"world {place[0]}"
     largest = f"of at most {LARGEST:g}{', weight included' if isinstance(extension, RewardTerm) else ''}"
     rule = f"must return finite numbers {largest}"
     raise ValueError(f"{extension.kind} {extension.name} {rule}, got {numbers[tuple(place)]:.7g} for {where}")
