@@ -140,27 +140,27 @@ def copy_term(w, i, term: int, weight: float, value: wp.array2d(dtype=float), cl
     latest.terms[w, i, term] = or_zero(weight * value[w, i])
 
 
-@stage(ROBOT, writes="observation_out")
-def copy_observation(w, i, start: int, low: float, high: float, value: wp.array3d(dtype=float), clock, observation_out):
+@stage(ROBOT, writes="observation")
+def copy_observation(w, i, start: int, low: float, high: float, value: wp.array3d(dtype=float), clock, observation):
     """Copy an extension's entries into the rows, from index `start` on."""
     for k in range(value.shape[2]):
-        observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
+        observation[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
 
 
-@stage(WORLD, writes="reduced_out")
-def reduce_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, reduced_out: wp.array(dtype=wp.float64)):
+@stage(WORLD, writes="reduced")
+def reduce_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, reduced: wp.array(dtype=wp.float64)):
     """Update the sum, maximum, minimum or last value of an extension's score column; NaN before the first step."""
     latest = wp.where(wp.abs(value[w]) <= wp.float64(_LARGEST), value[w], wp.float64(0.0))
     if clock.step[w] == 0:
         latest = wp.float64(wp.nan)
     elif clock.step[w] > 1:
         if reduction == _MAX:
-            latest = wp.max(reduced_out[w], latest)
+            latest = wp.max(reduced[w], latest)
         elif reduction == _MIN:
-            latest = wp.min(reduced_out[w], latest)
+            latest = wp.min(reduced[w], latest)
         elif reduction != _LAST:
-            latest += reduced_out[w]
-    reduced_out[w] = latest
+            latest += reduced[w]
+    reduced[w] = latest
 
 
 @stage(TARGET, writes="targets: heading, position")
@@ -227,7 +227,7 @@ class ExtensionStages:
                 own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
             elif isinstance(extension, ScoreColumn):
                 follows, copies, value = "reward", reduce_column, self._zeros(shape[:1], wp.float64)
-                self.remembered[extension.name] = own["reduced_out"] = self._zeros(shape[:1], wp.float64)
+                self.remembered[extension.name] = own["reduced"] = self._zeros(shape[:1], wp.float64)
                 own["reduction"] = REDUCTIONS.index(extension.reduce)
             elif isinstance(extension, (TargetMotion, TargetEntry)):
                 is_motion = isinstance(extension, TargetMotion)
