@@ -14,7 +14,7 @@ from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import outside
 
 _OBSERVED = 4
-"""Largest speed in an observation [top speeds]."""
+"""Largest speed in an observation [top speeds], as in `lissajous_env.world.observation.OWN_ENTRIES`."""
 _reported: set[str] = set()
 """Violated assumptions about which this process has already warned."""
 

@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.plugins import ByValue, Registry
-from lissajous_env.wording import few_of, nearest, require, shown
+from lissajous_env.wording import few_of, require
 
 AGENTS = "agents"
 """Value of `targets.rogues` where the caller of each step gives the rogues' actions."""
@@ -100,11 +100,10 @@ def rogue_of(name: str) -> Rogue | None:
     """
     if name == AGENTS or isinstance(ROGUES.get(name), Rogue):
         return ROGUES.get(name)
-    if (folder := folder_of(name)) is not None:
-        return importlib.import_module("training.learned.rogue").open_rogue(folder, name)
-    known = (AGENTS, *rogues())
+    folder, known = folder_of(name), (AGENTS, *rogues())
     rule = f"must be one of {few_of(known, name)}, or a folder with {CHECKPOINT}"
-    raise ValueError(f"targets.rogues {rule}, got {shown(name)}{nearest(name, known)}")
+    require(folder is not None, "targets.rogues", rule, name, known)
+    return importlib.import_module("training.learned.rogue").open_rogue(folder, name)
 
 
 def folder_of(name: str) -> Path | None:
