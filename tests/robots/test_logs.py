@@ -198,6 +198,7 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert same(recording.score, {name: math.nan if value is None else value for name, value in row.items()}) == []
     assert page.stat().st_size > 10_000
     assert "detection_time_mean" in table.read_text().partition("\n")[0]
+    assert "out must be another file than the log, got" in called(capsys, "score", path, "--out", path)[2]
     one, other = "/robot_0/odom", "/robot_3/odom"
     code, out, err = called(capsys, "identify", path, "--topics", one, other, "--out", tmp_path / "cars.toml")
     assert (code, err) == (0, "")

@@ -75,7 +75,7 @@ def test_cars_say_what_they_cannot_do():
     gamma = np.linspace(0, 2 * np.pi, 1_000_001)
     speed, radius = closed_forms.curve_speed(scenario.curve, gamma), geometry.curvature_radius(scenario.curve, gamma)
     turning = 0.175 / math.tan(math.pi / 9)
-    assert f"requires up to {0.3 * speed.max():.3g} m/s, the cars reach 1.5 m/s (robot.speed_max)" in fast
+    assert f"requires up to {0.3 * speed.max():.3g} m/s, the cars reach 1.5 m/s (robot.speed_max, " in fast
     assert "41.6 m/s" in fast
     share = speed[radius < turning].sum() / speed.sum()
     assert f"bends at a radius of {radius.min():.2g} m, the cars turn at {turning:.3g} m (robot.wheelbase)" in tight

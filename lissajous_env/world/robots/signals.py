@@ -18,7 +18,7 @@ from lissajous_env.world.state import NOWHERE, REMOVED, WORKING
 
 wp.set_module_options(MOTION)
 
-LARGEST = wp.constant(float(np.finfo(np.float32).max))
+_LARGEST = wp.constant(float(np.finfo(np.float32).max))
 """Largest number of float32; NaN and infinity are not at most as large."""
 
 
@@ -52,7 +52,7 @@ def limit_actions(block, noise, action, clock, latest, limited_action, command_o
         given = abreast.entries(block, action, entry)
         for k in range(abreast.ABREAST):
             if k < abreast.width():
-                invalid[k] = wp.where(wp.abs(given[k]) <= LARGEST, invalid[k], 1.0)
+                invalid[k] = wp.where(wp.abs(given[k]) <= _LARGEST, invalid[k], 1.0)
     has_earlier = abreast.where_world(block, n, clock.step, 2)
     squares = Floats()
     change = Floats()
