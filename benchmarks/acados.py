@@ -87,7 +87,7 @@ class Set:
     fresh: np.ndarray
 
 
-class Ours:
+class MpccSolver:
     """One `Mpcc` of this package."""
 
     def __init__(self, curve: Curve, parameters: MpccParameters):
@@ -102,7 +102,7 @@ class Ours:
         begin = time.perf_counter()
         self.mpcc.launch()
         seconds = time.perf_counter() - begin
-        control, trajectory = (each.numpy()[0].astype(float) for each in (self.mpcc.control, self.mpcc.trajectory))
+        control, trajectory = (array.numpy()[0].astype(float) for array in (self.mpcc.control, self.mpcc.trajectory))
         return control, trajectory, seconds, self.mpcc.cost.numpy()[0] > 1e38
 
 
@@ -181,25 +181,25 @@ def first_guesses(curve: Curve, p: MpccParameters, state: np.ndarray, phase_rate
     return control.numpy().astype(float)
 
 
-def sets(curve: Curve, p: MpccParameters, steps: int, states: int) -> dict[str, Set]:
+def problem_sets(curve: Curve, p: MpccParameters, steps: int, states: int) -> dict[str, Set]:
     """Return the two sets; the warm one has the five cars one after the other."""
     met, _ = closed_loop(Mpcc(curve, p, len(RING), threads=1), curve, steps + 1)
     by_car = met[np.arange(steps * len(RING)).reshape(steps, len(RING)).T.ravel()]
     near = random_problems(states, curve, p, np.random.default_rng(0))
-    made = {}
+    by_name = {}
     for name, problems, first in (("warm", by_car, np.arange(steps * len(RING)) % steps == 0), ("cold", near, None)):
         problems.guess = first_guesses(curve, p, problems.state, problems.phase_rate)
-        made[name] = Set(problems, np.ones(len(problems.state), bool) if first is None else first)
-    return made
+        by_name[name] = Set(problems, np.ones(len(problems.state), bool) if first is None else first)
+    return by_name
 
 
-def run(side: Ours | Acados, given: Set) -> Solved:
+def solve_all(side: MpccSolver | Acados, problem_set: Set) -> Solved:
     """Solve the problems of a set one after the other."""
-    problems, found = given.problems, []
-    for k, fresh in enumerate(given.fresh):
-        guess = problems.guess[k] if fresh else np.concatenate([found[-1][0][1:], found[-1][0][-1:]])
-        found.append(side.solve(problems.state[k], problems.phase_rate[k], guess, bool(fresh)))
-    return Solved(*map(np.array, zip(*found, strict=True)))
+    problems, solutions = problem_set.problems, []
+    for k, fresh in enumerate(problem_set.fresh):
+        guess = problems.guess[k] if fresh else np.concatenate([solutions[-1][0][1:], solutions[-1][0][-1:]])
+        solutions.append(side.solve(problems.state[k], problems.phase_rate[k], guess, bool(fresh)))
+    return Solved(*map(np.array, zip(*solutions, strict=True)))
 
 
 def violation(model: Model, solved: Solved) -> float:
@@ -210,18 +210,18 @@ def violation(model: Model, solved: Solved) -> float:
     return float(max(gaps, np.abs(controls - np.clip(controls, model.low, model.high)).max()))
 
 
-def measured(model: Model, sides: Mapping[str, Ours | Acados], given: Set, rounds: int) -> figures.Table:
+def measured(model: Model, sides: Mapping[str, MpccSolver | Acados], problem_set: Set, rounds: int) -> figures.Table:
     """Run the sides by turns; the table of times and costs."""
     turns: list[dict[str, Solved]] = []
     for _ in range(rounds):
-        turns.append({name: run(side, given) for name, side in sides.items()})
+        turns.append({name: solve_all(side, problem_set) for name, side in sides.items()})
     # The start of a car is not warm.
-    counted = np.ones(len(given.fresh), bool) if given.fresh.all() else ~given.fresh
-    states, rates = given.problems.state[counted], given.problems.phase_rate[counted]
+    counted = np.ones(len(problem_set.fresh), bool) if problem_set.fresh.all() else ~problem_set.fresh
+    states, rates = problem_set.problems.state[counted], problem_set.problems.phase_rate[counted]
     costs = {}
     for name, solved in turns[-1].items():
         controls = np.clip(solved.control[counted], model.low, model.high)
-        costs[name] = np.array([model.cost(*each) for each in zip(states, rates, controls, strict=True)])
+        costs[name] = np.array([model.cost(*problem) for problem in zip(states, rates, controls, strict=True)])
     best = np.min(list(costs.values()), axis=0)
     times = {name: np.array([turn[name].seconds[counted] for turn in turns]) * 1e6 for name in sides}
     rows = []
@@ -261,10 +261,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     curve, p = Curve(), MpccParameters()
     model = Model(curve, p)
     one_start = replace(p, poor=1e6)
-    sides: dict[str, Ours | Acados] = {
-        CONVERGED: Ours(curve, p),
-        ONE_START: Ours(curve, one_start),
-        ONE_ITERATION: Ours(curve, replace(one_start, max_iterations=1)),
+    sides: dict[str, MpccSolver | Acados] = {
+        CONVERGED: MpccSolver(curve, p),
+        ONE_START: MpccSolver(curve, one_start),
+        ONE_ITERATION: MpccSolver(curve, replace(one_start, max_iterations=1)),
     }
     with tempfile.TemporaryDirectory() as folder:
         for method, (settings, solvers) in METHODS.items():
@@ -272,8 +272,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 place = Path(folder) / f"solver_{len(sides)}"
                 sides[f"{method}, {solver}"] = Acados(model, place, {**settings, **QP_SOLVERS[solver]})
         tables = {}
-        for name, given in sets(curve, p, options.steps, options.states).items():
-            tables[f"acados_{name}"] = measured(model, sides, given, options.rounds)
+        for name, problem_set in problem_sets(curve, p, options.steps, options.states).items():
+            tables[f"acados_{name}"] = measured(model, sides, problem_set, options.rounds)
             figures.show(name, tables[f"acados_{name}"])
     if options.store:
         figures.store(tables)

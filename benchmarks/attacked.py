@@ -72,7 +72,7 @@ def removals(rng, kind, count, step):
     return {"faults.lost": int(rng.integers(1, count))} if kind == "at random" else {}
 
 
-def steered(robots, goal):
+def drive_to(robots, goal):
     """Return actions of full throttle towards goals (W, N, 2)."""
     away = goal - robots.position.numpy()[..., :2]
     angle = np.arctan2(away[..., 1], away[..., 0]) - robots.heading.numpy()
@@ -93,7 +93,7 @@ def attacks(simulation, rng, kind):
         goal = np.repeat(place[:, 1:2], place.shape[1], axis=1)
     if kind == "leave":
         goal[:, ::2] = 50 * place[:, ::2]
-    move = steered(robots, goal)
+    move = drive_to(robots, goal)
     if kind == "random":
         move = rng.uniform(-1, 1, move.shape)
     slow = rng.random(move.shape[:2]) < 0.15  # around the edge of the dead zone, where a weak motor brakes

@@ -38,9 +38,9 @@ def row_of(name: str, policy: str, grid: tuple[int, int], episodes: int) -> list
     times = []
     for factor, more in CHANGES:
         changed: dict[str, Any] = {"task.contamination": tuple(factor * cells for cells in grid)}
-        made = lissajous_env.scenario(scenario, **changed | {"sensing.radius": radius + more * cell})
+        variant = lissajous_env.scenario(scenario, **changed | {"sensing.radius": radius + more * cell})
         rows = lissajous_env.evaluate(
-            baselines.make(policy, made, episodes), made, range(_FIRST_SEED, _FIRST_SEED + episodes)
+            baselines.make(policy, variant, episodes), variant, range(_FIRST_SEED, _FIRST_SEED + episodes)
         )
         times.append(np.mean([row[WORST_CASE.name] for row in rows]))
     cells = [f"{grid[0]} x {grid[1]}", f"{cell / radius:.3f}", *(f"{time:.3g}" for time in times)]

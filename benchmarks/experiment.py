@@ -28,7 +28,7 @@ def main() -> None:
     options = figures.parser(__doc__).parse_args()
     table = Table("policy", "fault", *COLUMNS.values(), title="experiment, 60 s, 16 seeds: min / mean / max")
     table.add_row("the paper's report", "no", "1.2429", "0.192", "1", "", "", "")
-    told = ("spacing_factor", "min_separation", "collisions", "phase_error")
+    columns = ("spacing_factor", "min_separation", "collisions", "phase_error")
     stored = [["the paper", "1.2429", "0.192", "1", ""]]
     for faults in ((), lissajous_env.scenario("experiment").faults.schedule):
         scenario = lissajous_env.scenario("experiment", **{"faults.schedule": faults})
@@ -38,11 +38,11 @@ def main() -> None:
             cells = [f"{v.min():.3g} / {v.mean():.3g} / {v.max():.3g}" for v in values]
             table.add_row(name, "yes" if faults else "no", *cells)
             if not faults:
-                ends = (np.array([row[column] for row in rows], dtype=float) for column in told)
+                ends = (np.array([row[column] for row in rows], dtype=float) for column in columns)
                 stored.append([f"`{name}`", *(f"{v.min():.3g} to {v.max():.3g}" for v in ends)])
     Console().print(table)
     if options.store:
-        figures.store({"experiment": {"columns": ["", *(COLUMNS[column] for column in told)], "rows": stored}})
+        figures.store({"experiment": {"columns": ["", *(COLUMNS[column] for column in columns)], "rows": stored}})
 
 
 if __name__ == "__main__":

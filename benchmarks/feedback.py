@@ -146,15 +146,15 @@ PROTOTYPES = {
 """Policies of the prototypes, with their settings and their scores there, on as many worlds."""
 
 
-def play(name, policy, settings, first):
+def play(name, factory, settings, first):
     """Return the scores and the collisions (W,) of the worlds from a seed on."""
     scenario = lissajous_env.scenario(name)
-    made = policy(scenario, WORLDS, **settings)
+    policy = factory(scenario, WORLDS, **settings)
     simulation = lissajous_env.Simulation(scenario, WORLDS, seed=first)
     while not simulation.over.all():
-        if isinstance(made, SeesAll):
-            made.watch(simulation)
-        simulation.step(made.act(simulation.observation))
+        if isinstance(policy, SeesAll):
+            policy.watch(simulation)
+        simulation.step(policy.act(simulation.observation))
     rows = simulation.score()
     return np.array([[row[task_score(scenario).name], row["collisions"]] for row in rows]).T
 
@@ -234,16 +234,16 @@ def main():
     parser = figures.parser(__doc__)
     parser.add_argument("--tune", action="store_true", help="print the best settings on the worlds for tuning")
     parser.add_argument("--prototypes", action="store_true", help="play the policies of the prototypes")
-    given = parser.parse_args()
+    options = parser.parse_args()
     warnings.simplefilter("ignore")
-    if given.tune:
+    if options.tune:
         tune()
-    elif given.prototypes:
-        figures.publish("prototypes", "prototypes", reproduced(), given.store)
+    elif options.prototypes:
+        figures.publish("prototypes", "prototypes", reproduced(), options.store)
     else:
         table = compared()
-        figures.publish("feedback", "value of feedback", table, given.store)
-        if given.store:
+        figures.publish("feedback", "value of feedback", table, options.store)
+        if options.store:
             KEPT.write_text(json.dumps(best_values(table["rows"]), indent=1) + "\n", encoding="utf-8")
 
 

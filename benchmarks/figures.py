@@ -61,7 +61,7 @@ def load() -> dict[str, Table]:
     return json.loads(STORE.read_text(encoding="utf-8")) if STORE.exists() else {}
 
 
-def made_now() -> dict[str, Table]:
+def computed_tables() -> dict[str, Table]:
     """Return the tables that are not stored: observation entries, reward terms, score columns, and the gist."""
     from lissajous_env.parameters.scenario import Task
     from lissajous_env.settings.checks import meanings
@@ -158,9 +158,9 @@ def merged(name: str, table: Table) -> Table:
 
 def parser(about: str | None) -> argparse.ArgumentParser:
     """Return the parser of a program with tables, whose help begins with `about`; it has the option `--store`."""
-    made = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
-    made.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
-    return made
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
+    return parser
 
 
 def of_claims(claims: Sequence[Any]) -> dict[str, Table]:
@@ -182,30 +182,30 @@ def filled(page: str, tables: Mapping[str, Table]) -> str:
 def _content(asked: str, tables: Mapping[str, Table]) -> str:
     name, *cell = asked.split(" / ")
     names = name.split(", ")
-    for each in names:
-        if each not in tables:
-            raise ValueError(f"figures must be of {', '.join(tables)}, got {each!r}")
+    for table_name in names:
+        if table_name not in tables:
+            raise ValueError(f"figures must be of {', '.join(tables)}, got {table_name!r}")
     if cell:
         return _cell(tables[name], *cell)
     columns = tables[names[0]]["columns"]
     lines = [columns, ["---"] * len(columns)]
-    for each in names:
-        if tables[each]["columns"] != columns:
-            raise ValueError(f"tables that are joined must have the same columns, got {names[0]} and {each}")
-        lines += tables[each]["rows"]
+    for table_name in names:
+        if tables[table_name]["columns"] != columns:
+            raise ValueError(f"tables that are joined must have the same columns, got {names[0]} and {table_name}")
+        lines += tables[table_name]["rows"]
     if len(names) > 1:
-        of = ["", "---", *(each for each in names for _ in tables[each]["rows"])]
+        of = ["", "---", *(table_name for table_name in names for _ in tables[table_name]["rows"])]
         lines = [[first, *line] for first, line in zip(of, lines, strict=True)]
     written = ("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)
     return "\n\n" + "\n".join(written) + "\n\n"
 
 
 def _cell(table: Table, row: str, column: str) -> str:
-    found = [each for each in table["rows"] if each[0] == row]
-    found = found or [each for each in table["rows"] if each[0].startswith(row)]
-    if len(found) != 1 or column not in table["columns"]:
-        raise ValueError(f"one row must begin with {row!r} and a column be {column!r}, got {len(found)} rows")
-    return str(found[0][table["columns"].index(column)])
+    rows = [line for line in table["rows"] if line[0] == row]
+    rows = rows or [line for line in table["rows"] if line[0].startswith(row)]
+    if len(rows) != 1 or column not in table["columns"]:
+        raise ValueError(f"one row must begin with {row!r} and a column be {column!r}, got {len(rows)} rows")
+    return str(rows[0][table["columns"].index(column)])
 
 
 def main() -> None:
@@ -216,7 +216,7 @@ def main() -> None:
 
         with tempfile.TemporaryDirectory() as folder:
             store(of_claims(reproduce(("all",), out=Path(folder))))
-    tables = load() | made_now()
+    tables = load() | computed_tables()
     for path in PAGES:
         page = path.read_text(encoding="utf-8")
         path.write_text(filled(page, tables), encoding="utf-8")

@@ -41,7 +41,7 @@ def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tup
             times.append(simulation.detection_times(world)[0])
             there = appears[world][appears[world] < scenario.task.steps]
             left.append((scenario.task.steps - there).mean() * scenario.task.step)
-    known = {"mean": np.mean([each.mean() for each in times]), "longest": np.mean([each.max() for each in times])}
+    known = {"mean": np.mean([row.mean() for row in times]), "longest": np.mean([row.max() for row in times])}
     return known, np.array(left)
 
 
@@ -73,11 +73,11 @@ def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarr
 def row_of(name: str, policy: str, learned: str, seeds: Sequence[int]) -> list[str]:
     """Return a row of the table."""
     settings = RogueTraining(name)
-    found = {each: undetected_times(policy, settings.make_scenario(each), seeds) for each in (*SCRIPTS, learned)}
+    by_rogue = {rogue: undetected_times(policy, settings.make_scenario(rogue), seeds) for rogue in (*SCRIPTS, learned)}
     foreseen, left = with_foresight(policy, settings.make_scenario(), seeds)
-    best = {key: max(found[each][key] for each in SCRIPTS) for key in ("mean", "longest")}
-    of = found[learned]
-    times = [f"{each['mean']:.2f} ({each['longest']:.1f})" for each in (best, of, foreseen)]
+    best = {key: max(by_rogue[rogue][key] for rogue in SCRIPTS) for key in ("mean", "longest")}
+    of = by_rogue[learned]
+    times = [f"{summary['mean']:.2f} ({summary['longest']:.1f})" for summary in (best, of, foreseen)]
     return [f"`{name}`, `{policy}`", *times, f"{of['mean'] / foreseen['mean']:.0%}", f"{left.mean():.1f}"]
 
 

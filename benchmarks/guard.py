@@ -42,62 +42,62 @@ REHEARSED = 0, 5, 10, 18
 Results = dict[tuple[str, str], dict[str, Any]]
 
 
-def best_plan(made: Scenario, seconds: float) -> PolicySettings | None:
+def best_plan(scenario: Scenario, seconds: float) -> PolicySettings | None:
     """Return the plan with the shortest worst case of a search; None if each has a collision or no bound."""
-    outcome = PlanOutcome.of(Request(made, seconds=seconds, fixed_start=True))
+    outcome = PlanOutcome.of(Request(scenario, seconds=seconds, fixed_start=True))
     outcome.search()
-    plans = [each for each in outcome.plans if math.isfinite(each.figures.worst_case)]
+    plans = [plan for plan in outcome.plans if math.isfinite(plan.figures.worst_case)]
     return plans[0].plan.settings if plans else None
 
 
-def settings_of(name: str, made: Scenario, seconds: float) -> PolicySettings | None:
+def settings_of(name: str, scenario: Scenario, seconds: float) -> PolicySettings | None:
     """Return the settings of a policy or of the best plan."""
     if name == PLAN:
-        return best_plan(made, seconds)
-    return chosen(name, made) if name in NAMES else PolicySettings(name)
+        return best_plan(scenario, seconds)
+    return chosen(name, scenario) if name in NAMES else PolicySettings(name)
 
 
-def played(settings: PolicySettings | None, made: Scenario, episodes: int) -> dict[str, Any]:
+def played(settings: PolicySettings | None, scenario: Scenario, episodes: int) -> dict[str, Any]:
     """Return the worst case [s] and the collisions of a policy; a time of None for none, and one that does not suit."""
-    result = None if settings is None else result_of(settings, made, episodes, GUARANTEE, FIRST_SEED)
+    result = None if settings is None else result_of(settings, scenario, episodes, GUARANTEE, FIRST_SEED)
     return {"time": None} if result is None else result._asdict()
 
 
 def results(path: Path, scenarios: list[Scenario], policies: list[str], options: argparse.Namespace) -> Results:
     """Play what the file does not contain yet, and return all."""
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    found: Results = {(row["scenario"], row["policy"]): row for row in map(json.loads, lines)}
+    scores: Results = {(row["scenario"], row["policy"]): row for row in map(json.loads, lines)}
     with path.open("a", encoding="utf-8") as file:
-        for made in scenarios:
+        for scenario in scenarios:
             for name in policies:
-                if (made.name, name) in found:
+                if (scenario.name, name) in scores:
                     continue
-                settings = settings_of(name, made, options.seconds)
-                played_now = played(settings, made, options.episodes)
-                fails = made.faults.rate > 0 or made.faults.lost > 0
-                row = {"scenario": made.name, "policy": name, "fails": fails} | played_now
-                found[made.name, name] = row
+                settings = settings_of(name, scenario, options.seconds)
+                played_now = played(settings, scenario, options.episodes)
+                fails = scenario.faults.rate > 0 or scenario.faults.lost > 0
+                row = {"scenario": scenario.name, "policy": name, "fails": fails} | played_now
+                scores[scenario.name, name] = row
                 file.write(json.dumps(row) + "\n")
                 file.flush()
-    return found
+    return scores
 
 
-def as_table(found: Results, policies: list[str]) -> figures.Table:
+def as_table(scores: Results, policies: list[str]) -> figures.Table:
     """Return a row for each policy."""
-    planned = [row for (_, name), row in found.items() if name == PLAN and row["time"] is not None]
+    planned = [row for (_, name), row in scores.items() if name == PLAN and row["time"] is not None]
 
     def ratios(name: str, failing: bool) -> np.ndarray:
         pairs = [
-            (found[row["scenario"], name]["time"], row["time"])
+            (scores[row["scenario"], name]["time"], row["time"])
             for row in planned
-            if (row["fails"] or not failing) and found[row["scenario"], name]["time"] is not None
+            if (row["fails"] or not failing) and scores[row["scenario"], name]["time"] is not None
         ]
         return np.array([time / of_plan for time, of_plan in pairs])
 
     rows = []
     for name in policies:
-        collisions = [row["collisions"] for (_, policy), row in found.items() if policy == name and "collisions" in row]
-        collisions = np.array([each for each in collisions if each is not None])
+        counts = [row["collisions"] for (_, policy), row in scores.items() if policy == name and "collisions" in row]
+        collisions = np.array([count for count in counts if count is not None])
         every, failing = ratios(name, False), ratios(name, True)
         rows.append([f"`{name}`" if name != PLAN else name, str(len(every)), in_words(every, np.median),
                      f"{every.min():.2f} to {every.max():.2f}", in_words(failing, np.median),
@@ -110,13 +110,13 @@ def as_table(found: Results, policies: list[str]) -> figures.Table:
 def rehearsals(scenarios: list[Scenario], options: argparse.Namespace) -> figures.Table:
     """Return a row for each number of rehearsed patrols."""
     prior, times, collisions = Prior.read(GUARD), [], []
-    for made in scenarios:
-        best = [ordered(prior, made, count)[0] for count in REHEARSED]
-        found = [played(settings, made, options.episodes) for settings in best]
-        if all(row["time"] is not None for row in found):
-            times.append([row["time"] for row in found])
-            collisions.append([row["collisions"] for row in found])
-            print(made.name, *(f"{time:.3g}" for time in times[-1]), flush=True)
+    for scenario in scenarios:
+        best = [ordered(prior, scenario, count)[0] for count in REHEARSED]
+        scores = [played(settings, scenario, options.episodes) for settings in best]
+        if all(row["time"] is not None for row in scores):
+            times.append([row["time"] for row in scores])
+            collisions.append([row["collisions"] for row in scores])
+            print(scenario.name, *(f"{time:.3g}" for time in times[-1]), flush=True)
     ratios = np.array(times) / np.array(times)[:, :1]
     rows = [
         [str(count) if count else "none", str(len(times)), in_words(ratios[:, k], geometric_mean),
@@ -145,8 +145,8 @@ def main() -> None:
     if options.rehearsals:
         name, table = "guard rehearsed", rehearsals(scenarios, options)
     else:
-        found = results(options.out / "worst-cases.jsonl", scenarios, policies, options)
-        name, table = "guard", as_table(found, policies)
+        scores = results(options.out / "worst-cases.jsonl", scenarios, policies, options)
+        name, table = "guard", as_table(scores, policies)
     title = f"{options.space}:{split}, {options.scenarios} scenarios, {options.episodes} episodes each"
     figures.publish(name, title, table, options.store)
 

@@ -38,14 +38,14 @@ CELLS = 200_000
 
 def request_of(seed: int, kind: str) -> dict[str, Any]:
     """Return the request of a hall with robots of a kind, of the same lengths for both kinds."""
-    given: dict[str, Any] = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
-    given["robots"] = int(given["robots"])
-    turning = given["turning_radius"]
+    request: dict[str, Any] = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
+    request["robots"] = int(request["robots"])
+    turning = request["turning_radius"]
     if kind == "differential":
         # A drive of this acceleration turns as tightly as the car where its body is as wide as the turn.
-        del given["turning_radius"]
-        given |= {"robot": kind, "acceleration": float(f"{given['speed'] ** 2 / (2 * turning):.3g}")}
-    return given
+        del request["turning_radius"]
+        request |= {"robot": kind, "acceleration": float(f"{request['speed'] ** 2 / (2 * turning):.3g}")}
+    return request
 
 
 def played(best: Planned) -> tuple[list[dict[str, Any]], np.ndarray]:
@@ -57,7 +57,7 @@ def played(best: Planned) -> tuple[list[dict[str, Any]], np.ndarray]:
     return simulation.score(), np.array(places, dtype=float)
 
 
-def standing(places: np.ndarray, radius: float) -> int:
+def longest_standstill(places: np.ndarray, radius: float) -> int:
     """Return the largest number of steps in which a robot does not move by a radius [m]."""
     longest, since = 0, np.zeros(places.shape[1:3], dtype=int)
     anchor = places[0].copy()
@@ -156,7 +156,7 @@ def result_of(seed: int, kind: str, plans: int) -> Result:
         cell=2 * step + (side / speed if speed else math.sqrt(8) * side / request["speed"]),
         wall=float((half - np.abs(places)).min()) / radius - 1,
         bodies=float(apart) / radius - 2,
-        stands=standing(places, radius) * step * request["speed"] / radius,
+        stands=longest_standstill(places, radius) * step * request["speed"] / radius,
     )
     laws = {
         "wall": result.wall <= 1e-3 or any(row["outside_time"] or row["wall_contacts"] for row in rows),

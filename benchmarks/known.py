@@ -43,16 +43,16 @@ def alike(task: Scenario) -> Family:
     """Return the stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
     start = task.curve, task.formation, task.num_robots
     return as_family(task, [
-        each for each in bounds.all_known()
-        if (each.scenario.curve, each.scenario.formation, each.scenario.num_robots) == start
+        plan for plan in bounds.all_known()
+        if (plan.scenario.curve, plan.scenario.formation, plan.scenario.num_robots) == start
     ])  # fmt: skip
 
 
 def portfolios(task: Scenario) -> Family:
     """Return the patrols that the portfolios play, with the parameters that they have there."""
 
-    def plan(given: Variables) -> Plan:
-        name = given["portfolio"]
+    def plan(variables: Variables) -> Plan:
+        name = variables["portfolio"]
         return Plan("portfolios", task, portfolio.chosen(name, task), name)
 
     return Family("portfolios", plan, [{"portfolio": name} for name in portfolio.NAMES])
@@ -62,7 +62,7 @@ def filtered(family: Family, task: Scenario) -> Family:
     """Return a family under the proved filter, of which the defaults and all numbers of rows or lines come first."""
     counted = {"partition": "rows", "lines": "lines"}[family.name]
     first = ({}, *({counted: count} for count in range(1, 9)))
-    policies = [f"{each}-proved" for each in family.choices["policy"]]
+    policies = [f"{policy}-proved" for policy in family.choices["policy"]]
     others = {name: choices for name, choices in family.choices.items() if name not in ("policy", "start")}
     return with_parameters(task, f"{family.name}-proved", policies, first, others)
 
@@ -81,12 +81,12 @@ def keep(name: str, finals: Sequence[Planned], command: str) -> list[str]:
         finals: Plans that were played to the end on it.
         command: Command that found them.
     """
-    allowed = [each for each in finals if not each.figures.collisions and math.isfinite(each.figures.worst_case)]
+    allowed = [plan for plan in finals if not plan.figures.collisions and math.isfinite(plan.figures.worst_case)]
     written = []
     for goal, folder in ((WHOLE, name), (SETTLED, f"{name}-{SETTLED}")):
         bounds.all_known.cache_clear()  # the second goal is compared with what the first one has written
-        stored_ones = [ranked(each, goal) for each in bounds.all_known() if each.name in (name, f"{name}-{SETTLED}")]
-        best = min(allowed, key=lambda each: ranked(each.figures, goal), default=None)
+        stored_ones = [ranked(plan, goal) for plan in bounds.all_known() if plan.name in (name, f"{name}-{SETTLED}")]
+        best = min(allowed, key=lambda plan: ranked(plan.figures, goal), default=None)
         if best is not None and _shorter(best.figures, goal) < min(stored_ones, default=(math.inf, math.inf)):
             _write(folder, name, best, command)
             written.append(folder)
@@ -121,9 +121,9 @@ def _write(folder: str, name: str, best: Planned, command: str) -> None:
 
 
 def _write_figures(path: Path, figures: Figures, command: str) -> None:
-    found = {"command": command, "worst_case": _short(figures.worst_case), "settled": _short(figures.settled)}
+    entries = {"command": command, "worst_case": _short(figures.worst_case), "settled": _short(figures.settled)}
     write_atomically(
-        path / bounds.FOUND, "".join(f"{key} = {toml_value(key, value)}\n" for key, value in found.items())
+        path / bounds.FOUND, "".join(f"{key} = {toml_value(key, value)}\n" for key, value in entries.items())
     )
 
 
@@ -133,14 +133,14 @@ def _short(seconds: float) -> float:
 
 def measure_again(name: str) -> None:
     """Store the figures of the stored plans of a scenario, as they are now."""
-    for each in bounds.all_known():
-        if each.name in (name, f"{name}-{SETTLED}"):
+    for plan in bounds.all_known():
+        if plan.name in (name, f"{name}-{SETTLED}"):
             task = as_played(name)
             with quietly():
-                figures = play(Plan(bounds.BEST_KNOWN, task, each.settings, each.name), Episodes()).figures
+                figures = play(Plan(bounds.BEST_KNOWN, task, plan.settings, plan.name), Episodes()).figures
             now = f"{figures.worst_case:.3g} s, {figures.collisions} collisions"
-            print(f"{each.name}: {each.worst_case:g} s as stored, now {now}")
-            keep_figures(each, figures)
+            print(f"{plan.name}: {plan.worst_case:g} s as stored, now {now}")
+            keep_figures(plan, figures)
 
 
 def row_of(name: str) -> list[str]:
@@ -149,13 +149,13 @@ def row_of(name: str) -> list[str]:
     family = defaults(task)
     played = []
     with quietly():
-        for each in family.first:
+        for settings in family.first:
             with contextlib.suppress(UnsuitableScenarioError):
-                played.append(play(family.plan(each), Episodes()))
-    without = [each.figures for each in played if not each.figures.collisions]
-    whole = min((each.worst_case for each in without), default=math.inf)
-    settled = min((each.settled for each in without), default=math.inf)
-    best = [number(each) if math.isfinite(each) else "none" for each in (whole, settled)]
+                played.append(play(family.plan(settings), Episodes()))
+    without = [plan.figures for plan in played if not plan.figures.collisions]
+    whole = min((plan.worst_case for plan in without), default=math.inf)
+    settled = min((plan.settled for plan in without), default=math.inf)
+    best = [number(worst_case) if math.isfinite(worst_case) else "none" for worst_case in (whole, settled)]
     bounds = bounds_of(task)
     return [
         f"`{name}`",
@@ -188,14 +188,16 @@ def main() -> None:
             search.run()
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
         command += " --filtered" if options.filtered else ""
-        kept = keep(name, search.finals, command)
-        print(f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(kept) or 'nothing'}")
-        for each in sorted(search.finals, key=lambda each: each.figures.worst_case):
-            of = each.figures
+        folders = keep(name, search.finals, command)
+        print(
+            f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(folders) or 'nothing'}"
+        )
+        for final in sorted(search.finals, key=lambda final: final.figures.worst_case):
+            of = final.figures
             words = f"worst {of.worst_case:.3g} s, second half {of.settled:.3g} s, {of.collisions} collisions"
-            print(f"  {each.plan.settings.policy}: {words} ({each.plan.about})", flush=True)
+            print(f"  {final.plan.settings.policy}: {words} ({final.plan.about})", flush=True)
     if options.store:
-        names = dict.fromkeys(each.name.removesuffix(f"-{SETTLED}") for each in bounds.all_known())
+        names = dict.fromkeys(plan.name.removesuffix(f"-{SETTLED}") for plan in bounds.all_known())
         titles = "scenario", "lower bound [s]", "best known [s]", "best default [s]"
         titles = (*titles, "second half: best known [s]", "best default [s]")
         figures.store({"known": {"columns": titles, "rows": [row_of(name) for name in names]}})

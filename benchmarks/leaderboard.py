@@ -145,24 +145,24 @@ def main():
     )
     parser.add_argument("--check", action="store_true", help="play again, and compare with the stored rows")
     parser.add_argument("--out", type=Path, default=Path("build/leaderboard"), help="folder of the episodes")
-    given = parser.parse_args()
+    options = parser.parse_args()
     warnings.simplefilter("ignore")
-    names = given.entries or sorted(path.stem for path in FOLDER.glob("*.toml"))
+    names = options.entries or sorted(path.stem for path in FOLDER.glob("*.toml"))
     sys.path.append(str(FOLDER))
     try:
         entries = [read(FOLDER / f"{name}.toml") for name in names]
         with tempfile.TemporaryDirectory() as empty:
-            rows = [scored(entry, Path(empty) if given.check else given.out) for entry in entries]
+            rows = [scored(entry, Path(empty) if options.check else options.out) for entry in entries]
     except ValueError as error:
         parser.error(str(error))
-    if given.check:
+    if options.check:
         stored = figures.load()["leaderboard"]["rows"]
         differing = [row for row in rows if row not in stored]
         print(f"{len(rows) - len(differing)} of {len(rows)} rows are as stored", *differing, sep="\n")
         sys.exit(1 if differing else 0)
     together = figures.merged("leaderboard", {"columns": COLUMNS, "rows": rows})["rows"]
     table = {"columns": COLUMNS, "rows": sorted(together, key=lambda row: -float(row[1].split()[0]))}
-    figures.publish("leaderboard", "tasks with feedback", table, given.store)
+    figures.publish("leaderboard", "tasks with feedback", table, options.store)
 
 
 if __name__ == "__main__":

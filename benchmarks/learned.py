@@ -110,10 +110,10 @@ def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
     played = {f"`{names[0]}`": played.pop(f"`{names[0]}`"), "the same before its training": begun} | played
     if trainings:
         folders = [Path(folder) / checkpoint.BEST for folder in trainings]
-        each = [play(training.load(folder, scenario, count), scenario, SEEDS) for folder in folders]
-        for folder, of in zip(trainings, each, strict=True):
+        scores = [play(training.load(folder, scenario, count), scenario, SEEDS) for folder in folders]
+        for folder, of in zip(trainings, scores, strict=True):
             print(folder, of.mean(axis=1).round(4), gain(of[None, 0], base), flush=True)
-        played = {f"the best of each of {len(each)} trainings": np.stack(each, axis=1)} | played
+        played = {f"the best of each of {len(scores)} trainings": np.stack(scores, axis=1)} | played
     rows = [[name, interval(of[0], 3), gain(of[0], base), interval(of[1], 2), f"{of[2].mean():.0f}"]
             for name, of in played.items()]  # fmt: skip
     title = TITLES[task_score(lissajous_env.scenario(scenario)).name]
@@ -123,13 +123,13 @@ def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
 
 def on_space(name: str, trainings: list[str]) -> figures.Table:
     """Return the table of the split `test` and the shifts of a space: its best policy, the rival, and the trainings."""
-    rows, (ours, rival), space = [], SPACES[name], lissajous_env.scenario_space(name)
+    rows, (best, rival), space = [], SPACES[name], lissajous_env.scenario_space(name)
     better = task_score(space.base).better
     for split in ("test", *space.shifts):
         scores, learned = [], []
         for scenario in itertools.islice(space.scenarios(split), SCENARIOS):
             seeds = range(SEEDS[0], SEEDS[0] + EPISODES)
-            scores.append([play(baselines.make(of, scenario, EPISODES), scenario, seeds) for of in (ours, rival)])
+            scores.append([play(baselines.make(of, scenario, EPISODES), scenario, seeds) for of in (best, rival)])
             loaded = (training.load(Path(folder) / checkpoint.BEST, scenario, EPISODES) for folder in trainings)
             learned.append([play(policy, scenario, seeds).mean(axis=1) for policy in loaded])
         # Scenarios are drawn as trainings are above.
@@ -141,7 +141,7 @@ def on_space(name: str, trainings: list[str]) -> figures.Table:
             of = np.moveaxis(np.array(learned), (1, 2), (1, 0))
             rows[-1] += [gain(of[0], both[1, 0].mean(axis=1)), f"{of[1].mean():.2f}"]
         print(*rows[-1], flush=True)
-    columns = [f"`{name}`", f"`{ours}`", f"`{rival}`", "ratio", "collisions", f"of `{rival}`"]
+    columns = [f"`{name}`", f"`{best}`", f"`{rival}`", "ratio", "collisions", f"of `{rival}`"]
     more = [f"ratio of {len(trainings)} trainings", "their collisions"] if trainings else []
     return {"columns": columns + more, "rows": rows}
 

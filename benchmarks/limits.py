@@ -44,8 +44,8 @@ class Case(NamedTuple):
 
 def six_rows(scenario: Scenario, num_worlds: int, proved: bool) -> Any:
     """Make `partition-repair` with six rows of cells, under the proved filter or not."""
-    made = PartitionRepair(scenario, num_worlds, parameters=RepairParameters(rows=6))
-    return Filtered(made, Proved) if proved else made
+    policy = PartitionRepair(scenario, num_worlds, parameters=RepairParameters(rows=6))
+    return Filtered(policy, Proved) if proved else policy
 
 
 INTRUDERS = {"task.contamination": (108, 48), "targets.speed_limit": 0.6}
@@ -65,18 +65,18 @@ CASES = {
 
 def plays(case: Case) -> Iterator[tuple[Scenario, Sequence[int]]]:
     """Yield scenarios, with the seeds that are played on each."""
-    made = lissajous_env.scenario(case.scenario, **case.changes)
+    scenario = lissajous_env.scenario(case.scenario, **case.changes)
     if not case.stops:
-        yield made, range(FIRST_SEED, FIRST_SEED + case.episodes)
+        yield scenario, range(FIRST_SEED, FIRST_SEED + case.episodes)
         return
-    each = case.episodes // (made.num_robots * MOMENTS)
-    latest = made.task.duration - 2 * STOP
+    episodes = case.episodes // (scenario.num_robots * MOMENTS)
+    latest = scenario.task.duration - 2 * STOP
     draws, first = np.random.default_rng(FIRST_SEED), FIRST_SEED
-    for robot in range(made.num_robots):
+    for robot in range(scenario.num_robots):
         for begin in draws.uniform(STOP, latest, MOMENTS).round(1).tolist():
             schedule = ((robot, begin, begin + STOP),)
-            yield lissajous_env.scenario(made, **{"faults.schedule": schedule}), range(first, first + each)
-            first += each
+            yield lissajous_env.scenario(scenario, **{"faults.schedule": schedule}), range(first, first + episodes)
+            first += episodes
 
 
 def worst_undetected_times(policy: ActingPolicy, scenario: Scenario, seeds: Sequence[int]) -> np.ndarray:
@@ -92,13 +92,13 @@ def row_of(case: Case) -> list[str]:
     times, collisions = [], []
     for scenario, seeds in plays(case):
         make = partial(baselines.make, case.policy) if isinstance(case.policy, str) else case.policy
-        found = worst_undetected_times(make(scenario, len(seeds)), scenario, seeds)
+        worst = worst_undetected_times(make(scenario, len(seeds)), scenario, seeds)
         rows = lissajous_env.evaluate(make(scenario, len(seeds)), scenario, seeds)
-        later = found[:, round(5.0 / scenario.task.step) :].max(axis=1)
+        later = worst[:, round(5.0 / scenario.task.step) :].max(axis=1)
         times += [[row[WORST_CASE.name], after] for row, after in zip(rows, later, strict=True)]
         collisions += [row[COLLISIONS.name] for row in rows]
     longest, after = np.max(times, axis=0)
-    cells = [number(float(each)) for each in (longest, after, np.mean(collisions))]
+    cells = [number(float(score)) for score in (longest, after, np.mean(collisions))]
     return [str(len(times)), *cells, f"{np.sum(collisions):.0f}"]
 
 

@@ -133,8 +133,8 @@ class Ipopt(Model):
         """Return cost and controls (M, 2) of IPOPT from the guess."""
         M = self.p.stages
         x0 = np.r_[self.rollout(state, guess).ravel(), np.ravel(guess)]
-        found = self.solver(x0=x0, p=np.r_[state, phase_rate], **self.bounds)
-        control = np.array(found["x"]).ravel()[5 * (M + 1) :].reshape(M, 2)
+        solution = self.solver(x0=x0, p=np.r_[state, phase_rate], **self.bounds)
+        control = np.array(solution["x"]).ravel()[5 * (M + 1) :].reshape(M, 2)
         return self.cost(state, phase_rate, np.clip(control, self.low, self.high)), control
 
 
@@ -223,8 +223,8 @@ def random_problems(count: int, curve: Curve, p: MpccParameters, rng: np.random.
 def accuracy(problems: Problems, solution: Solution, costs: np.ndarray, ipopt: Ipopt) -> dict[str, str]:
     """Return in words the cost of a solution relative to IPOPT's costs (n,) on a set."""
     controls = solution.control.astype(float)
-    ours = [ipopt.cost(*each) for each in zip(problems.state, problems.phase_rate, controls, strict=True)]
-    excess = np.array(ours) / costs - 1
+    own_costs = [ipopt.cost(*problem) for problem in zip(problems.state, problems.phase_rate, controls, strict=True)]
+    excess = np.array(own_costs) / costs - 1
     return {
         "cost above IPOPT's, median": f"{np.median(excess):.1e}",
         "cost above IPOPT's, 99th percentile": f"{np.percentile(excess, 99):.1e}",

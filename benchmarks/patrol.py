@@ -43,18 +43,18 @@ Scores = dict[tuple[str, str], dict[str, Any]]
 """Scores by scenario and policy; `refused` with the reason where the policy cannot be made."""
 
 
-def played(name: str, made: lissajous_env.Scenario, episodes: int) -> dict[str, Any]:
+def played(name: str, scenario: lissajous_env.Scenario, episodes: int) -> dict[str, Any]:
     """Return means over episodes of a policy's scores, and the share of the episodes with a collision."""
     try:
-        policy = baselines.make(name, made, episodes)
+        policy = baselines.make(name, scenario, episodes)
     except ValueError as error:
         return {"refused": str(error)}
-    rows = lissajous_env.evaluate(policy, made, range(FIRST_SEED, FIRST_SEED + episodes))
-    found: dict[str, Any] = {}
+    rows = lissajous_env.evaluate(policy, scenario, range(FIRST_SEED, FIRST_SEED + episodes))
+    means: dict[str, Any] = {}
     for column in KEPT:
         values = [row[column] for row in rows if math.isfinite(row[column])]
-        found[column] = sum(values) / len(values) if values else None
-    return found | {"episodes_with_collision": sum(row["collisions"] > 0 for row in rows) / episodes}
+        means[column] = sum(values) / len(values) if values else None
+    return means | {"episodes_with_collision": sum(row["collisions"] > 0 for row in rows) / episodes}
 
 
 def scores_of(path: Path, split: str, options: argparse.Namespace) -> Scores:
@@ -71,11 +71,11 @@ def scores_of(path: Path, split: str, options: argparse.Namespace) -> Scores:
             if options.rogues:
                 limit = max(drawn.rogue_speed, SLOWEST * drawn.robot.top_speed)
                 changes |= {"targets.rogues": options.rogues, "targets.speed_limit": limit}
-            made = lissajous_env.scenario(drawn, **changes)
+            scenario = lissajous_env.scenario(drawn, **changes)
             for name in policies:
-                if (made.name, name) not in scores:
-                    row = scores[made.name, name] = played(name, made, options.episodes)
-                    file.write(json.dumps({"scenario": made.name, "policy": name} | row) + "\n")
+                if (scenario.name, name) not in scores:
+                    row = scores[scenario.name, name] = played(name, scenario, options.episodes)
+                    file.write(json.dumps({"scenario": scenario.name, "policy": name} | row) + "\n")
                     file.flush()
     return scores
 
@@ -108,11 +108,11 @@ def as_table(scores: Scores, policies: list[str]) -> figures.Table:
     rows = []
     for name in policies:
         accepted = [scenario for scenario in scenarios if "detection_time_mean" in scores.get((scenario, name), {})]
-        ratios = np.array([time_of(each, name) / best[each] for each in accepted])
-        papers = np.array([time_of(each, name) / time_of(each, PAPERS) for each in accepted])
-        sweeps = np.array([time_of(each, name) / time_of(each, "sweep") for each in accepted])
-        collisions = np.array([scores[each, name]["collisions"] for each in accepted])
-        free = np.array([scores[each, name]["episodes_with_collision"] == 0 for each in accepted])
+        ratios = np.array([time_of(scenario, name) / best[scenario] for scenario in accepted])
+        papers = np.array([time_of(scenario, name) / time_of(scenario, PAPERS) for scenario in accepted])
+        sweeps = np.array([time_of(scenario, name) / time_of(scenario, "sweep") for scenario in accepted])
+        collisions = np.array([scores[scenario, name]["collisions"] for scenario in accepted])
+        free = np.array([scores[scenario, name]["episodes_with_collision"] == 0 for scenario in accepted])
         rows.append([
             f"`{name}`", str(len(accepted)), in_words(ratios[np.isfinite(ratios)], np.median),
             in_words(sweeps[np.isfinite(sweeps)], geometric_mean),

@@ -71,9 +71,9 @@ def row_of(seed: int, **extent: Any) -> tuple[list[str], bool]:
             if not played.figures.collisions:
                 worst_cases[settings["policy"]] = played.figures.worst_case
     best = min(worst_cases, key=worst_cases.__getitem__, default="none")
-    found = outcome.plans[0] if outcome.plans else None
-    worst = math.inf if found is None else found.figures.worst_case
-    name = "none" if found is None else found.plan.settings.policy
+    plan = outcome.plans[0] if outcome.plans else None
+    worst = math.inf if plan is None else plan.figures.worst_case
+    name = "none" if plan is None else plan.plan.settings.policy
     row = [f"{seed}: {in_words(request)}, {scenario.task.steps} steps", name, f"{worst:.4g}", best,
            f"{worst_cases[best]:.4g}", f"{wall:.0f}", f"{processors:.0f}", str(outcome.looks)]  # fmt: skip
     return row, worst > worst_cases[best]

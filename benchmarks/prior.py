@@ -61,8 +61,8 @@ def scenarios_of(space: ScenarioSpace, split: str, count: int, objective: str) -
 
 def label(patrol: PolicySettings) -> str:
     """Return the name of a patrol for tables, such as `sweep-safe(cruise=0.9)`."""
-    given = ", ".join(f"{name}={value}" for name, value in patrol.parameters.items())
-    return f"{patrol.policy}({given})" if given else patrol.policy
+    parameters = ", ".join(f"{name}={value}" for name, value in patrol.parameters.items())
+    return f"{patrol.policy}({parameters})" if parameters else patrol.policy
 
 
 def results(path: Path, prior: Prior, tasks: Sequence[Scenario], episodes: int) -> np.ndarray:
@@ -88,10 +88,10 @@ def results(path: Path, prior: Prior, tasks: Sequence[Scenario], episodes: int) 
             file.writelines(json.dumps(row) + "\n" for row in rows)
             file.flush()
             print(f"{k} of {len(tasks)} scenarios", flush=True)
-    found = np.array([[known[task.digest(), label(each), episodes] for each in prior.patrols] for task in tasks])
+    table = np.array([[known[task.digest(), label(patrol), episodes] for patrol in prior.patrols] for task in tasks])
     steps = np.array([task.task.step for task in tasks])
-    times = np.maximum(found[..., 0], steps[:, None])
-    return np.stack([np.minimum(times, LONGEST * times.min(axis=1, keepdims=True)), found[..., 1]], axis=-1)
+    times = np.maximum(table[..., 0], steps[:, None])
+    return np.stack([np.minimum(times, LONGEST * times.min(axis=1, keepdims=True)), table[..., 1]], axis=-1)
 
 
 def costs(table: np.ndarray) -> np.ndarray:
@@ -133,7 +133,7 @@ def member(inputs: torch.Tensor, targets: torch.Tensor) -> list[np.ndarray]:
         optimizer.zero_grad()
         (network(inputs) - targets).square().mean().backward()
         optimizer.step()
-    return [each.detach().numpy() for each in network.parameters()]
+    return [parameter.detach().numpy() for parameter in network.parameters()]
 
 
 def errors(numbers: np.ndarray, wanted: np.ndarray, seed: int) -> np.ndarray:
@@ -143,7 +143,7 @@ def errors(numbers: np.ndarray, wanted: np.ndarray, seed: int) -> np.ndarray:
     """
     left = np.arange(len(wanted)) % 4 == 0
     layers = fit(numbers[~left], wanted[~left], seed)
-    predicted = np.array([costs_of(layers, each) for each in numbers[left]])
+    predicted = np.array([costs_of(layers, features) for features in numbers[left]])
     return wanted[left] - wanted[left].mean(axis=1, keepdims=True) - predicted
 
 
@@ -151,8 +151,8 @@ def refitted(
     prior: Prior, table: np.ndarray, tasks: Sequence[Scenario], shifted: Sequence[Scenario], seed: int
 ) -> Prior:
     """Return a prior that is fitted to the results of scenarios, and accepts these and shifted ones."""
-    numbers = np.array([features_of(each) for each in tasks])
-    every = np.array([*numbers, *(features_of(each) for each in shifted)])
+    numbers = np.array([features_of(task) for task in tasks])
+    every = np.array([*numbers, *(features_of(task) for task in shifted)])
     low, high = every.min(axis=0), every.max(axis=0)
     return dataclasses.replace(
         prior,
@@ -169,8 +169,8 @@ def as_text(prior: Prior) -> str:
     def rounded(array: np.ndarray) -> Any:
         return [rounded(row) for row in array] if array.ndim > 1 else [float(f"{value:.5g}") for value in array]
 
-    patrols = [{"policy": each.policy, "parameters": dict(each.parameters)} for each in prior.patrols]
-    layers = [{"weight": rounded(each.weight), "bias": rounded(each.bias)} for each in prior.layers]
+    patrols = [{"policy": patrol.policy, "parameters": dict(patrol.parameters)} for patrol in prior.patrols]
+    layers = [{"weight": rounded(layer.weight), "bias": rounded(layer.bias)} for layer in prior.layers]
     values = {"about": dict(prior.about), "objective": prior.objective, "patrols": patrols,
               "limits": prior.limits.tolist(), "seen": prior.seen.tolist(), "errors": rounded(prior.errors),
               "layers": layers}  # fmt: skip
@@ -179,7 +179,7 @@ def as_text(prior: Prior) -> str:
 
 def compared(prior: Prior, table: np.ndarray, tasks: Sequence[Scenario]) -> figures.Table:
     """Return a row for each patrol: its time over that of the network's choice, and collisions, the shortest first."""
-    picked = np.array([int(prior.predicted(each.resolve()).argmin()) for each in tasks])
+    picked = np.array([int(prior.predicted(task.resolve()).argmin()) for task in tasks])
     every = np.arange(len(tasks))
     ratios = np.exp(np.log(table[..., 0] / table[every, picked, 0][:, None]).mean(axis=0))
     rows = [["the network's choice", "1.00", f"{table[every, picked, 1].mean():.2f}", "100"]]

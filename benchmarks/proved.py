@@ -87,12 +87,12 @@ def with_wrong_drag(scenario, worlds, factor):
     return policy
 
 
-def of(changes=None, believed=None, **parameters):
+def case_of(changes=None, believed=None, **parameters):
     """Return scenario and filter; the filter may be made for another scenario."""
     scenario = lissajous_env.scenario(CHASE, **(changes or {}))
-    taken = lissajous_env.scenario(scenario, **(believed or {}))
+    filter_scenario = lissajous_env.scenario(scenario, **(believed or {}))
     return scenario, lambda w: Filtered(
-        Chasing(taken, w), Proved, ProvedParameters(**parameters) if parameters else None
+        Chasing(filter_scenario, w), Proved, ProvedParameters(**parameters) if parameters else None
     )
 
 
@@ -100,18 +100,18 @@ def cases():
     """Return name, scenario and filter of every violation, after those without one."""
     uneven = {"noise.wheelbase_spread": 0.1, "noise.drive_spread": 0.1}
     return [
-        ("none", *of()),
-        ("none; 30 % of the messages are lost, each is sent once", *of({"noise.message_loss": 0.3}, repeats=1)),
-        ("none; motors fail at 0.1/s, cars coast", *of({**FAILING, "faults.stop": "coast"})),
-        ("none; robots fail at 0.1/s and stop dead", *of(FAILING)),
+        ("none", *case_of()),
+        ("none; 30 % of the messages are lost, each is sent once", *case_of({"noise.message_loss": 0.3}, repeats=1)),
+        ("none; motors fail at 0.1/s, cars coast", *case_of({**FAILING, "faults.stop": "coast"})),
+        ("none; robots fail at 0.1/s and stop dead", *case_of(FAILING)),
         ("1: drag 20 % lower than assumed", CHASE, lambda w: with_wrong_drag(CHASE, w, 0.8)),
-        ("1: actuator noise of 5 %", *of({"noise.actuator": 0.05})),
-        ("2: normal noise of 1 cm, 0.01 rad, 2 cm/s; the filter assumes a bound of 4 deviations", *of(NOISY)),
-        ("2: the same noise; the filter assumes none", *of(NOISY, dict.fromkeys(NOISY, 0.0))),
-        ("2: cars that differ by 10 %; the filter assumes 2 %", *of(uneven, dict.fromkeys(uneven, 0.02))),
+        ("1: actuator noise of 5 %", *case_of({"noise.actuator": 0.05})),
+        ("2: normal noise of 1 cm, 0.01 rad, 2 cm/s; the filter assumes a bound of 4 deviations", *case_of(NOISY)),
+        ("2: the same noise; the filter assumes none", *case_of(NOISY, dict.fromkeys(NOISY, 0.0))),
+        ("2: cars that differ by 10 %; the filter assumes 2 %", *case_of(uneven, dict.fromkeys(uneven, 0.02))),
         ("3: tails are not exchanged, each decides alone", CHASE, lambda w: Alone(CHASE, w)),
         ("4: one robot without the filter", CHASE, lambda w: OneUnfiltered(Chasing(CHASE, w), Proved)),
-        ("5: robots that fail stop dead, assumed to coast", *of(FAILING, {"faults.stop": "coast"})),
+        ("5: robots that fail stop dead, assumed to coast", *case_of(FAILING, {"faults.stop": "coast"})),
     ]
 
 
@@ -139,8 +139,8 @@ def guarantees(seeds):
         worst, detection, collisions, least = (np.array([row[name] for row in scores]) for name in columns)
         plain = worst if not suffix else plain
         value, beside = in_words(summarize_largest(worst, [row["guarantee_open"] == 1 for row in scores]))
-        found = [np.median(worst / plain), np.max(worst / plain), np.nanmean(detection), collisions.mean(), least.min()]
-        rows.append([f"`kuramoto-mpcc{suffix}`", f"{value} ({beside})", *map(number, found)])
+        cells = [np.median(worst / plain), np.max(worst / plain), np.nanmean(detection), collisions.mean(), least.min()]
+        rows.append([f"`kuramoto-mpcc{suffix}`", f"{value} ({beside})", *map(number, cells)])
     names = ["worst-case undetected time, largest [s]", "ratio to that without, median", "maximum"]
     columns = ["policy", *names, "detection time [s]", "collisions", "smallest distance [m]"]
     return {"columns": columns, "rows": rows}
@@ -167,7 +167,7 @@ def times(worlds=64, steps=300):
         rows.append(
             [
                 f"{scenario}, `{name}`",
-                *(number(float(each)) for each in (np.mean(took), np.median(took), 100 * np.mean(changed))),
+                *(number(float(figure)) for figure in (np.mean(took), np.median(took), 100 * np.mean(changed))),
             ]
         )
     return {"columns": ["filter", "a robot and step [us]", "median [us]", "actions it changed [%]"], "rows": rows}
@@ -183,8 +183,8 @@ def main():
     columns = ["violated condition", "episodes with a proof", "collisions after it", "proofs that the filter revokes"]
     chases: figures.Table = {"columns": columns, "rows": rows}
     figures.publish("violated", f"chases of 20 s, five cars, {options.worlds} episodes", chases, options.store)
-    kept = guarantees(options.seeds)
-    figures.publish("filtered", f"`evaders`, {options.seeds} seeds", kept, options.store)
+    table = guarantees(options.seeds)
+    figures.publish("filtered", f"`evaders`, {options.seeds} seeds", table, options.store)
 
 
 if __name__ == "__main__":

@@ -52,8 +52,8 @@ def publish(
         notes, kind = _scores_of(network, card, made_for or (card.scenario,)), "policies"
         notes["training"] = text["training"]
     card = dataclasses.replace(card, settings=dict(card.settings) | {"out": f"runs/{name}"})
-    with checkpoint.locked(folder / kind / name) as held:
-        checkpoint.save(held, network, card, notes={"command": command, **notes})
+    with checkpoint.locked(folder / kind / name) as locked_folder:
+        checkpoint.save(locked_folder, network, card, notes={"command": command, **notes})
     # Nothing is added to the copy, so that it needs no list of its files.
     (folder / kind / name / LIST).unlink()
     print(f"wrote {folder / kind / name}", file=sys.stderr)

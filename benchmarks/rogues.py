@@ -14,15 +14,15 @@ LEARNED = {name: folder for name in rogues() if (folder := folder_of(name)) is n
 
 def rows() -> list[str]:
     """Return a row of the table for each included rogue and each policy that it was trained against."""
-    found = []
+    lines = []
     for name, folder in LEARNED.items():
         contents = checkpoint.read_contents(folder)
         for policy, times in contents["held_out_times"].items():
             learned = times.pop("learned")
-            best = {each: max(of[each] for of in times.values()) for each in ("mean", "longest")}
+            best = {key: max(of[key] for of in times.values()) for key in ("mean", "longest")}
             cells = [f"{of['mean']:.2f} ({of['longest']:.1f})" for of in (best, learned)]
-            found.append(f"| `{name}` | `{contents['policy']['scenario']}`, `{policy}` | {' | '.join(cells)} |")
-    return found
+            lines.append(f"| `{name}` | `{contents['policy']['scenario']}`, `{policy}` | {' | '.join(cells)} |")
+    return lines
 
 
 if __name__ == "__main__":

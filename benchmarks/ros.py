@@ -44,10 +44,10 @@ class Disturbed:
         return action + 1e-6 * self._draw.normal(size=action.shape).astype(np.float32)
 
 
-def over_ros(given: argparse.Namespace, changes: list[str], seed: int) -> dict:
+def over_ros(options: argparse.Namespace, changes: list[str], seed: int) -> dict:
     """Return the score row of a run over ROS 2, with the number of `stops` by a limit or a jump of the clock."""
-    arguments = ["--scenario", given.scenario, "--policy", given.policy, "--seed", str(seed), "--json"]
-    arguments += ["--pace", str(given.pace)]
+    arguments = ["--scenario", options.scenario, "--policy", options.policy, "--seed", str(seed), "--json"]
+    arguments += ["--pace", str(options.pace)]
     command = [sys.executable, "-m", "lissajous_env", "ros", "launch", *arguments, "--set", *changes]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
@@ -56,19 +56,19 @@ def over_ros(given: argparse.Namespace, changes: list[str], seed: int) -> dict:
     return json.loads(done.stdout) | {"stops": len(stops)}
 
 
-def simulated(given: argparse.Namespace, changes: list[str], seed: int, disturbs: bool) -> dict:
+def simulated(options: argparse.Namespace, changes: list[str], seed: int, disturbs: bool) -> dict:
     """Return the score row of a simulation."""
-    made = lissajous_env.scenario(given.scenario, **parse_overrides((tuple(changes),)))
-    policy = baselines.make(given.policy, made)
-    return lissajous_env.evaluate(Disturbed(policy, seed) if disturbs else policy, made, seeds=[seed])[0]
+    scenario = lissajous_env.scenario(options.scenario, **parse_overrides((tuple(changes),)))
+    policy = baselines.make(options.policy, scenario)
+    return lissajous_env.evaluate(Disturbed(policy, seed) if disturbs else policy, scenario, seeds=[seed])[0]
 
 
-def rows_of(given: argparse.Namespace, cars: str, loss: str) -> list[list[str]]:
+def rows_of(options: argparse.Namespace, cars: str, loss: str) -> list[list[str]]:
     """Return the rows of the table for one kind of cars and one loss of messages."""
-    changes = [*CARS[cars], f"task.duration={given.duration}", f"noise.message_loss={LOSSES[loss]}"]
+    changes = [*CARS[cars], f"task.duration={options.duration}", f"noise.message_loss={LOSSES[loss]}"]
     played = [
-        (over_ros(given, changes, seed), *(simulated(given, changes, seed, disturbs) for disturbs in (True, False)))
-        for seed in given.seeds
+        (over_ros(options, changes, seed), *(simulated(options, changes, seed, disturbs) for disturbs in (True, False)))
+        for seed in options.seeds
     ]
     scores = np.array([[[row[name] for name in SCORES] for row in rows] for rows in played])  # (seeds, runs, scores)
     ratios = scores.mean(axis=0) / scores.mean(axis=0)[-1]
@@ -87,8 +87,8 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=60.0)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--pace", type=float, default=1000.0, help="largest number of simulated seconds per second")
-    given = parser.parse_args()
-    rows = [row for cars in CARS for loss in LOSSES for row in rows_of(given, cars, loss)]
+    options = parser.parse_args()
+    rows = [row for cars in CARS for loss in LOSSES for row in rows_of(options, cars, loss)]
     columns = [
         "tightest turn",
         "messages lost",
@@ -98,7 +98,7 @@ def main() -> None:
         "smallest separation [m]",
         "stops",
     ]
-    figures.publish("ros", "runs over ROS 2 and the simulation", {"columns": columns, "rows": rows}, given.store)
+    figures.publish("ros", "runs over ROS 2 and the simulation", {"columns": columns, "rows": rows}, options.store)
 
 
 if __name__ == "__main__":

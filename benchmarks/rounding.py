@@ -81,8 +81,8 @@ def nearest(scenario: Scenario, harmonics: int, bend: float, apart: float) -> tu
     solution = solver(x0=begin, lbg=np.repeat(least, SAMPLES), ubg=np.repeat(most, SAMPLES))
     if not solver.stats()["success"]:
         raise ValueError(f"limits must permit a curve, IPOPT ends with {solver.stats()['return_status']}")
-    found = np.array(solution["x"]).ravel()
-    return found[:count], found[count:]
+    coefficients = np.array(solution["x"]).ravel()
+    return coefficients[:count], coefficients[count:]
 
 
 def _sides(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -119,10 +119,10 @@ def main() -> None:
                 worst_undetected_time(loop, sizes, scenario.sensing_radius * reach, scenario.rogue_speed, step, 20.0)
                 for reach in REACHES
             ]
-            told = (
+            cells = (
                 ", ".join(f"{value:.3f}" for value in part) for part in (c / curve.half_width, s / curve.half_height)
             )
-            rows.append([f"{bend:g}", f"{apart:g}", *told, f"{off:.2f}", *(f"{time:.1f}" for time in worst)])
+            rows.append([f"{bend:g}", f"{apart:g}", *cells, f"{off:.2f}", *(f"{time:.1f}" for time in worst)])
     columns = ["bend", "apart [m]", "c", "s", "off [m]", *(f"worst case at {reach:g} r_s [s]" for reach in REACHES)]
     figures.show(f"{scenario.name}, {options.harmonics} harmonics", {"columns": columns, "rows": rows})
 

@@ -98,7 +98,7 @@ def main() -> None:
             most = max(most, seeds)
         distance, spacing, collisions = np.array(off).T
         alike = (distance < WITHIN) & (spacing < WITHIN)
-        largest = [f"{100 * each.max():.2g} %" for each in (distance, spacing)]
+        largest = [f"{100 * differences.max():.2g} %" for differences in (distance, spacing)]
         rows.append(
             [f"`{name}`", str(len(policies)), str(alike.sum()), *largest, number(collisions.max()), f"{most:,}"]
         )

@@ -40,17 +40,17 @@ from speeds import (
     step,
 )
 
+from lissajous_env import identity
 from lissajous_env.device.devices import cores
-from lissajous_env.identity import cpu_model
 
 _MODULES = (step, rogues, memory, contamination, growth, controller, onboard, marl, cluster, cuda)
-PARTS = {each.PART.name: each.PART for each in _MODULES}
+PARTS = {module.PART.name: module.PART for module in _MODULES}
 
 
 def machine(parts: Sequence[str], threads: int) -> figures.Table:
     """Return a table with the machine and the versions with which some parts are measured, a row for each part."""
     of = {
-        "processor": cpu_model(),
+        "processor": identity.machine("cpu")["cpu"],
         "cores": str(os.cpu_count()),
         "threads": str(threads),
         "Python": platform.python_version(),
@@ -99,23 +99,23 @@ def checkout(text: str) -> Path:
 def parser() -> argparse.ArgumentParser:
     """Return the options of the command line."""
     words = "\n".join(f"  {name:14}{part.what}" for name, part in PARTS.items())
-    made = argparse.ArgumentParser(description=f"{__doc__}\nparts:\n{words}",
-                                   formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
-    made.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS), metavar="PART",
-                      help="what is measured; all where none is named")  # fmt: skip
-    made.add_argument("--rounds", type=at_least_one, help="turns of each side, instead of each part's own number")
-    made.add_argument("--worlds", type=at_least_one, help="worlds of a batch (default: 4096)")
-    made.add_argument("--robots", type=int, choices=served.CURVES, nargs="+", help="teams of growth (default: all)")
-    made.add_argument("--targets", type=at_least_one, nargs="+", help="numbers of targets of growth")
-    made.add_argument("--threads", type=at_least_one, default=cores())
-    made.add_argument("--against", type=checkout, metavar="WHERE",
-                      help="folder of another checkout of this project, or its commit")  # fmt: skip
-    made.add_argument("--without-rivals", action="store_true", help="measure this checkout alone")
-    made.add_argument(
+    parser = argparse.ArgumentParser(description=f"{__doc__}\nparts:\n{words}",
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS), metavar="PART",
+                        help="what is measured; all where none is named")  # fmt: skip
+    parser.add_argument("--rounds", type=at_least_one, help="turns of each side, instead of each part's own number")
+    parser.add_argument("--worlds", type=at_least_one, help="worlds of a batch (default: 4096)")
+    parser.add_argument("--robots", type=int, choices=served.CURVES, nargs="+", help="teams of growth (default: all)")
+    parser.add_argument("--targets", type=at_least_one, nargs="+", help="numbers of targets of growth")
+    parser.add_argument("--threads", type=at_least_one, default=cores())
+    parser.add_argument("--against", type=checkout, metavar="WHERE",
+                        help="folder of another checkout of this project, or its commit")  # fmt: skip
+    parser.add_argument("--without-rivals", action="store_true", help="measure this checkout alone")
+    parser.add_argument(
         "--quick", action="store_true", help="two rounds of all but nothing: whether it runs, not how fast"
     )
-    made.add_argument("--store", action="store_true", help="keep tables and pictures in docs/, too")
-    return made
+    parser.add_argument("--store", action="store_true", help="keep tables and pictures in docs/, too")
+    return parser
 
 
 def options_of(part: Part, given: argparse.Namespace) -> Options:
@@ -150,12 +150,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     figures.show("machine", machine([part.name for part, _ in left], given.threads))
     for part, options in left:
         print(f"{part.name}: {part.what}", flush=True)
-        found = measured(part, options)
-        for name, table in found.items():
+        tables = measured(part, options)
+        for name, table in tables.items():
             figures.show(name, table)
         if given.store:
-            told = machine([part.name], given.threads)
-            figures.store(found | {"machine": with_rows_of(figures.load().get("machine", told), told)})
+            setup = machine([part.name], given.threads)
+            figures.store(tables | {"machine": with_rows_of(figures.load().get("machine", setup), setup)})
 
 
 if __name__ == "__main__":

@@ -87,8 +87,8 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
     if name in PATROLS:
         policy = PATROLS[name](planned, num_worlds, device, SweepParameters(**parts.get("sweep", {})))
     elif name in PARTITIONS:
-        kind, given = PARTITIONS[name], parts.get("partition", {}) | parts.get("repair", {})
-        policy = kind(planned, num_worlds, device, kind.Parameters(**given))
+        kind, parameters = PARTITIONS[name], parts.get("partition", {}) | parts.get("repair", {})
+        policy = kind(planned, num_worlds, device, kind.Parameters(**parameters))
     elif name == "line-abreast":
         policy = LineAbreast(planned, num_worlds, device, LineParameters(**parts.get("line", {})))
     else:
@@ -96,10 +96,10 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
         tracker, coordinator = factory.func, factory.args[0]
         if name.startswith("arc"):
             coordinator = partial(coordinator, parameters=ArcParameters(**parts.get("arc", {})))
-        given: Any = MpccParameters.of(scenario, **parts.get("mpcc", {}))
+        parameters: Any = MpccParameters.of(scenario, **parts.get("mpcc", {}))
         if tracker is WithVectorField:
-            given = FieldParameters(**parts.get("field", {}))
-        policy = tracker(coordinator, planned, num_worlds, device, given)
+            parameters = FieldParameters(**parts.get("field", {}))
+        policy = tracker(coordinator, planned, num_worlds, device, parameters)
     policy.name = name
     return policy
 
@@ -110,12 +110,12 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
     They include rates and speeds that the cars cannot reach; a car then drives as fast as it can.
     """
     rate, top = scenario.formation.phase_rate, scenario.robot.top_speed
-    found: dict[str, tuple[float, float] | list[int]] = {}
+    ranges: dict[str, tuple[float, float] | list[int]] = {}
     if name.endswith("-safe"):
-        found |= space(name.removesuffix("-safe"), scenario)
-        found |= {"safety.clearance": (0.02, 0.3), "safety.growth": (0.05, 0.6), "safety.effort": (0.02, 0.4),
-                  "safety.horizon": [5, 8, 12, 16], "safety.speed_max": (0.3, top)}  # fmt: skip
-        return found
+        ranges |= space(name.removesuffix("-safe"), scenario)
+        ranges |= {"safety.clearance": (0.02, 0.3), "safety.growth": (0.05, 0.6), "safety.effort": (0.02, 0.4),
+                   "safety.horizon": [5, 8, 12, 16], "safety.speed_max": (0.3, top)}  # fmt: skip
+        return ranges
     if name in PATROLS:
         cruise = cruising_speed(scenario)
         deepest = 0.9 * scenario.curve.half_height
@@ -123,26 +123,26 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
                 "sweep.lanes": [2, 4, 6], "sweep.lookahead": (0.3, 2.0)}  # fmt: skip
     if name in PARTITIONS:
         rows = list(range(1, min(scenario.num_robots, 3) + 1))
-        found |= {"partition.speed": (0.1 * top, 0.95 * top), "partition.rows": rows, "partition.extent_x": (0.02, 1.0),
-                  "partition.extent_y": (0.02, 1.0)}  # fmt: skip
+        ranges |= {"partition.speed": (0.1 * top, 0.95 * top), "partition.rows": rows,
+                   "partition.extent_x": (0.02, 1.0), "partition.extent_y": (0.02, 1.0)}  # fmt: skip
         if name == "partition-repair":
-            found |= {"repair.patience": [1, 2, 3], "repair.reserve": (1.0, 2.0)}
-        return found
+            ranges |= {"repair.patience": [1, 2, 3], "repair.reserve": (1.0, 2.0)}
+        return ranges
     if name == "line-abreast":
         resolved = scenario.resolve()
         lines = [count for count in range(1, resolved.num_robots + 1) if lines_of(resolved, LineParameters(), count)[0]]
         return {"line.speed": (0.3 * top, top), "line.lines": lines}
     if name.startswith("arc"):
         speed = ground_speed(scenario)
-        found |= {"arc.speed": (0.3 * speed, 2.5 * speed), "arc.preview": (0.2, 1.5)}
+        ranges |= {"arc.speed": (0.3 * speed, 2.5 * speed), "arc.preview": (0.2, 1.5)}
     else:
-        found |= {"formation.phase_rate": (0.3 * rate, 4.0 * rate)}
+        ranges |= {"formation.phase_rate": (0.3 * rate, 4.0 * rate)}
     if name.startswith(("kuramoto", "arc", "consensus")):
-        found |= {"formation.coupling": (0.05, 4.0)}
+        ranges |= {"formation.coupling": (0.05, 4.0)}
     if name == "consensus-gvf":
-        return found | {"field.pull": (0.5, 10.0), "field.turn": (2.0, 20.0), "field.speed": (1.0, 20.0),
+        return ranges | {"field.pull": (0.5, 10.0), "field.turn": (2.0, 20.0), "field.speed": (1.0, 20.0),
                         "field.slowest": (0.1, 1.0)}  # fmt: skip
-    return found | {"mpcc.weight_lateral": (0.001, 1.0), "mpcc.weight_lag": (0.001, 1.0),
+    return ranges | {"mpcc.weight_lateral": (0.001, 1.0), "mpcc.weight_lag": (0.001, 1.0),
                     "mpcc.weight_steering": (3e-4, 0.1), "mpcc.weight_throttle": (3e-4, 0.1),
                     "mpcc.stages": [10, 15, 20]}  # fmt: skip
 
@@ -262,11 +262,11 @@ def _distinct(settings: list[Settings]) -> list[Settings]:
 
 def front(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the Pareto front of entries in detection time and collisions."""
-    kept: list[dict[str, Any]] = []
+    pareto: list[dict[str, Any]] = []
     for entry in sorted(entries, key=lambda entry: (detection(entry), collisions(entry))):
-        if not kept or collisions(entry) < collisions(kept[-1]):
-            kept.append(entry)
-    return kept
+        if not pareto or collisions(entry) < collisions(pareto[-1]):
+            pareto.append(entry)
+    return pareto
 
 
 def described(settings: Settings) -> str:

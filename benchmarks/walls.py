@@ -43,7 +43,7 @@ class Contacts:
         self.count, self.standing = np.zeros(worlds), np.zeros(worlds)
         self._places: list[np.ndarray] = []
 
-    def look(self, simulation: Simulation) -> None:
+    def update(self, simulation: Simulation) -> None:
         """Count what began in the latest step."""
         place = simulation.robots.position.numpy()[:, :, :2].copy()
         works = simulation.robots.status.numpy() == WORKING
@@ -59,7 +59,7 @@ def cell_of(name: str, scenario: Scenario, seeds: range) -> str:
     """Return the content of a cell: the score of a policy in a scenario with walls."""
     contacts = Contacts(scenario, len(seeds))
     policy = baselines.make(name, scenario, len(seeds))
-    rows: list[dict[str, Any]] = next(iter(episodes(policy, scenario, seeds, on_step=contacts.look)))
+    rows: list[dict[str, Any]] = next(iter(episodes(policy, scenario, seeds, on_step=contacts.update)))
     parts = []
     if not np.isnan(worst := max(row[WORST_CASE.name] for row in rows)):
         parts.append(f"{'> ' if any(row[OPEN.name] for row in rows) else ''}{worst:.3g} s")

@@ -67,8 +67,10 @@ def command() -> str:
 def machine(device: str) -> dict[str, Any]:
     """Return a description of this machine and of a device."""
     warp_device = as_device(device)
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
-        "cpu": cpu_model(),
+        "cpu": models[0] if models else platform.machine(),
         "cores": os.cpu_count(),
         "memory_gib": round(memory() / 2**30, 1),
         "os": platform.platform(),
@@ -80,13 +82,6 @@ def versions(*more: str) -> dict[str, str]:
     """Return the versions of Python and the packages on which the numbers depend, `more` packages included."""
     names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo", *more)
     return {"python": platform.python_version()} | {name: version(name) for name in names}
-
-
-def cpu_model() -> str:
-    """Return the name of this machine's processor."""
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.machine()
 
 
 def provenance(device: str) -> dict[str, str]:

@@ -19,8 +19,8 @@ def furthest(world):
 
 def small(out, **changes):
     """Settings of a benchmark that takes a fraction of a second."""
-    given = {"scenarios": ("failure",), "policies": ("kuramoto", "open-loop"), "episodes": 5, "batch": 2, "replays": 0}
-    return Benchmark(**given | {"out": out, "overrides": SHORT} | changes)
+    basis = {"scenarios": ("failure",), "policies": ("kuramoto", "open-loop"), "episodes": 5, "batch": 2, "replays": 0}
+    return Benchmark(**basis | {"out": out, "overrides": SHORT} | changes)
 
 
 def lines(folder):

@@ -43,9 +43,9 @@ def browser():
     browser.quit()
 
 
-def played(scenario, policy="kuramoto-mpcc", **overrides):
-    made = lissajous_env.scenario(scenario, **overrides)
-    return record(baselines.make(policy, made), made, 1)
+def played(name, policy="kuramoto-mpcc", **overrides):
+    scenario = lissajous_env.scenario(name, **overrides)
+    return record(baselines.make(policy, scenario), scenario, 1)
 
 
 @pytest.fixture(scope="session")
@@ -83,7 +83,7 @@ def complaints(browser):
     file's."""
     said = [entry["message"] for entry in browser.get_log("browser") if "GPU stall" not in entry["message"]]
     sent = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    asked = [each["params"]["request"]["url"] for each in sent if each["method"] == "Network.requestWillBeSent"]
+    asked = [event["params"]["request"]["url"] for event in sent if event["method"] == "Network.requestWillBeSent"]
     return said, [address for address in asked if not address.endswith("/page.html")]
 
 

@@ -64,7 +64,7 @@ def transforms(*those):
 
 
 def array(t, poses):
-    return KINDS["geometry_msgs/msg/PoseArray"](header(t), [pose(*each) for each in poses])
+    return KINDS["geometry_msgs/msg/PoseArray"](header(t), [pose(*numbers) for numbers in poses])
 
 
 def joints(t, names, numbers):
@@ -84,7 +84,7 @@ def write(path, messages, stored=lambda topic, time, data: data):
     library = rosbags()
     with library.Writer(path, version=9, storage_plugin=library.StoragePlugin.MCAP) as writer:
         channels = {}
-        for topic, message, time, *part in sorted(messages, key=lambda each: each[2]):
+        for topic, message, time, *part in sorted(messages, key=lambda record: record[2]):
             key = topic, message.__msgtype__, *part
             if key not in channels:
                 depth = 1 + len(channels)  # another profile is another channel

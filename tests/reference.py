@@ -392,8 +392,8 @@ def world_like(simulation, world: int = 0) -> World:
     )
     robots = simulation.robots
     bodies = zip(robots.wheelbase.numpy()[world].tolist(), robots.drive.numpy()[world].tolist(), strict=True)
-    made = World(simulation.scenario, robots.phase.numpy()[world].tolist(), bodies, list(targets))
+    reference = World(simulation.scenario, robots.phase.numpy()[world].tolist(), bodies, list(targets))
     if simulation.scenario.start_turning > 0:  # robots that would drive into a wall at once face away from it
-        for robot, heading in zip(made.robots, robots.heading.numpy()[world].tolist(), strict=True):
+        for robot, heading in zip(reference.robots, robots.heading.numpy()[world].tolist(), strict=True):
             robot.heading = heading
-    return made
+    return reference

@@ -14,10 +14,10 @@ from typing import Any
 
 from baselines.benchmark.local import batches_or_failure, failure_of
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.results_folder import versions
+from baselines.benchmark.results_folder import score_versions
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
-from baselines.policies.factories import fingerprint
+from baselines.policies.factories import factory_fingerprint
 from lissajous_env.identity import MODULE
 from lissajous_env.plugins import of_extra
 from lissajous_env.wording import shown, where_raised
@@ -114,13 +114,13 @@ def _remote(ray: Any, settings: Benchmark) -> Any:
         raise ValueError("device must be one that the Ray cluster has, got cuda; none of its nodes has a GPU")
     needs = {"num_cpus": 1, "num_gpus": gpus, "scheduling_strategy": "SPREAD"}
     remote = ray.remote(**needs, max_retries=_RETRIES)(_play_batch)
-    return lambda packed, numbers: remote.remote(packed, numbers, versions())
+    return lambda packed, numbers: remote.remote(packed, numbers, score_versions())
 
 
 def _play_batch(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Rows | Failure:
     """Play one batch; this runs on a worker."""
     ray = _ray()
-    if (here := versions()) != wanted:
+    if (here := score_versions()) != wanted:
         raise ValueError(f"every node must have {wanted}, got {here} on {ray.util.get_node_ip_address()}")
     cell, settings, sources = ray.cloudpickle.loads(packed)
     if (here := _sources(cell)) != sources:
@@ -134,7 +134,7 @@ def _play_batch(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Ro
 
 def _sources(cell: Cell) -> dict[str, str]:
     """Return digests of the code that a cell needs: the policy's modules, and the scenario with extensions."""
-    modules = {name: digest for name, digest in fingerprint(cell.factory).items() if name.startswith(MODULE)}
+    modules = {name: digest for name, digest in factory_fingerprint(cell.factory).items() if name.startswith(MODULE)}
     return modules | {f"scenario {cell.scenario.name}": cell.scenario.digest()}
 
 

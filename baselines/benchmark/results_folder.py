@@ -155,7 +155,7 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
         "episodes": settings.episodes,
         "seed": settings.seed,
         "device": settings.device,
-        "versions": versions(),
+        "versions": score_versions(),
         "scenarios": {name: scenario.to_dict() for name, scenario in scenarios.items()},
         "played": _played(cells),
     })  # fmt: skip
@@ -167,11 +167,11 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     added = {_ROBOTS + model.name: fingerprint(model.move) for model in models if not MODELS.is_included(model)}
     adversaries = sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""})
     folders = {name: folder for name in adversaries if (folder := folder_of(name)) is not None}
-    learned = {_ROGUES + name: registry.fingerprint(str(folder)) for name, folder in folders.items()}
-    return {cell.policy: factories.fingerprint(cell.factory) for cell in cells} | added | learned
+    learned = {_ROGUES + name: registry.policy_fingerprint(str(folder)) for name, folder in folders.items()}
+    return {cell.policy: factories.factory_fingerprint(cell.factory) for cell in cells} | added | learned
 
 
-def versions() -> dict[str, str]:
+def score_versions() -> dict[str, str]:
     """Return the versions on which score rows depend."""
     return {name: version(name) for name in ("lissajous-env", "warp-lang")}
 

@@ -1,5 +1,6 @@
 """The settings of a benchmark, its standard scenarios and policies, the cells that they name, and its outcome."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -166,6 +167,18 @@ class BenchmarkOutcome:
         return self.settings.device if self.settings.engine == "local" else "cpu"
 
 
+def require_distinct_names(scenarios: list[Scenario]) -> list[Scenario]:
+    """Return scenarios whose results can be stored by name.
+
+    Raises:
+        ValueError: several have the same name.
+    """
+    for name, count in Counter(scenario.name for scenario in scenarios).items():
+        if count > 1:
+            raise ValueError(f"scenarios must differ in name, got {count} of {name}; set `name` in the file of one")
+    return scenarios
+
+
 def cells_of(
     settings: Benchmark,
     policies: Mapping[str, Factory | ActingPolicy] | None = None,
@@ -176,13 +189,14 @@ def cells_of(
     Of the standard scenarios, and with a policy in a folder of any, those that no policy drives are left out.
 
     Raises:
-        ValueError: an unknown name or device, a policy that drives no scenario, or another scenario without a policy.
+        ValueError: an unknown name or device, scenarios of the same name, a policy that drives no scenario, or another
+            scenario without a policy.
     """
     given = {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
     plays_all = settings.policies == (ALL,)
     wanted = ({} if plays_all else {name: factories.as_factory(name) for name in settings.policies}) | given
     chosen = settings.scenarios if scenarios is None else scenarios
-    played = [named.build(scenario, **settings.overrides) for scenario in chosen]
+    played = require_distinct_names([named.build(scenario, **settings.overrides) for scenario in chosen])
     if not played:
         raise ValueError("scenarios must contain at least one scenario, got none")
     for name in wanted:
@@ -192,7 +206,7 @@ def cells_of(
     for scenario in played:
         names = [name for name in wanted if name in given or _drives(name, scenario)]
         if plays_all or not wanted:
-            names = [*_default(scenario, plays_all), *given]
+            names = list(dict.fromkeys([*_default(scenario, plays_all), *given]))
         cells += [Cell(scenario, name, wanted.get(name) or factories.as_factory(name)) for name in names]
     idle = [scenario for scenario in played if all(cell.scenario is not scenario for cell in cells)]
     leaves_out = settings.scenarios == SCENARIOS or any(map(registry.is_folder, wanted))
@@ -202,9 +216,6 @@ def cells_of(
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
         names = few_of((cell.policy for cell in cells), settings.against)
         raise ValueError(f"against must be one of the policies ({names}), got {settings.against}")
-    if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
-        names = few_of(scenario.name for scenario in played)
-        raise ValueError(f"scenarios must differ in name, got {names}; set `name` in the file of one of them")
     if settings.engine == "local":
         as_device(settings.device)
     return cells

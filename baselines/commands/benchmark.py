@@ -23,7 +23,7 @@ def benchmark(
     rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
-) -> int:
+) -> None:
     """Compare policies on scenarios, with the same seeds for all: tables, files and a report page.
 
     An interrupted benchmark resumes when the same command is run again.
@@ -45,4 +45,3 @@ def benchmark(
     if outcome.failures:
         names = dict.fromkeys(f"{failure.policy} on {failure.scenario}" for failure in outcome.failures)
         raise CommandError(f"{', '.join(names)} failed; {settings.out / SUMMARY} has the tracebacks")
-    return 0

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from baselines.benchmark.types import require_distinct_names
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     OutputOptions,
@@ -51,9 +52,8 @@ def guarantee(
     whole_number("radii", radii, 2, 200)
     whole_number("cells", cells, 10, 1000)
     changed = parse_overrides(overrides)
-    formations = [named.scenario(name, **changed) for name in scenarios]
     guarantees = {}
-    for scenario in formations:
+    for scenario in require_distinct_names([named.scenario(name, **changed) for name in scenarios]):
         guarantees[scenario.name] = formation_guarantees(scenario, radii, cells)
         _print(output.console(), scenario, guarantees[scenario.name])
     output.print_json(guarantees)

@@ -2,13 +2,10 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
+from typing import TYPE_CHECKING
 
 from baselines.commands.playing import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, LogFiles, OutFile, OutputOptions, ScenarioOption, print_table
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND, read
 from lissajous_env.logs.scoring import own_scenario
@@ -21,13 +18,10 @@ from lissajous_env.wording import require
 if TYPE_CHECKING:
     from lissajous_env.logs.identification import Identified
 
-_Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
-_Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
-
 
 def identify(
-    logs: _Logs,
-    scenario: _Scenario = None,
+    logs: LogFiles,
+    scenario: ScenarioOption = None,
     topics: tuple[str, ...] = TOPICS,
     commands: str = COMMAND,
     out: OutFile = None,

@@ -11,7 +11,7 @@ from baselines.policies import registry
 from baselines.policies.factories import as_factory
 from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.episodes.recording import load
-from lissajous_env.plugins import beside
+from lissajous_env.plugins import files_beside
 from lissajous_env.wording import nearest, require
 
 _Against = Annotated[str | None, tyro.conf.arg(metavar="POLICY")]
@@ -47,20 +47,17 @@ def replay(
     check_file(out, *FORMATS)
     for name, value, least, most in (("speed", speed, 0.01, 1000), ("fps", fps, 0.1, 50)):
         require(least <= value <= most, name, f"must be from {least:g} to {most:g}", value)
-    alone = len(names) == 1 and registry.is_folder(names[0])
-    if not names or (len(names) == 1 and not alone and not Path(names[0]).is_file()):
-        hint = "".join(nearest(name, beside(name, ".npz")) for name in names)
-        got = f"but there is no file {names[0]}{hint}" if names else "got nothing"
-        raise ValueError(
-            f"names must be a scenario and a policy, a policy's folder, or the file of a recording (.npz), {got}"
-        )
+    is_recording = len(names) == 1 and not registry.is_folder(names[0])
+    if is_recording and not Path(names[0]).is_file():
+        rule = "names must be a scenario and a policy, a policy's folder, or the file of a recording (.npz)"
+        raise ValueError(f"{rule}, but there is no file {names[0]}{nearest(names[0], files_beside(names[0], '.npz'))}")
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if against is not None:
         as_factory(against)  # refuses an unknown policy before the first one plays
     if out is None and not has_display():
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
-    if alone or len(names) > 1:
+    if not is_recording:
         recording = record_one(*common.cells(names, rogues=rogues), common)
     elif common.overrides or rogues:
         raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")

@@ -10,7 +10,14 @@ from baselines.benchmark.progress import bar
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import as_csv
 from baselines.commands.playing import FORMATS, check_file, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, parse_overrides
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    LogFiles,
+    OutputOptions,
+    Overrides,
+    ScenarioOption,
+    parse_overrides,
+)
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import own_scenario
@@ -20,14 +27,12 @@ from lissajous_env.parameters import named
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.files import write_atomically
 
-_Logs = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
-_Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
 _Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
 
 
 def score(
-    logs: _Logs,
-    scenario: _Scenario = None,
+    logs: LogFiles,
+    scenario: ScenarioOption = None,
     topics: tuple[str, ...] = TOPICS,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     gap: float | None = None,
@@ -58,6 +63,8 @@ def score(
     whole_number("episodes", episodes)
     for file in out:
         check_file(file, ".csv", *FORMATS)
+        if {file.resolve(), file.resolve().parent} & {log.resolve() for log in logs}:
+            raise ValueError(f"out must be another file than the log, got {file}")
     log = read(logs, topics, origin=origin)
     given = scenario
     if overrides and (given := scenario or own_scenario(log)) is not None:
@@ -66,16 +73,14 @@ def score(
     with bar(output.progress()) as shown_bar:
         task = shown_bar.add_task(f"scoring {log.name}", total=None)
         scored = score_log(log, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
-    console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]
-    played = scored.recording.scenario
+    console, played = output.console(), scored.recording.scenario
     words = f"{log.name}: {len(log.tracks)} robots, {played.task.duration:g} s from {scored.log.start:.3f} s on"
     output.print(words)
     if episodes == 1:
         shown.print_row(console, scored.rows[0], played)
     else:
-        table = Table.of(scored.rows, {played.name: played})
-        for policies in table.estimates.values():
-            shown.print_scores(console, name, played, policies[name])
+        ((policy, estimates),) = Table.of(scored.rows, {played.name: played}).estimates[played.name].items()
+        shown.print_scores(console, policy, played, estimates)
     for note in scored.notes:
         output.print(f"note: {note}", "yellow")
     for file in out:

@@ -41,17 +41,11 @@ class Cover(Searching):
     """Distance within which targets around a place count [sight]."""
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """React to the tracks, if rows have entries for them."""
-        if rows.tracks.shape[2] == 0:
-            return np.zeros_like(rows.position), np.zeros(self.shape, dtype=bool)
-        return self.react_to_tracks(rows, self.sent.next(rows))
-
-    def react_to_tracks(self, rows: Rows, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Drive to the robot's place, if it has one; `robots` are those of `SentPlaces`."""
+        """Drive to the robot's place, if it has one."""
         at = rows.position[:, :, None] + self.expected_offset(rows)
         pairs = np.stack(np.tril_indices(at.shape[2], -1), axis=-1)
         places = np.concatenate([at, at[:, :, pairs].mean(axis=3)], axis=2)
-        own = self.division(robots, places, at, self.worth(rows))
+        own = self.division(self.sent.next(rows), places, at, self.worth(rows))
         return towards(of_own(places, own) - rows.position, 0.25 * self.sight), own >= 0
 
     def worth(self, rows: Rows) -> np.ndarray:
@@ -99,8 +93,9 @@ class Herd(Cover):
     slow: float = 0.8
     """Distance from its goal within which a robot is slower than its top speed [sight]."""
 
-    def react_to_tracks(self, rows: Rows, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Drive to the robot's place, behind a target that flees, or rest before a cornered one."""
+        robots = self.sent.next(rows)
         flees, cornered = self.fleeing_and_cornered(rows, robots)
         at = np.where(rows.tracks[..., None], rows.position[:, :, None] + self.expected_offset(rows), np.nan)
         own = self.division(robots, at, at, self.worth(rows) * np.where(flees, self.fleeing, 1.0))

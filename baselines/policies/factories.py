@@ -78,15 +78,15 @@ def as_factory(policy: Any, name: str = "") -> Factory:
 
 
 def _identified_by(policy: Any, factory: Factory) -> Factory:
-    """Return a factory with the `fingerprint` of the object of a user."""
+    """Return a factory with the fingerprint of the object of a user."""
     factory.__wrapped__ = policy  # type: ignore[attr-defined]
     return factory
 
 
-def fingerprint(factory: Factory) -> dict[str, str]:
+def factory_fingerprint(factory: Factory) -> dict[str, str]:
     """Return the fingerprint of what a factory makes, as `lissajous_env.identity.fingerprint` does."""
     if isinstance(factory, registry.Entry):
-        return registry.fingerprint(factory.name)
+        return registry.policy_fingerprint(factory.name)
     return identity.fingerprint(getattr(factory, "__wrapped__", factory))
 
 

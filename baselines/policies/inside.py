@@ -19,7 +19,7 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.device.program import launcher
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.robots.inside import Walls, has_room, inside, walls_of
+from lissajous_env.world.robots.inside import Walls, action_inside, has_room, walls_of
 from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)
@@ -44,7 +44,7 @@ def stay_inside(
         speed = wp.max(speed, 0.0)
     car = wp.vec4(place[0], place[1], own_heading(w, i, observation), speed)
     clipped = wp.vec2(wp.clamp(want[0], -1.0, 1.0), wp.clamp(want[1], -1.0, 1.0))
-    chosen = inside(walls, robot, car, clipped)
+    chosen = action_inside(walls, robot, car, clipped)
     if chosen[0] != clipped[0] or chosen[1] != clipped[1]:
         action[w, i, 0] = chosen[0]
         action[w, i, 1] = chosen[1]

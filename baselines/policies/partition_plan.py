@@ -142,13 +142,12 @@ def smallest_distance(placed: np.ndarray, others: np.ndarray | None = None) -> f
         placed: (N, K, 2) places on loops.
         others: (M, K, 2) places of other robots, if the distances from these are wanted.
     """
-    places = _with_middles(placed)
-    if others is None:
-        first, second = np.triu_indices(len(placed), 1)
-        between = places[first] - places[second]
-    else:
-        between = places[:, None] - _with_middles(others)[None]
-    return math.sqrt(float((between[..., 0] ** 2 + between[..., 1] ** 2).min(initial=math.inf)))
+    places, rest = _with_middles(placed), None if others is None else _with_middles(others)
+    least = math.inf
+    for k, place in enumerate(places):  # all pairs at once would not fit into the cache, nor those of many into memory
+        between = place - (places[:k] if rest is None else rest)
+        least = min(least, float((between[..., 0] ** 2 + between[..., 1] ** 2).min(initial=math.inf)))
+    return math.sqrt(least)
 
 
 def _with_middles(placed: np.ndarray) -> np.ndarray:

@@ -44,12 +44,10 @@ def nearest(offset: np.ndarray, exists: np.ndarray, values: np.ndarray) -> tuple
 
     Args:
         offset: (W, N, K, 2) relative places of the things [m].
-        exists: (W, N, K) True for those that exist.
+        exists: (W, N, K) True for those that exist; K is at least 1.
         values: (W, N, K, 2) their values.
     """
     far = np.where(exists, np.linalg.norm(offset, axis=-1), np.inf)
-    if far.shape[2] == 0:
-        return values.sum(axis=2), np.full(far.shape[:2], np.inf)
     first = far.argmin(axis=-1)[..., None, None]
     return np.take_along_axis(values, first, axis=2)[:, :, 0], far.min(axis=-1)
 
@@ -245,6 +243,9 @@ class Lanes(Reacting):
 class Searching(Reacting):
     """Base of the rules, which patrol in lanes while they know of no target; a subclass implements `react`."""
 
+    entries: str = "tracks"
+    """Entries of `Rows` that it reacts to."""
+
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device, **settings)
         self.patrol = Lanes(scenario, num_worlds, device, reach=self.scenario.sight)
@@ -255,7 +256,9 @@ class Searching(Reacting):
         raise NotImplementedError(f"{type(self).__name__} must have a method react(rows)")
 
     def wish(self, rows: Rows) -> np.ndarray:
-        """React to targets, or patrol."""
+        """React to targets, or patrol, as where rows have no entries for them."""
+        if getattr(rows, self.entries).shape[2] == 0:
+            return self.patrol.wish(rows)
         velocity, reacts = self.react(rows)
         return np.where(reacts[..., None], velocity, self.patrol.wish(rows))
 
@@ -276,6 +279,8 @@ class Searching(Reacting):
 
 class Follow(Searching):
     """Follow the nearest target in sight."""
+
+    entries = "targets_seen"
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Drive to the nearest target in sight."""

@@ -245,7 +245,7 @@ def own_scenario(folder: str) -> Scenario:
     return _loader_of(plain).own_scenario(plain)
 
 
-def fingerprint(name: str) -> dict[str, str]:
+def policy_fingerprint(name: str) -> dict[str, str]:
     """Return the fingerprint of a policy's code, or of its file, as `lissajous_env.identity.fingerprint` does."""
     plain, suffix = split_suffix(name)
     in_folder = is_folder(name)

@@ -144,7 +144,8 @@ def _make(folder: str, scenario: Scenario, num_worlds: int = 1, device: Any = "c
 def _fingerprint(folder: str) -> dict[str, str]:
     """Return a digest of the policy's file and the fingerprint of the named policy."""
     settings = PolicySettings.read(folder)
-    return {f"policy of {POLICY_FILE}": digest_of(settings.as_toml().encode())} | registry.fingerprint(settings.policy)
+    own = {f"policy of {POLICY_FILE}": digest_of(settings.as_toml().encode())}
+    return own | registry.policy_fingerprint(settings.policy)
 
 
 registry.LOADERS[POLICY_FILE] = registry.Loader(

@@ -19,23 +19,23 @@ _STEPS = 100
 
 def in_formation(worlds: int, threads: int, grid: tuple[int, int] | None) -> Callable[[], object]:
     """Return a step of the experiment under the paper's method; the cost depends on where rogues may be."""
-    made = lissajous_env.scenario("experiment", **{"task.contamination": grid})
-    alone, policy = lissajous_env.Simulation(made), baselines.make("kuramoto-mpcc", made)
+    scenario = lissajous_env.scenario("experiment", **{"task.contamination": grid})
+    alone, policy = lissajous_env.Simulation(scenario), baselines.make("kuramoto-mpcc", scenario)
     actions = []
     for _ in range(_STEPS):
         actions.append(policy.act(alone.observation).numpy().copy())
         alone.step(actions[-1])
-    simulation = lissajous_env.Simulation(made, num_worlds=worlds, threads=threads)
+    simulation = lissajous_env.Simulation(scenario, num_worlds=worlds, threads=threads)
     wide = [np.repeat(action, worlds, axis=0) for action in actions]
-    taken = len(wide)
+    count = len(wide)
 
     def step() -> None:
-        nonlocal taken
-        if taken == len(wide):
+        nonlocal count
+        if count == len(wide):
             simulation.reset(seeds=np.zeros(worlds, dtype=int))
-            taken = 0
-        simulation.step(wide[taken])
-        taken += 1
+            count = 0
+        simulation.step(wide[count])
+        count += 1
 
     return step
 

@@ -37,9 +37,9 @@ def timed(mpcc: Mpcc, problems: "Problems", guess: bool, rounds: int) -> tuple[S
 def timed_ipopt(ipopt: "Ipopt", problems: "Problems") -> tuple[np.ndarray, float]:
     """Return the costs (n,) that IPOPT finds from the guesses, and the median of its times [s]."""
     costs, times = [], []
-    for each in zip(problems.state, problems.phase_rate, problems.guess, strict=True):
+    for problem in zip(problems.state, problems.phase_rate, problems.guess, strict=True):
         begin = time.perf_counter()
-        costs.append(ipopt.solve(*each)[0])
+        costs.append(ipopt.solve(*problem)[0])
         times.append(time.perf_counter() - begin)
     return np.array(costs), float(np.median(times))
 
@@ -49,9 +49,9 @@ def compare(problems: "Problems", curve: Curve, p: MpccParameters, options: Opti
     from mpcc import Ipopt, accuracy
 
     count = len(problems.phase_rate)
-    ours = Mpcc(curve, p, batch=count, threads=1)
-    _, cold = timed(ours, problems, False, options.rounds)
-    solution, guessed = timed(ours, problems, True, options.rounds)
+    controller = Mpcc(curve, p, batch=count, threads=1)
+    _, cold = timed(controller, problems, False, options.rounds)
+    solution, guessed = timed(controller, problems, True, options.rounds)
     words = {
         "states": str(count),
         "solve without a guess [us]": number(cold * 1e6),
@@ -60,10 +60,10 @@ def compare(problems: "Problems", curve: Curve, p: MpccParameters, options: Opti
     if not options.rivals:
         return words
     ipopt = Ipopt(curve, p)
-    costs, taken = timed_ipopt(ipopt, problems)
+    costs, ipopt_time = timed_ipopt(ipopt, problems)
     words |= {
-        "IPOPT from the guess, median [us]": number(taken * 1e6),
-        "IPOPT takes, times as long": number(taken / guessed),
+        "IPOPT from the guess, median [us]": number(ipopt_time * 1e6),
+        "IPOPT takes, times as long": number(ipopt_time / guessed),
     }
     return words | accuracy(problems, solution, costs, ipopt)
 

@@ -31,13 +31,13 @@ STEPS = {"cpu": 2, "cuda": 20}
 """Steps of a device between two waits for it."""
 
 
-def batch(scenario: str, settings: dict, policy: str | None, worlds: int, threads: int, device: str) -> Callable:
+def batch(name: str, settings: dict, policy: str | None, worlds: int, threads: int, device: str) -> Callable:
     """Return a function of a number of steps, which plays them and waits for the device, without an end of episodes."""
-    made = lissajous_env.scenario(scenario, **settings, **LONG)
-    simulation = lissajous_env.Simulation(made, num_worlds=worlds, threads=threads, device=device)
+    scenario = lissajous_env.scenario(name, **settings, **LONG)
+    simulation = lissajous_env.Simulation(scenario, num_worlds=worlds, threads=threads, device=device)
     constant = np.random.default_rng(0).uniform(-0.3, 0.3, simulation.action_shape).astype(np.float32)
     action = wp.array(constant, device=device)
-    acting = baselines.make(policy, made, worlds, device) if policy else None
+    acting = baselines.make(policy, scenario, worlds, device) if policy else None
 
     def play(steps: int) -> None:
         for _ in range(steps):

@@ -30,15 +30,15 @@ def measured(sides: Sequence[Side], rounds: int) -> tuple[Any, list[float]]:
     return np.array(times), [side.peak() for side in sides]
 
 
-def table_of(found: dict[tuple[int, int], tuple[Any, list[float]]]) -> Table:
+def table_of(measurements: dict[tuple[int, int], tuple[Any, list[float]]]) -> Table:
     """Return a row for each number of robots and targets; with another version, also its time and the ratio."""
-    compared = any(times.shape[1] == 2 for times, _ in found.values())
+    compared = any(times.shape[1] == 2 for times, _ in measurements.values())
     columns = ["one world", "ms a step", "ns a target", "ns each further target", "peak [MB]"]
     columns += ["ms a step before", "times faster", "95 % interval"] if compared else []
     rows = []
-    for (robots, targets), (times, peaks) in found.items():
+    for (robots, targets), (times, peaks) in measurements.items():
         own = statistics.median(times[:, 0])
-        fewer = found.get((robots, targets // 10))
+        fewer = measurements.get((robots, targets // 10))
         more = (own - statistics.median(fewer[0][:, 0])) / (targets * 0.9) * 1e9 if fewer else None
         row = [f"{robots:,} robots, {targets:,} targets", f"{own * 1e3:.3g}", f"{own / targets * 1e9:.3g}"]
         row += ["" if more is None else f"{more:.3g}", f"{peaks[0]:.0f}"]
@@ -49,7 +49,7 @@ def table_of(found: dict[tuple[int, int], tuple[Any, list[float]]]) -> Table:
     return {"columns": columns, "rows": rows}
 
 
-def draw(found: dict[tuple[int, int], tuple[Any, list[float]]], path: Path) -> None:
+def draw(measurements: dict[tuple[int, int], tuple[Any, list[float]]], path: Path) -> None:
     """Draw the time of a step over the number of targets, a line for each number of robots; dashed: other version."""
     import matplotlib
 
@@ -59,10 +59,10 @@ def draw(found: dict[tuple[int, int], tuple[Any, list[float]]], path: Path) -> N
     figure, axes = plt.subplots(figsize=(7, 4.6), dpi=150)
     compared = False
     for robots, colour in COLOURS.items():
-        counts = [targets for each, targets in found if each == robots]
+        counts = [targets for team, targets in measurements if team == robots]
         if not counts:
             continue
-        times = np.array([np.median(found[robots, targets][0], axis=0) for targets in counts]) * 1e3
+        times = np.array([np.median(measurements[robots, targets][0], axis=0) for targets in counts]) * 1e3
         axes.plot(counts, times[:, 0], "o-", color=colour, label=f"{robots:,} robots")
         if times.shape[1] == 2:
             compared = True
@@ -85,16 +85,16 @@ def tables(options: Options) -> dict[str, Table]:
         folders.append(options.against)
     sizes = options.robots or ((5, 101) if options.quick else tuple(CURVES))
     counts = options.targets or ((100, 1000) if options.quick else TARGETS)
-    found = {}
+    measurements = {}
     for robots in sizes:
         for targets in counts:
             sides = [Side(folder, robots, targets) for folder in folders]
-            found[robots, targets] = times, _ = measured(sides, options.rounds)
-            told = ", ".join(f"{each * 1e3:.3g} ms" for each in np.median(times, axis=0))
-            print(f"{robots:,} robots, {targets:,} targets: {told}", flush=True)
+            measurements[robots, targets] = times, _ = measured(sides, options.rounds)
+            words = ", ".join(f"{median * 1e3:.3g} ms" for median in np.median(times, axis=0))
+            print(f"{robots:,} robots, {targets:,} targets: {words}", flush=True)
     if options.store:
-        draw(found, PICTURE)
-    return {"growth": table_of(found)}
+        draw(measurements, PICTURE)
+    return {"growth": table_of(measurements)}
 
 
 PART = Part(

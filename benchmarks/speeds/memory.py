@@ -11,9 +11,9 @@ from speeds.served import peak_memory
 
 def peak(worlds: int, threads: int) -> float:
     """Make the batches, step each once, and return the largest memory of this process [MB]."""
-    made = [step.batch(*what, worlds, threads) for what in step.BATCHES.values()]
-    for each in made:
-        each()
+    batch_steps = [step.batch(*what, worlds, threads) for what in step.BATCHES.values()]
+    for batch_step in batch_steps:
+        batch_step()
     return peak_memory()
 
 

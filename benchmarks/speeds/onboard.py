@@ -22,19 +22,19 @@ CASES = (
 ROBOT = 1
 
 
-def times_of_calls(scenario: str, policy: str, steps: int, rounds: int) -> np.ndarray:
+def times_of_calls(name: str, policy: str, steps: int, rounds: int) -> np.ndarray:
     """Return the time of each call of an episode [us], the least of some rounds with the same inputs."""
-    made = lissajous_env.scenario(scenario).resolve()
-    simulation, together = lissajous_env.Simulation(made), baselines.make(policy, made)
-    given = []
+    scenario = lissajous_env.scenario(name).resolve()
+    simulation, together = lissajous_env.Simulation(scenario), baselines.make(policy, scenario)
+    calls = []
     for _ in range(steps):
-        given.append(inputs_of(simulation, ROBOT))
+        calls.append(inputs_of(simulation, ROBOT))
         simulation.step(together.act(simulation.observation))
-    onboard = baselines.Onboard(policy, made, ROBOT, limits=Limits(*[np.inf] * 4))
+    onboard = baselines.Onboard(policy, scenario, ROBOT, limits=Limits(*[np.inf] * 4))
     times = np.full(steps, np.inf)
     for _ in range(rounds):
         onboard.reset()
-        for k, inputs in enumerate(given):
+        for k, inputs in enumerate(calls):
             begin = time.perf_counter()
             onboard.act(*inputs)
             times[k] = min(times[k], (time.perf_counter() - begin) * 1e6)

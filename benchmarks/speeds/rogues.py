@@ -71,7 +71,7 @@ def tables(options: Options) -> dict[str, Table]:
         sides[TAG] = (tag(), max(often // 10, 1))
     times = by_turns(sides, options.rounds)
     if TAG in times:  # one world, compared with many of this package
-        times[TAG] = [each * options.worlds for each in times[TAG]]
+        times[TAG] = [seconds * options.worlds for seconds in times[TAG]]
     rows += rows_of(times, options.worlds, TAG)
     columns = ["", "worlds", "step of a world [us]", "best [us]", "million steps of a world per second", "rival",
                "its step of a world [us]", "ratio"]  # fmt: skip

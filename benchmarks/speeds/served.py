@@ -16,8 +16,8 @@ CURVES = {5: (3, 2), 101: (51, 50), 501: (251, 250), 1001: (501, 500)}
 def peak_memory() -> float:
     """Return the largest memory of this process so far [MB]."""
     # `ru_maxrss` would include the memory of the parent process.
-    told = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    return int(told["VmHWM"].split()[0]) / 1024
+    fields = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    return int(fields["VmHWM"].split()[0]) / 1024
 
 
 def serve(robots: int, targets: int) -> None:
@@ -35,8 +35,8 @@ def serve(robots: int, targets: int) -> None:
     # Robots as fast as those of the included scenario; targets that are detected stay, so that a step keeps its cost.
     overrides |= {"formation.phase_rate": 1.02 / a, "targets.leave": False}
     simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **overrides), threads=1)
-    made = simulation.scenario
-    rate = made.formation.phase_rate / made.formation.alpha / made.robot.phase_rate_max
+    scenario = simulation.scenario
+    rate = scenario.formation.phase_rate / scenario.formation.alpha / scenario.robot.phase_rate_max
     action = np.full(simulation.action_shape, rate, dtype=np.float32)
     for _ in range(3):
         simulation.step(action)
@@ -61,9 +61,9 @@ class Side:
         self._process = subprocess.Popen(
             command, env=os.environ | {"PYTHONPATH": path}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
-        told = Path(self._answer().strip())
-        if told.resolve() != folder.resolve():
-            raise RuntimeError(f"what is measured must be of {folder}, got {told}")
+        code_folder = Path(self._answer().strip())
+        if code_folder.resolve() != folder.resolve():
+            raise RuntimeError(f"what is measured must be of {folder}, got {code_folder}")
 
     def seconds(self, steps: int) -> float:
         """Return the mean time of some steps."""

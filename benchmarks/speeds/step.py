@@ -48,10 +48,10 @@ def single(scenario: str) -> Callable[[], object]:
     return step
 
 
-def batch(scenario: str, settings: dict, worlds: int, threads: int) -> Callable[[], object]:
+def batch(name: str, settings: dict, worlds: int, threads: int) -> Callable[[], object]:
     """Return `Simulation.step` of some worlds, without an end of the episode."""
-    made = lissajous_env.scenario(scenario, **settings, **{"task.duration": 10_000.0})
-    simulation = lissajous_env.Simulation(made, num_worlds=worlds, threads=threads)
+    scenario = lissajous_env.scenario(name, **settings, **{"task.duration": 10_000.0})
+    simulation = lissajous_env.Simulation(scenario, num_worlds=worlds, threads=threads)
     actions = np.random.default_rng(0).uniform(-0.3, 0.3, simulation.action_shape).astype(np.float32)
     return lambda: simulation.step(actions)
 

@@ -95,7 +95,7 @@ def imports_between() -> dict[tuple[str, str], int]:
         for path in (ROOT / package).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-                names += [each.name for each in node.names] if isinstance(node, ast.Import) else []
+                names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
                 counted.update((package, name.split(".")[0]) for name in names)
     return {pair: count for pair, count in counted.items() if pair[1] in PACKAGES and pair[0] != pair[1]}
 

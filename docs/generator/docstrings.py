@@ -7,10 +7,10 @@ from lissajous_env.world.state import Clock
 _SECTIONS = ("Args", "Attributes", "Raises", "Returns", "Yields")
 
 
-def as_restructured_text(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+def as_restructured_text(app: Any, what: str, name: str, documented: Any, options: Any, lines: list[str]) -> None:
     """Convert indented blocks below a line that ends in a colon into literal blocks, in place."""
-    if isinstance(thing, type(Clock)):
-        lines += ["", *arrays_of(thing)]
+    if isinstance(documented, type(Clock)):
+        lines += ["", *arrays_of(documented)]
     # In an attribute's first line Sphinx would read the text before a colon as its type; a comment first prevents it.
     lines[:] = (["..", ""] if what in ("attribute", "property") else []) + [
         without_substitutions(line) for line in with_literal_blocks(lines)
@@ -27,13 +27,13 @@ def arrays_of(struct: Any) -> list[str]:
 
 def with_literal_blocks(lines: list[str]) -> list[str]:
     """Double the colon before each indented block, except in Google-style sections."""
-    told = list(lines)
+    converted = list(lines)
     for k, line in enumerate(lines[:-2]):
         follows = lines[k + 2]
         is_block = not lines[k + 1].strip() and _indent(follows) > _indent(line) and follows.strip()
         if line.rstrip().endswith(":") and is_block and line.strip().rstrip(":") not in _SECTIONS:
-            told[k] = line.rstrip() + ":"
-    return told
+            converted[k] = line.rstrip() + ":"
+    return converted
 
 
 def without_substitutions(line: str) -> str:

@@ -15,16 +15,16 @@ MOST_TARGETS = 3000
 """Largest number of targets drawn; more would cover the picture."""
 
 
-def picture_of(given: Scenario) -> bytes:
+def picture_of(scenario: Scenario) -> bytes:
     """Draw a moment of seed 1 as a PNG."""
-    fewer = {"targets.count": min(given.targets.count, MOST_TARGETS)}
-    env = lissajous_env.parallel_env(given, render_mode="rgb_array", **fewer)
-    policy = baselines.make(policy_for(given), env.scenario)
+    fewer = {"targets.count": min(scenario.targets.count, MOST_TARGETS)}
+    env = lissajous_env.parallel_env(scenario, render_mode="rgb_array", **fewer)
+    policy = baselines.make(policy_for(scenario), env.scenario)
     observations, _ = env.reset(seed=1)
     for _ in range(min(round(_MOMENT / env.scenario.task.step), env.scenario.task.steps - 1)):
         observations, *_ = env.step(policy.act(observations))
     image = Image.fromarray(env.render())
     env.close()
-    held = io.BytesIO()
-    image.save(held, format="PNG", optimize=True)
-    return held.getvalue()
+    buffer = io.BytesIO()
+    image.save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()

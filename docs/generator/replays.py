@@ -19,18 +19,18 @@ _BEST = {"watch": "learned-watch", "intercept": "learned-intercept", "hotspots":
 """The best policies of tasks with feedback."""
 
 
-def policy_for(given: Scenario) -> str:
+def policy_for(scenario: Scenario) -> str:
     """Return the name of the policy in pictures and replays: the paper's method, or the best one for `_BEST`."""
-    return _BEST.get(given.name, "kuramoto" if given.actuation == "curve" else "kuramoto-mpcc")
+    return _BEST.get(scenario.name, "kuramoto" if scenario.actuation == "curve" else "kuramoto-mpcc")
 
 
-def made(given: Scenario, folder: Path) -> str:
+def write_replay(scenario: Scenario, folder: Path) -> str:
     """Write the replay of a scenario into a folder; return Markdown that shows it, empty if it is too large."""
-    if given.num_robots > _MOST_ROBOTS:
+    if scenario.num_robots > _MOST_ROBOTS:
         return ""
-    shown = lissajous_env.scenario(given, **{"targets.count": min(given.targets.count, _MOST_TARGETS)})
-    recording = record(baselines.make(policy_for(given), shown), shown, seed=1)
-    write_changed(folder / f"{given.name}.html", Replay(recording).html())
-    fewer = "" if shown == given else f"Of {given.targets.count:,} targets {_MOST_TARGETS} are shown. "
-    told = {"name": given.name, "policy": policy_for(given), "fewer": fewer}
-    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(told)
+    shown = lissajous_env.scenario(scenario, **{"targets.count": min(scenario.targets.count, _MOST_TARGETS)})
+    recording = record(baselines.make(policy_for(scenario), shown), shown, seed=1)
+    write_changed(folder / f"{scenario.name}.html", Replay(recording).html())
+    fewer = "" if shown == scenario else f"Of {scenario.targets.count:,} targets {_MOST_TARGETS} are shown. "
+    fields = {"name": scenario.name, "policy": policy_for(scenario), "fewer": fewer}
+    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(fields)

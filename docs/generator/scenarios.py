@@ -43,51 +43,52 @@ _LIMITS = {
 
 def make(folder: Path, replay_folder: Path) -> None:
     """Write the page, the picture and the replay of each scenario, and the list of scenarios."""
-    made = [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]
+    scenarios = [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]
     stored = figures.load()
-    for given in made:
-        write_changed(folder / f"{given.name}.png", picture_of(given))
-        write_changed(folder / f"{given.name}.md", page(given, stored, replays.made(given, replay_folder)))
-    write_changed(folder / "index.md", listing(made))
+    for scenario in scenarios:
+        write_changed(folder / f"{scenario.name}.png", picture_of(scenario))
+        replay = replays.write_replay(scenario, replay_folder)
+        write_changed(folder / f"{scenario.name}.md", page(scenario, stored, replay))
+    write_changed(folder / "index.md", listing(scenarios))
 
 
-def listing(made: Sequence[Scenario]) -> str:
+def listing(scenarios: Sequence[Scenario]) -> str:
     """Return the page that lists the scenarios."""
     rows = [
-        [f"[`{each.name}`]({each.name}.md)", f"{each.num_robots} {_robots(each)}", _sides(each),
-         f"{each.sensing_radius:.3g}", each.description]
-        for each in made
+        [f"[`{scenario.name}`]({scenario.name}.md)", f"{scenario.num_robots} {_robots(scenario)}", _sides(scenario),
+         f"{scenario.sensing_radius:.3g}", scenario.description]
+        for scenario in scenarios
     ]  # fmt: skip
-    told = {
+    fields = {
         "listing": table(["scenario", "robots", "rectangle [m]", "sensor r_s [m]", "description"], rows),
         "usual": ", ".join(f"`{name}`" for name in Benchmark().scenarios),
-        "names": "\n".join(each.name for each in made),
+        "names": "\n".join(scenario.name for scenario in scenarios),
     }
-    return Template((_HERE / "scenario_list.md").read_text(encoding="utf-8")).substitute(told)
+    return Template((_HERE / "scenario_list.md").read_text(encoding="utf-8")).substitute(fields)
 
 
-def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
+def page(scenario: Scenario, stored: dict[str, Any], replay: str) -> str:
     """Return the page of a scenario: the filled `scenario_page.md`.
 
     Args:
-        given: The scenario, unresolved.
+        scenario: The scenario, unresolved.
         stored: Tables of docs/figures.json.
         replay: Markdown that shows a replay on the page; empty for none.
     """
-    made = given.resolve()
-    task, actions, entries = made.task, action_table(made), layout(made)
-    told = {
-        "name": given.name,
-        "description": given.description,
-        "policy": replays.policy_for(given),
-        "fewer": f" {MOST_TARGETS:,} targets are drawn." if made.targets.count > MOST_TARGETS else "",
-        "numbers": table(["quantity", "value"], numbers(made)),
-        "differing": table(["field", "value", "default", "meaning"], differing(given)),
+    resolved = scenario.resolve()
+    task, actions, entries = resolved.task, action_table(resolved), layout(resolved)
+    fields = {
+        "name": scenario.name,
+        "description": scenario.description,
+        "policy": replays.policy_for(scenario),
+        "fewer": f" {MOST_TARGETS:,} targets are drawn." if resolved.targets.count > MOST_TARGETS else "",
+        "numbers": table(["quantity", "value"], numbers(resolved)),
+        "differing": table(["field", "value", "default", "meaning"], differing(scenario)),
         "size": entries.size,
-        "observation": table(["index", "name", "meaning [unit]", "range"], observation(made)),
-        "action_size": made.action_size,
-        "action": table(["index", "name", "meaning at -1 and 1", "range"], action(made)),
-        "limits": ", ".join(_limits(made)) or "none",
+        "observation": table(["index", "name", "meaning [unit]", "range"], observation(resolved)),
+        "action_size": resolved.action_size,
+        "action": table(["index", "name", "meaning at -1 and 1", "range"], action(resolved)),
+        "limits": ", ".join(_limits(resolved)) or "none",
         "table_size": len(actions),
         "table": _listed(actions),
         "formula": formula(task),
@@ -96,40 +97,41 @@ def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
         "steps": task.steps,
         "step": f"{task.step:g}",
         "on_collision": _COLLISION[task.on_collision],
-        "lost": _lost(made),
-        "boundary": _INSIDE if made.robot.kind == "curve" else _BOUNDARY[task.boundary],
-        "feedback": _feedback(made),
-        "results": _results(given, stored),
+        "lost": _lost(resolved),
+        "boundary": _INSIDE if resolved.robot.kind == "curve" else _BOUNDARY[task.boundary],
+        "feedback": _feedback(resolved),
+        "results": _results(scenario, stored),
         "replay": replay,
     }
-    return Template((_HERE / "scenario_page.md").read_text(encoding="utf-8")).substitute(told)
+    return Template((_HERE / "scenario_page.md").read_text(encoding="utf-8")).substitute(fields)
 
 
-def numbers(made: Scenario) -> list[tuple[str, str]]:
+def numbers(scenario: Scenario) -> list[tuple[str, str]]:
     """Return names and values of the main quantities, with units."""
-    curve = "a Fourier series" if made.curve.harmonics else f"Lissajous, a:b = {made.curve.a}:{made.curve.b}"
+    shape = scenario.curve
+    curve = "a Fourier series" if shape.harmonics else f"Lissajous, a:b = {shape.a}:{shape.b}"
     bound = "the undisturbed formation detects every target by then"
-    no_bound = "no bound, r_s is below bound (8)"
-    overlap = f"bound (8), at which discs of ring neighbours overlap, is {made.detection_radius:.3g} m"
+    without = "no bound, r_s is below bound (8)"
+    overlap = f"bound (8), at which discs of ring neighbours overlap, is {scenario.detection_radius:.3g} m"
     return [
-        ("robots", f"{made.num_robots} {_robots(made)}, bodies of radius {made.robot.radius:g} m"),
-        *([("top speed", f"{made.robot.top_speed:.3g} m/s")] if made.robot.kind == "car" else []),
-        ("rectangle", f"{_sides(made)} m"),
+        ("robots", f"{scenario.num_robots} {_robots(scenario)}, bodies of radius {scenario.robot.radius:g} m"),
+        *([("top speed", f"{scenario.robot.top_speed:.3g} m/s")] if scenario.robot.kind == "car" else []),
+        ("rectangle", f"{_sides(scenario)} m"),
         ("curve", curve),
-        ("formation", f"omega = {made.formation.phase_rate:g} rad/s, p = {made.p}, alpha = {made.alpha}"),
-        ("sensor", f"r_s = {made.sensing_radius:.3g} m; {overlap}"),
-        ("T_max", f"{made.detection_time_bound:.3g} s: {bound if made.detection_time_is_bounded else no_bound}"),
-        ("targets", f"{made.targets.count:,} from the start, then {made.targets.arrival_rate:g} per second"),
-        ("top speed of targets", f" {made.rogue_speed:g} m/s"),
-        ("episode", f"{made.task.duration:g} s, {made.task.steps} steps of {made.task.step:g} s"),
+        ("formation", f"omega = {scenario.formation.phase_rate:g} rad/s, p = {scenario.p}, alpha = {scenario.alpha}"),
+        ("sensor", f"r_s = {scenario.sensing_radius:.3g} m; {overlap}"),
+        ("T_max", f"{scenario.detection_time_bound:.3g} s: {bound if scenario.detection_time_is_bounded else without}"),
+        ("targets", f"{scenario.targets.count:,} from the start, then {scenario.targets.arrival_rate:g} per second"),
+        ("top speed of targets", f" {scenario.rogue_speed:g} m/s"),
+        ("episode", f"{scenario.task.duration:g} s, {scenario.task.steps} steps of {scenario.task.step:g} s"),
     ]
 
 
-def differing(given: Scenario) -> list[list[str]]:
+def differing(scenario: Scenario) -> list[list[str]]:
     """Return field, value, default and meaning (with unit) of every field that differs from its default."""
     rows = []
     for part, of in PARTS.items():
-        values, words = getattr(given, part), meanings(of)
+        values, words = getattr(scenario, part), meanings(of)
         for field in dataclasses.fields(values):
             value = getattr(values, field.name)
             if value != field.default:
@@ -137,20 +139,20 @@ def differing(given: Scenario) -> list[list[str]]:
     return rows
 
 
-def observation(made: Scenario) -> list[list[Any]]:
+def observation(scenario: Scenario) -> list[list[Any]]:
     """Return index, name, meaning (with unit) and range of every entry."""
     return [
         [k, f"`{name}`", meaning, f"[{low:g}, {high:g}]"]
-        for k, (name, low, high, meaning) in enumerate(zip(*layout(made), strict=True))
+        for k, (name, low, high, meaning) in enumerate(zip(*layout(scenario), strict=True))
     ]
 
 
-def action(made: Scenario) -> list[list[Any]]:
+def action(scenario: Scenario) -> list[list[Any]]:
     """Return index, name, meaning and range of every component."""
-    model = made.model
-    sent = (f"component {m} of the message to both ring neighbours" for m in range(made.messages.size))
+    model = scenario.model
+    sent = (f"component {m} of the message to both ring neighbours" for m in range(scenario.messages.size))
     words = (*(model.meanings or model.actions), *sent)
-    return [[k, name, what, "[-1, 1]"] for k, (name, what) in enumerate(zip(made.action_names, words, strict=True))]
+    return [[k, name, what, "[-1, 1]"] for k, (name, what) in enumerate(zip(scenario.action_names, words, strict=True))]
 
 
 def reward(task: Task) -> list[list[str]]:
@@ -165,23 +167,21 @@ def reward(task: Task) -> list[list[str]]:
 def formula(task: Task) -> str:
     """Return the sum of the terms with non-zero weights, with numbers for weights and step."""
     used = {term: weight for term in FORMULAS if (weight := getattr(task, f"reward_{term}"))}
-    told = [
+    terms = [
         FORMULAS[term].replace(f"reward_{term}", f"{weight:g}").replace("step", f"{task.step:g}")
         for term, weight in used.items()
     ]
-    return " + ".join(told).replace("+ -", "- ") or "0"
+    return " + ".join(terms).replace("+ -", "- ") or "0"
 
 
-def _limits(made: Scenario) -> list[str]:
-    words = " ".join(made.model.meanings)
-    return [
-        f"{name} = {getattr(made.robot, name):.4g} {unit}".strip() for name, unit in _LIMITS.items() if name in words
-    ]
+def _limits(scenario: Scenario) -> list[str]:
+    robot, words = scenario.robot, " ".join(scenario.model.meanings)
+    return [f"{name} = {getattr(robot, name):.4g} {unit}".strip() for name, unit in _LIMITS.items() if name in words]
 
 
-def _feedback(made: Scenario) -> str:
+def _feedback(scenario: Scenario) -> str:
     """Return what reacting to targets is worth in a scenario."""
-    entry, value = measured().get(made.name), value_of_feedback(made)
+    entry, value = measured().get(scenario.name), value_of_feedback(scenario)
     if entry is not None:
         interval = f"{entry['low']:.3g} to {entry['high']:.3g}"
         all_interval = f"{entry['sees_all_low']:.3g} to {entry['sees_all_high']:.3g}"
@@ -198,30 +198,30 @@ def _feedback(made: Scenario) -> str:
     )
 
 
-def _lost(made: Scenario) -> str:
-    gone = [f"robot {robot + 1} at {time:g} s" for robot, time in made.faults.removed]
-    gone += [f"{made.faults.lost}, drawn at random"] if made.faults.lost else []
+def _lost(scenario: Scenario) -> str:
+    gone = [f"robot {robot + 1} at {time:g} s" for robot, time in scenario.faults.removed]
+    gone += [f"{scenario.faults.lost}, drawn at random"] if scenario.faults.lost else []
     return (
         f"\n* Robots that fail for good ({', '.join(gone)}) remain agents whose actions have no effect." if gone else ""
     )
 
 
-def _results(given: Scenario, stored: dict[str, Any]) -> str:
-    kept = stored.get(f"results {given.name}")
-    if kept is None:
-        return f"There are none yet: `python benchmarks/results.py --scenarios {given.name} --store` computes them."
-    seeds = f"seeds 0 to {kept['episodes'] - 1}" if kept["episodes"] > 1 else "only seed 0"
-    told = {"seeds": seeds, "results": table(kept["columns"], kept["rows"])}
-    return Template((_HERE / "scenario_results.md").read_text(encoding="utf-8")).substitute(told)
+def _results(scenario: Scenario, stored: dict[str, Any]) -> str:
+    results = stored.get(f"results {scenario.name}")
+    if results is None:
+        return f"There are none yet: `python benchmarks/results.py --scenarios {scenario.name} --store` computes them."
+    seeds = f"seeds 0 to {results['episodes'] - 1}" if results["episodes"] > 1 else "only seed 0"
+    fields = {"seeds": seeds, "results": table(results["columns"], results["rows"])}
+    return Template((_HERE / "scenario_results.md").read_text(encoding="utf-8")).substitute(fields)
 
 
-def _sides(given: Scenario) -> str:
-    curve = given.curve
+def _sides(scenario: Scenario) -> str:
+    curve = scenario.curve
     return " x ".join(f"{2 * side:g}" for side in (curve.half_width, curve.half_height, curve.half_depth) if side > 0)
 
 
-def _robots(given: Scenario) -> str:
-    return "points on the curve" if given.robot.kind == "curve" else f"{given.robot.kind}s"
+def _robots(scenario: Scenario) -> str:
+    return "points on the curve" if scenario.robot.kind == "curve" else f"{scenario.robot.kind}s"
 
 
 def _short(value: Any) -> str:
@@ -231,7 +231,7 @@ def _short(value: Any) -> str:
 
 def _listed(rows: np.ndarray) -> str:
     """Return the rows of a table of actions, as the product of the values of each component where they are one."""
-    each = [sorted(set(column)) for column in rows.T.tolist()]
-    if math.prod(map(len, each)) != len(rows):
+    choices = [sorted(set(column)) for column in rows.T.tolist()]
+    if math.prod(map(len, choices)) != len(rows):
         return ", ".join("(" + ", ".join(f"{value:.3g}" for value in row) + ")" for row in rows.tolist())
-    return " x ".join("{" + ", ".join(f"{value:g}" for value in values) + "}" for values in each)
+    return " x ".join("{" + ", ".join(f"{value:g}" for value in values) + "}" for values in choices)

@@ -1,15 +1,15 @@
 """The command `lissajous`: run an installed command, and print errors as one clear line.
 
 A command is a typed function named by an entry point in the group `lissajous_env.commands`, so that other
-packages can add commands. The signature of the function is the command line; its docstring is the help. A dot in the
-name of an entry point separates two words: `ros.robot` is the command `lissajous ros robot`.
+packages can add commands. The signature of the function is the command line; its docstring is the help; a whole number
+that it returns is the exit code. A dot in the name of an entry point separates two words: `ros.robot` is the command
+`lissajous ros robot`.
 
-Each `--import MODULE`, anywhere on the command line, first imports a module, also from the current folder. The command
-then knows the names that it registers, of scenarios, policies, robot models and rogues.
+Each `--import MODULE` or `--import=MODULE`, anywhere on the command line, first imports a module, also from the current
+folder. The command then accepts the names that it registers, of scenarios, policies, robot models and rogues.
 """
 
 import ast
-import contextlib
 import importlib.util
 import inspect
 import io
@@ -17,10 +17,9 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points, version
 from pathlib import Path
-from typing import Any
 
 import tyro
 
@@ -47,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # prints "?" for characters that the terminal does not have
     os.environ.pop("MPLBACKEND", None)  # matplotlib refuses that of a notebook elsewhere; pictures need none
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"  # without its place in the code
     code = _exit_code(list(sys.argv[1:] if arguments is None else arguments))
     try:
         print(end="", flush=True)
@@ -68,10 +68,11 @@ def commands() -> dict[str, EntryPoint]:
 def _exit_code(arguments: list[str]) -> int:
     """Run a command and return its exit code; print errors as one line."""
     try:
-        with _short_warnings():
-            return _run(arguments)
-    except SystemExit as end:  # tyro printed the help or an error of the command line, or the reader closed the pipe
-        return end.code if isinstance(end.code, int) else 0
+        return _run(arguments)
+    except SystemExit as end:  # of tyro after the help or an error, of rich after a closed pipe, or of a command
+        if end.code is None or isinstance(end.code, int):
+            return int(end.code or 0)
+        return _failed(FAILED, end, str(end.code))
     except ValueError as error:
         return _failed(BAD_INPUT, error, str(error))
     except BrokenPipeError:
@@ -86,7 +87,7 @@ def _exit_code(arguments: list[str]) -> int:
         return _failed(FAILED, error, f"{type(error).__name__}: {error}; set {TRACEBACK}=1 for the traceback")
 
 
-def _failed(code: int, error: Exception, words: str) -> int:
+def _failed(code: int, error: BaseException, words: str) -> int:
     if os.environ.get(TRACEBACK):
         print("".join(traceback.format_exception(error)), file=sys.stderr)
     complain(f"error: {words}")
@@ -122,9 +123,10 @@ def _run(arguments: list[str]) -> int:
         function = known[name].load()
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
+    description = (inspect.getdoc(function) or "").partition("\nArgs:")[0]
     with interrupts.raised():
-        result = tyro.cli(function, prog=f"lissajous {name}", description=_description(function), args=options)
-    return result if isinstance(result, int) else 0
+        result = tyro.cli(function, prog=f"lissajous {name}", description=description, args=options)
+    return result if type(result) is int else 0  # True is a result, not an exit code
 
 
 def _import_modules(arguments: list[str]) -> list[str]:
@@ -133,32 +135,19 @@ def _import_modules(arguments: list[str]) -> list[str]:
     Raises:
         ValueError: no module follows, or it cannot be imported; the message contains the reason and the line.
     """
-    if IMPORT not in arguments:
-        return arguments
-    at = arguments.index(IMPORT)
-    module = "".join(arguments[at + 1 : at + 2])
-    try:
-        import_module(module)
-    except (Exception, SystemExit) as error:
-        rule = f"{IMPORT} must be followed by a module that can be imported"
-        raise ValueError(f"{rule}, got {shown(module)}: {where_raised(error)}") from error
-    return _import_modules(arguments[:at] + arguments[at + 2 :])
-
-
-def _description(function: Callable[..., Any]) -> str:
-    """Return the docstring of a command up to the section on its arguments, with the example."""
-    return (inspect.getdoc(function) or "").partition("\nArgs:")[0]
-
-
-@contextlib.contextmanager
-def _short_warnings() -> Iterator[None]:
-    """Print each warning on one line, without its place in the code."""
-    before = warnings.formatwarning
-    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
-    try:
-        yield
-    finally:
-        warnings.formatwarning = before
+    others, left = [], iter(arguments)
+    for argument in left:
+        option, equals, module = argument.partition("=")
+        if option != IMPORT:
+            others.append(argument)
+            continue
+        module = module if equals else next(left, "")
+        try:
+            import_module(module)
+        except (Exception, SystemExit) as error:
+            rule = "must be followed by a module that can be imported"
+            raise ValueError(f"{IMPORT} {rule}, got {shown(module)}: {where_raised(error)}") from error
+    return others
 
 
 def _print_commands(known: Mapping[str, EntryPoint]) -> None:

@@ -18,14 +18,14 @@ from lissajous_env.device.locks import Turn
 from lissajous_env.device.program import Program
 from lissajous_env.device.warp_abi import fields_of, is_struct
 from lissajous_env.device.work import Work
-from lissajous_env.plugins import PROMPT, ByValue
+from lissajous_env.plugins import MAIN_MODULES, ByValue
 from lissajous_env.wording import few_of
 
-_AS_MADE = (
+_OPAQUE = (
     types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType, type, functools.partial, Program,
     Turn, Work,
 )  # fmt: skip
-_MADE_WITH = "_made_with"
+_ARGUMENTS = "_constructed_with"
 
 
 class Stateful:
@@ -63,20 +63,17 @@ class Copyable(Stateful):
     """Base class of objects that `copy.deepcopy` and `pickle` copy as described above, without code in subclasses."""
 
     def __new__(cls, *args: Any, **more: Any) -> Any:
-        """Keep the arguments, with which a copy is made again."""
+        """Store the arguments, with which a copy is constructed."""
         instance = super().__new__(cls)
-        # A device is not picklable, its name is.
-        named = [[str(value) if isinstance(value, wp.Device) else value for value in values]
-                 for values in (args, more.values())]  # fmt: skip
-        instance.__dict__[_MADE_WITH] = tuple(named[0]), dict(zip(more, named[1], strict=True))
+        instance.__dict__[_ARGUMENTS] = tuple(map(_picklable, args)), {key: _picklable(more[key]) for key in more}
         return instance
 
     def __reduce__(self) -> tuple:
-        args, more = self.__dict__[_MADE_WITH]
-        cls = ByValue(type(self)) if type(self).__module__ in PROMPT else type(self)
+        args, more = self.__dict__[_ARGUMENTS]
+        cls = ByValue(type(self)) if type(self).__module__ in MAIN_MODULES else type(self)
         values = {name: value for name, value in _entries(self) if _is_value(value)}
         own = {name: array for name, array in self.save_state().items() if name.partition(".")[0] not in values}
-        return _make_again, (cls, args, more), (values, own)
+        return _construct, (cls, args, more), (values, own)
 
     def __setstate__(self, state: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
         values, own = state
@@ -84,7 +81,12 @@ class Copyable(Stateful):
         self.load_state({name: array for name, array in self.save_state().items() if name not in own} | own)
 
 
-def _make_again(cls: type, args: tuple, more: dict[str, Any]) -> Any:
+def _picklable(argument: Any) -> Any:
+    """Return an argument, or the name of a Warp device, which is not picklable itself."""
+    return str(argument) if isinstance(argument, wp.Device) else argument
+
+
+def _construct(cls: type, args: tuple, more: dict[str, Any]) -> Any:
     return cls(*args, **more)
 
 
@@ -101,7 +103,7 @@ def _arrays(
             if value.size and id(value) not in known:
                 known |= {id(value)} if isinstance(value, wp.array) else set()
                 yield f"{prefix}{key}", value
-        elif id(value) not in within and (isinstance(value, Copyable) or _needs_making(value)):
+        elif id(value) not in within and (isinstance(value, Copyable) or _is_or_has_opaque(value)):
             yield from _arrays(value, f"{prefix}{key}.", (*within, id(owner)), known)
 
 
@@ -111,29 +113,30 @@ def _entries(owner: Any) -> list[tuple[Any, Any]]:
     if is_struct(owner):
         return list(fields_of(owner).items())
     entries = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
-    return [] if _stays(owner) else [(key, value) for key, value in entries.items() if key != _MADE_WITH]
+    return [] if _is_opaque(owner) else [(key, value) for key, value in entries.items() if key != _ARGUMENTS]
 
 
 def _is_value(value: Any) -> bool:
     """Return whether an attribute is copied by value; an array that is a view of a Warp array is not."""
     if isinstance(value, np.ndarray):
         return value.base is None
-    return isinstance(value, Copyable) or not _needs_making(value)
+    return isinstance(value, Copyable) or not _is_or_has_opaque(value)
 
 
-def _needs_making(value: Any, within: tuple[int, ...] = ()) -> bool:
-    """Return whether a value is Warp's, a function, or contains one."""
-    if isinstance(value, wp.array) or _stays(value):
+def _is_or_has_opaque(value: Any, within: tuple[int, ...] = ()) -> bool:
+    """Return whether a value is a Warp array or `_is_opaque`, or contains one."""
+    if isinstance(value, wp.array) or _is_opaque(value):
         return True
     if isinstance(value, np.ndarray) or id(value) in within:
         return False
     copies_itself = type(value).__reduce__ is not object.__reduce__
     if copies_itself and not isinstance(value, (Copyable, list, tuple, dict)):
         return False
-    return any(_needs_making(entry, (*within, id(value))) for _, entry in _entries(value))
+    return any(_is_or_has_opaque(entry, (*within, id(value))) for _, entry in _entries(value))
 
 
-def _stays(value: Any) -> bool:
+def _is_opaque(value: Any) -> bool:
+    """Return whether the constructor of a copy creates a value anew: a function, or what only Warp creates."""
     of_warp = type(value).__module__.partition(".")[0] == "warp"
     is_value = isinstance(value, (wp.array, ctypes.Array))  # vectors and matrices are values
-    return isinstance(value, _AS_MADE) or (of_warp and not is_value)
+    return isinstance(value, _OPAQUE) or (of_warp and not is_value)

@@ -6,7 +6,6 @@ Here gamma [rad] is the parameter of the curve; the phase theta of a robot that 
 gamma = alpha theta (Lemma 2).
 """
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import warp as wp
 
 from lissajous_env.device.stage import named_struct
 from lissajous_env.device.structs import to_struct
-from lissajous_env.device.trig import cos_sin
+from lissajous_env.device.trig import TWO_PI, cos_sin
 from lissajous_env.settings.parts import Curve
 
 
@@ -32,17 +31,18 @@ class CurveStruct:
     """Half of the height of the curve, B of (3) [m]."""
     a: wp.int32
     b: wp.int32
+    """Frequencies of (3), along x and y."""
     half_depth: wp.float32
+    """Half of the depth of the curve, C of (10) [m]; 0 in the plane."""
     c: wp.int32
-    inset: wp.float32
-    """Difference of the two [m]."""
+    """Frequency of (10), along z."""
     harmonics: wp.array(dtype=wp.vec4)
     """(K,) cosine and sine of x, then of y [m]; empty for the Lissajous curve."""
 
 
 def curve_struct(curve: Curve, device: Any) -> Any:
     """Copy the curve of a resolved scenario to a device."""
-    filled: Any = to_struct(CurveStruct, dataclasses.replace(curve, inset=curve.inset or 0.0))
+    filled: Any = to_struct(CurveStruct, curve)
     driven = curve.driven
     filled.reach_x, filled.reach_y = driven.half_width, driven.half_height
     rows = np.array(driven.harmonics, dtype=np.float32).reshape(-1, 4)
@@ -57,17 +57,16 @@ def into_rectangle(place: wp.vec2, curve: CurveStruct) -> wp.vec2:
     return wp.vec2(x, wp.clamp(place[1], -curve.half_height, curve.half_height))
 
 
-TWO_PI = wp.constant(6.283185307179586)
-_PER_TURN = wp.constant(0.15915494309189535)
-_TURN = wp.constant(wp.float64(6.283185307179586))
-_TURNS = wp.constant(wp.float64(0.15915494309189535))
+_TURNS_PER_RADIAN = wp.constant(0.15915494309189535)
+_TWO_PI_64 = wp.constant(wp.float64(6.283185307179586))
+_TURNS_PER_RADIAN_64 = wp.constant(wp.float64(0.15915494309189535))
 
 
 @wp.func
 def wrap_phase(phase: wp.float64) -> wp.float64:
     """Wrap a phase to [0, 2 pi) [rad]."""
-    wrapped = phase - _TURN * wp.floor(phase * _TURNS)
-    return wp.where(wrapped >= _TURN or wrapped < wp.float64(0.0), wp.float64(0.0), wrapped)
+    wrapped = phase - _TWO_PI_64 * wp.floor(phase * _TURNS_PER_RADIAN_64)
+    return wp.where(wrapped >= _TWO_PI_64 or wrapped < wp.float64(0.0), wp.float64(0.0), wrapped)
 
 
 @wp.func
@@ -82,7 +81,7 @@ def curve_parameter(alpha: float, phase: wp.float64) -> float:
 @wp.func
 def wrap(angle: float) -> float:
     """Wrap an angle to [-pi, pi] [rad]."""
-    return angle - TWO_PI * wp.floor(angle * _PER_TURN + 0.5)
+    return angle - TWO_PI * wp.floor(angle * _TURNS_PER_RADIAN + 0.5)
 
 
 @wp.func

@@ -3,8 +3,8 @@
 Each cell is represented by one point. The outermost points are `inset` cells from the edges of the rectangle, and the
 points are evenly spaced: with 0.5 they are the centres of the cells, with 0 the outermost ones are on the edges.
 
-C++ computes the cells that a resting disc covers, for eight rows at once; the cells that a moving disc sweeps are
-rarely required. For the same reason the bits of the rows are adjacent in memory, (W, words, rows).
+C++ computes the cells that a resting disc covers, for eight rows at once, whose bits are adjacent in memory: arrays of
+bits are (W, words, rows). The cells that a moving disc sweeps are rarely required.
 """
 
 import warp as wp
@@ -32,7 +32,7 @@ def half_of(bits: wp.uint64, half: int) -> wp.uint32:
 
 
 @wp.func
-def along(path: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
+def place_along(path: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
     """Return the place of a robot at a share of the latest step [m]."""
     last = path.shape[2] - 1
     s = wp.min(int(share * float(last)), last - 1)
@@ -185,11 +185,11 @@ def mark_disc(
 
 
 _VISIT = """mark[at] |= run;
-                    fresh += wp::bit_count(run & ~covered[at]);
+                    added += wp::bit_count(run & ~covered[at]);
                     covered[at] |= run;"""
 
 
-@wp.func_native("int fresh = 0;" + _over_runs("&wp::index(covered_before, w, i, 0, 0)", _VISIT) + "return fresh;")
+@wp.func_native("int added = 0;" + _over_runs("&wp::index(covered_before, w, i, 0, 0)", _VISIT) + "return added;")
 def visit_disc(
     w: int,
     i: int,

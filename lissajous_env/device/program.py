@@ -12,18 +12,14 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.abreast import width_on
-from lissajous_env.device.compilation import load_together
-from lissajous_env.device.devices import as_device, compile_quietly, cores
-from lissajous_env.device.stage import PLACES, WORLD
+from lissajous_env.device.devices import as_device, compile_quietly
+from lissajous_env.device.stage import LAUNCH, WORLD
 from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_arguments
-from lissajous_env.device.work import TASKS_PER_THREAD, Work
+from lissajous_env.device.work import Work, load
 from lissajous_env.wording import few_of
 
 _MOST_LAUNCHES = 64
 """Largest number of recorded launches of a launcher."""
-
-_SHARE = 100_000
-"""Work below which waking a thread for it does not pay [ns]."""
 
 
 @dataclass(frozen=True)
@@ -56,23 +52,17 @@ class Stage:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the kernel's parameters that are matched in the state and the constants."""
-        return tuple(name for name in names_of_arguments(self.run) if name not in PLACES) if self.is_kernel else ()
+        return tuple(name for name in names_of_arguments(self.run) if name not in LAUNCH) if self.is_kernel else ()
 
     @property
     def writes(self) -> tuple[str, ...]:
-        """Names of what it changes, as `robots.phase`; none where its kernel does not say it."""
+        """Names of what it changes, as `robots.phase`; none for a function or one that changes the whole state."""
         return getattr(self.run, "writes", ())
 
     @property
     def about(self) -> str:
         """Return what it does, in a line."""
         return ((self.run.func if self.is_kernel else self.run).__doc__ or "").strip().partition("\n")[0]
-
-
-def blocks_of(work: float, num_worlds: int, device: Any, threads: int) -> int:
-    """Return into how many blocks of worlds CPU threads divide so much work on each world [ns], so that it pays."""
-    shares = int(num_worlds * work / _SHARE) if device.is_cpu and threads > 1 else 1
-    return max(1, min(TASKS_PER_THREAD * threads, shares, num_worlds))
 
 
 class Program:
@@ -87,7 +77,7 @@ class Program:
         sizes: Number of entities in a world, by kind of entity.
         num_worlds: W.
         device: Warp device.
-        blocks: Blocks of worlds that CPU threads share.
+        num_tasks: Number of tasks that CPU threads share, for about as many worlds each.
         threads: Largest number of CPU threads.
 
     Raises:
@@ -101,20 +91,20 @@ class Program:
         sizes: Mapping[str, int],
         num_worlds: int,
         device: Any,
-        blocks: int = 1,
+        num_tasks: int = 1,
         threads: int = 1,
     ):
         self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
         self._values, self._sizes, self._device = values, sizes, device
-        load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores())
-        edges = np.linspace(0, num_worlds, blocks + 1).astype(int).tolist()
+        load([stage.run for stage in self.stages if stage.is_kernel], device)
+        edges = np.linspace(0, num_worlds, num_tasks + 1).astype(int).tolist()
         self.work: Work | None = None
         """All of it, where it is kernels alone, on a CPU."""
         self._calls: list[Callable[[], None]] = []
         for is_kernel, run in groupby(self.stages, key=lambda stage: stage.is_kernel):
             if is_kernel:
                 kernels = list(run)
-                tasks = [[self._launch(stage, *block) for stage in kernels] for block in pairwise(edges)]
+                tasks = [[self._launch(stage, *worlds) for stage in kernels] for worlds in pairwise(edges)]
                 self.work = Work(tasks, device, threads) if device.is_cpu else None
                 self._calls.append(self.work.lead if self.work else _Graph(tasks, device))
             else:
@@ -147,8 +137,8 @@ class Program:
         lanes = self._lanes(stage)
         blocks = -(-(high - low) * size // width_on(self._device))
         dim = blocks if stage.run.by_block else (high - low, lanes)
-        placed = {"first": low, "last": high, "lanes": lanes, "entities": size}
-        values = {**self._values, **stage.own, **placed}
+        launch = dict(zip(LAUNCH, (low, high, lanes, size), strict=True))
+        values = {**self._values, **stage.own, **launch}
         if unknown := [name for name in names if name not in values]:
             there = few_of(sorted(values), unknown[0])
             raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {few_of(unknown)}")

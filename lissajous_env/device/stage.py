@@ -12,8 +12,7 @@ to do; the kernel has other parameters instead, which a `Program` fills in:
 
 Worlds that are not active are left out, by the parameter `clock`, which is added where it is missing. A program matches
 all other parameters by name, so a name has the same type in every stage, and in the functions that stages call
-(`@part`): `named` declares it once, and only other parameters are annotated. Those of `writes` are all that a stage
-changes: a field of a struct as `targets.status`, or an array by its own name.
+(`@part`): `named` or `named_struct` declares it once, and only other parameters are annotated.
 """
 
 import ast
@@ -29,7 +28,7 @@ from lissajous_env.device.abreast import Block, block_of
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN, ARRAY = "world", "robot", "target", "row", "field row", "bin", "array"
 
-PLACES = "first", "last", "lanes", "entities"
+LAUNCH = "first", "last", "lanes", "entities"
 """Parameters of every kernel: its worlds, from `first` to `last` - 1, its threads per world, and entities per world."""
 
 _LANE = """
@@ -90,8 +89,8 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
     Args:
         over: Its entities: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination), BIN or ARRAY (of the
             state).
-        writes: What it changes: arrays, and structs with their fields, as in `robots: position, phase; command`;
-            `robots: all` for all fields.
+        writes: All that it changes, arrays and structs with their fields, as in `robots: position, phase; command`;
+            empty for a stage that changes the whole state.
         idle: True for a function that is called for worlds that are not active, too.
         module: Warp module of the kernel; by default that of the function.
 
@@ -118,8 +117,8 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
 def _written(writes: str) -> tuple[str, ...]:
     """Return the names of what is written, as `robots.phase` and `command`."""
     names = []
-    for part in filter(None, writes.split(";")):
-        name, _, fields = part.partition(":")
+    for entry in filter(None, writes.split(";")):
+        name, _, fields = entry.partition(":")
         names += [f"{name.strip()}.{field.strip()}" for field in fields.split(",")] if fields else [name.strip()]
     return tuple(names)
 
@@ -130,25 +129,19 @@ def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> None:
     names, body = [argument.arg for argument in arguments], tree.body[len(about) :]
     active = "" if idle else _ACTIVE
     if names[0] == "block":
-        given, before = 1, _BLOCK
+        replaced, before = 1, _BLOCK
     elif names[1:3] == ["lane", "lanes"]:
-        given, before = 3, _LANE + active
+        replaced, before = 3, _LANE + active
     elif over != WORLD:
-        given, before = 2, _LANE + active
+        replaced, before = 2, _LANE + active
         loop = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
         assert isinstance(loop, ast.For)
         loop.body, body = body, [loop]
     else:
-        given, before = 1, _LANE + active
-    clock = [] if idle or "clock" in names else _parameters("clock")
-    tree.args.args = [*_parameters(", ".join(f"{name}: int" for name in PLACES)), *arguments[given:], *clock]
+        replaced, before = 1, _LANE + active
+    clock = [] if idle or "clock" in names else [ast.arg("clock")]
+    tree.args.args = [*(ast.arg(name, ast.Name("int")) for name in LAUNCH), *arguments[replaced:], *clock]
     tree.body = [*about, *ast.parse(before).body, *body]
-
-
-def _parameters(text: str) -> list[ast.arg]:
-    definition = ast.parse(f"def places({text}): pass").body[0]
-    assert isinstance(definition, ast.FunctionDef)
-    return definition.args.args
 
 
 def _compiled(tree: ast.FunctionDef, function: Any) -> Any:

@@ -27,9 +27,9 @@ def struct_of(dataclass: type) -> Any:
 
 
 def to_struct(struct: Any, value: Any) -> Any:
-    """Copy the numbers of a dataclass instance into a new instance of a struct, and the codes of its choices."""
+    """Copy the numbers of a dataclass instance, and the codes of its choices, into the same fields of a new struct."""
     filled = struct()
-    for name, _ in _kernel_fields(type(value)):
+    for name in [name for name, _ in _kernel_fields(type(value)) if name in variables_of(struct)]:
         given = getattr(value, name)
         setattr(filled, name, code_of(type(value), name, given) if isinstance(given, str) else given)
     return filled

@@ -6,6 +6,8 @@ the library's version.
 
 import warp as wp
 
+PI = wp.constant(3.141592653589793)
+TWO_PI = wp.constant(6.283185307179586)
 _TWO_OVER_PI = wp.constant(0.636619772367581)
 _HALF_PI = wp.constant(wp.float64(1.5707963267948966))
 
@@ -39,6 +41,6 @@ def atan2(y: float, x: float) -> float:
     low = (0.99999922 - square * 0.33329538) + fourth * (0.19943081 - square * 0.13892041)
     high = (0.096016563 - square * 0.055381697) + fourth * (0.021509254 - square * 0.0039602574)
     angle = ratio * (low + (fourth * fourth) * high)
-    angle = wp.where(up > across, 1.57079633 - angle, angle)
-    angle = wp.where(x < 0.0, 3.14159265 - angle, angle)
+    angle = wp.where(up > across, 0.5 * PI - angle, angle)
+    angle = wp.where(x < 0.0, PI - angle, angle)
     return wp.where(y < 0.0, -angle, angle)

@@ -26,7 +26,7 @@ wp.set_module_options(OPTIONS)
 
 _LEAST_STACK = 768 << 10
 """Least stack of a helper [bytes], where threads of the process have less."""
-TASKS_PER_THREAD = 4
+_TASKS_PER_THREAD = 4
 """Number of tasks for each thread; with several, a slower thread can execute fewer of them."""
 _APART = wp.constant(16)
 """Distance between two counters [numbers], so that each is on a cache line of its own."""
@@ -90,6 +90,16 @@ def take_part(queue: Queue, leads: int):
     _take_part(queue, leads)
 
 
+def load(kernels: Sequence[Any], device: Any) -> None:
+    """Compile or load kernels side by side, on a CPU together with the one by which threads share their launches."""
+    load_together([*kernels, take_part] if device.is_cpu else kernels, device, cores())
+
+
+def task_count(most: int, device: Any, threads: int) -> int:
+    """Return the number of tasks for CPU threads, from 1 to `most`; 1 on a GPU or for one thread."""
+    return max(min(_TASKS_PER_THREAD * threads, most), 1) if device.is_cpu and threads > 1 else 1
+
+
 class Work:
     """Launches that CPU threads share; on a GPU they are made in their order.
 
@@ -97,9 +107,6 @@ class Work:
         tasks: Launches that were recorded, of each task.
         device: Device on which they run.
         threads: Largest number of threads.
-
-    Attributes:
-        tasks: As above.
     """
 
     def __init__(self, tasks: Sequence[Sequence[Any]], device: Any, threads: int = 1):
@@ -144,13 +151,13 @@ def shared_launch(
     threads: int,
     smallest: int,
 ) -> Work:
-    """Record launches of a kernel over `size` threads, in shares of at least `smallest`, which CPU threads execute.
+    """Record the launch of a kernel over `size` threads, on a CPU as tasks of at least `smallest` threads.
 
-    `inputs` returns the kernel's inputs for the share that begins with the given thread.
+    `inputs` returns the kernel's inputs for the task that begins with the given thread.
     """
-    shares = min(TASKS_PER_THREAD * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
-    edges = [size * share // shares for share in range(shares + 1)]
-    load_together([take_part, kernel] if device.is_cpu else [kernel], device, cores())
+    count = task_count(size // smallest, device, threads)
+    edges = [size * task // count for task in range(count + 1)]
+    load([kernel], device)
     launches = [
         wp.launch(kernel, high - low, inputs(low), outputs=outputs, device=device, record_cmd=True)
         for low, high in pairwise(edges)

@@ -31,6 +31,7 @@ from lissajous_env.world.selection import drawn_seeds, fold_seed
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import ENDED, RUNNING
 
+NEEDS_RESET = "step needs a running episode: call reset first"
 FIRST_SCENARIOS = 64
 """Number of scenarios at the beginning of a split whose largest team and most target slots are those of a batch."""
 _FROM_SYSTEM, _NEXT = -2, -1
@@ -150,7 +151,7 @@ class Batch(Stateful):
         Args:
             seed: A number, where world k has seed + k, or a number for each of these worlds, in ascending order. With a
                 space, a number from which the sequence of its scenarios follows.
-            worlds: Indices of the worlds; all by default.
+            worlds: (W,) mask or indices of the worlds; all by default.
 
         Raises:
             ValueError: a seed is not a whole number of at least 0.
@@ -217,9 +218,10 @@ class Batch(Stateful):
 
         Raises:
             ResetNeeded: the worlds of a space have not been reset yet.
+            ValueError: as of `Simulation.step`.
         """
         if self.space is not None and self._draws is None:
-            raise ResetNeeded("step needs a running episode: call reset first")
+            raise ResetNeeded(NEEDS_RESET)
         for group, simulation in enumerate(self.simulations):
             policy = self.robot_policy
             of_robots = actions["robot"] if policy is None else policy.act(simulation.observation)

@@ -7,8 +7,8 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from lissajous_env.envs.batch import Batch
-from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, OneWorld, Timed
+from lissajous_env.envs.batch import NEEDS_RESET, Batch
+from lissajous_env.envs.one_world import METADATA, OneWorld, Timed
 from lissajous_env.envs.sides import Rows
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace

@@ -8,8 +8,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from lissajous_env.envs.batch import Batch
-from lissajous_env.envs.one_world import NEEDS_RESET, Timed
+from lissajous_env.envs.batch import NEEDS_RESET, Batch
+from lissajous_env.envs.one_world import Timed
 from lissajous_env.envs.sides import Rows
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -108,8 +108,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above
         self._begun[worlds] = True
-        none = np.zeros((len(self._begun), self._side.slots), np.float32)
-        return self._observed(), self._infos(none, np.zeros_like(self._begun))
+        no_reward = np.zeros((len(self._begun), self._side.slots), np.float32)
+        return self._observed(), self._infos(no_reward, np.zeros_like(self._begun))
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take a step in every world; `autoreset_mode` determines when worlds that ended are reset.

@@ -13,7 +13,6 @@ from lissajous_env.wording import require
 from lissajous_env.world.selection import fold_seed
 from lissajous_env.world.simulation import Simulation
 
-NEEDS_RESET = "step needs a running episode: call reset first"
 METADATA = {
     "name": "lissajous_v0",
     "render_modes": ["rgb_array", "human"],

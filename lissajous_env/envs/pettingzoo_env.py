@@ -11,8 +11,8 @@ from gymnasium.utils.seeding import np_random
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
-from lissajous_env.envs.batch import Batch
-from lissajous_env.envs.one_world import METADATA, NEEDS_RESET, OneWorld
+from lissajous_env.envs.batch import NEEDS_RESET, Batch
+from lissajous_env.envs.one_world import METADATA, OneWorld
 from lissajous_env.envs.sides import Rows, Side, check_agents
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace

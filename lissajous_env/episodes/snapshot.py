@@ -1,17 +1,15 @@
 """State of one world at one time, on the host, from a simulation or a recording."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.episode import detection_times
 from lissajous_env.world.selection import of_world
+from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED, WORKING
-
-if TYPE_CHECKING:
-    from lissajous_env.world.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -46,9 +44,13 @@ class Snapshot:
     """(M, 2) pairs of robots that have collided and not yet parted."""
     collisions: int
     """Collisions in the episode so far."""
+    earlier: int = 0
+    """Number of detections after which targets appeared anew, which a recording counts as targets of their own."""
+    earlier_time: float = 0.0
+    """Sum of the times until these detections [step]."""
 
     @classmethod
-    def of(cls, simulation: "Simulation", world: int = 0) -> "Snapshot":
+    def of(cls, simulation: Simulation, world: int = 0) -> "Snapshot":
         """Copy the state of one world of a simulation."""
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
         step, cells = int(of_world(clock.step, world)), simulation.cells
@@ -69,6 +71,8 @@ class Snapshot:
             sensed_at=sensed_at,
             contact=np.argwhere((of_world(simulation.tally.contact, world) > 0) & np.outer(there, there)),
             collisions=int(of_world(simulation.tally.collisions, world)),
+            earlier=int(of_world(targets.earlier, world).sum()),
+            earlier_time=float(of_world(targets.earlier_time, world).sum()),
             **constant,
         )
 
@@ -81,6 +85,16 @@ class Snapshot:
     def detected(self) -> np.ndarray:
         """(T,) bool: detected targets."""
         return self.found_at <= self.step
+
+    @property
+    def num_targets(self) -> int:
+        """Number of targets that have appeared."""
+        return int((self.appears_at <= self.step).sum()) + self.earlier
+
+    @property
+    def num_detected(self) -> int:
+        """Number of targets that were detected."""
+        return int(self.detected.sum()) + self.earlier
 
     def in_sight(self, sight: float) -> np.ndarray:
         """Return (T,) bool: targets in the world that a working robot has within `sight` [m]."""
@@ -96,7 +110,7 @@ class Snapshot:
         As in the score, an undetected target counts with the time since it appeared.
         """
         waited, _ = detection_times(self.appears_at, self.found_at, self.found_early, self.step)
-        return float(waited.mean()) * step if waited.size else np.nan
+        return float(waited.sum() + self.earlier_time) / self.num_targets * step if self.num_targets else np.nan
 
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:

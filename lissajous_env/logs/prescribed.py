@@ -11,12 +11,12 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap, wrap_phase
 from lissajous_env.device.devices import as_device
 from lissajous_env.device.program import Stage
-from lissajous_env.device.stage import ROBOT, stage
+from lissajous_env.device.stage import ROBOT, named_struct, stage
 from lissajous_env.device.structs import allocate
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import FAILED, NOWHERE, REMOVED, WORKING, Clock, EpisodeTotals, Robots, StepEvents
+from lissajous_env.world.state import FAILED, NOWHERE, REMOVED, WORKING
 
 wp.set_module_options(OPTIONS)
 
@@ -24,7 +24,7 @@ FAULT, COLLISION, EDGE = 0, 1, 2
 """Causes of a status: a fault from the beginning of a step on; a collision or the edge at its end."""
 
 
-@wp.struct
+@named_struct("paths")
 class Paths:
     """Paths of N robots at M moments, with S + 1 places on the way to each moment."""
 
@@ -45,7 +45,7 @@ class Paths:
 
 
 @stage(ROBOT, writes="latest: terminated; robots: resumed_at, sensor, status")
-def follow_statuses(w: int, i: int, paths: Paths, cause: int, clock: Clock, robots: Robots, latest: StepEvents):
+def follow_statuses(w, i, paths, cause: int, clock, robots, latest):
     """Let robots fail, resume or be removed by a cause."""
     moment = clock.step[w]
     if paths.cause[moment, i] == cause:
@@ -59,14 +59,14 @@ def follow_statuses(w: int, i: int, paths: Paths, cause: int, clock: Clock, robo
 
 
 @stage(ROBOT, writes="robots: status")
-def hide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
+def hide(w, i, paths, clock, robots):
     """Mark robots of which nothing is known as removed, so that none collides with them and no column counts them."""
     if paths.hidden[clock.step[w], i] == 1:
         robots.status[w, i] = REMOVED
 
 
 @stage(ROBOT, writes="robots: status; tally: fault_end, faulted")
-def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: EpisodeTotals):
+def unhide(w, i, paths, clock, robots, tally):
     """Mark these robots as failed again, unless they were removed."""
     moment = clock.step[w]
     if paths.hidden[moment, i] == 1 and paths.status[moment, i] == FAILED:
@@ -76,7 +76,7 @@ def unhide(w: int, i: int, paths: Paths, clock: Clock, robots: Robots, tally: Ep
 
 
 @stage(ROBOT, writes="robots: heading, path, phase, position, speed, status")
-def follow_paths(w: int, i: int, paths: Paths, clock: Clock, robots: Robots):
+def follow_paths(w, i, paths, clock, robots):
     """Move the robots along their paths, or place them where these begin; a removed robot stays where it was."""
     moment = clock.step[w]
     last = robots.path.shape[2] - 1
@@ -124,6 +124,7 @@ class PrescribedSimulation(Simulation):
         hiding, showing = Stage("hiding", hide, own=own), Stage("showing", unhide, own=own)
         # None stands for the stage itself.
         changed = {"faults": [faults], "motion": [follow], "phase": [phase], "robots": [None, faults, follow]}
+        changed |= {"headway": [], "facing": []}  # which would move robots from where their paths begin
         changed |= {"measurement": [None, hiding], "boundary": [collisions, None, edge], "score": [None, showing]}
         stages = super()._own_stages(begins)
         return [one if new is None else new for one in stages for new in changed.get(one.name, [None])]

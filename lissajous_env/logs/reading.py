@@ -15,7 +15,7 @@ from lissajous_env.logs.clocks import SAME_STAMP, Clock
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.poses import TOPICS, robots_of
 from lissajous_env.logs.samples import COMMANDS, PHASES, STATUSES, TEXTS, relative
-from lissajous_env.settings.checks import is_finite, is_whole
+from lissajous_env.settings.checks import is_number, is_whole
 from lissajous_env.wording import require, shown
 
 EPISODE = "/lissajous/episode"
@@ -149,7 +149,7 @@ def _checked_episode(text: str, name: str) -> dict[str, Any]:
     parts = episode if isinstance(episode, dict) else {}
     seed: Any = parts.get("seed")
     has_seed = is_whole(seed) and 0 <= seed < 2**31
-    if not (has_seed and isinstance(parts.get("scenario"), dict) and is_finite(parts.get("begin", 0.0))):
+    if not (has_seed and isinstance(parts.get("scenario"), dict) and is_number(parts.get("begin", 0.0))):
         rule = f"JSON with a scenario, a seed from 0 to {2**31 - 1} and a finite begin [s]"
         raise ValueError(f"log {name} must have {rule} on {EPISODE}, got {shown(text)}")
     return parts

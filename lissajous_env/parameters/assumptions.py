@@ -14,7 +14,7 @@ from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import outside
 
 _OBSERVED = 4
-"""Largest speed in an observation [top speeds]."""
+"""Largest speed in an observation [top speeds], as in `lissajous_env.world.observation.OWN_ENTRIES`."""
 _reported: set[str] = set()
 """Violated assumptions about which this process has already warned."""
 
@@ -57,10 +57,10 @@ def _of_formation(scenario: Scenario) -> Iterator[str]:
         yield f"p = {p} of {n} robots is not a stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)"
     if curve.harmonics:
         return  # the paper's bounds apply to Lissajous curves only
-    places = curve.a + curve.b
-    if n != kappa * places:
+    if not scenario.has_places:
         robots = f"{n} robots" if kappa == 1 else f"{n} robots on {n // kappa} places"
-        yield f"{robots} on a curve with a + b = {places}: the paper's bounds require N = a + b (robot.count)"
+        places = f"a curve with a + b = {curve.a + curve.b}"
+        yield f"{robots} on {places}: the paper's bounds require N = a + b (robot.count)"
         return
     if kappa > 1:
         yield f"{kappa} robots share each place on the curve, so that their bodies overlap (Lemma 1)"
@@ -71,7 +71,7 @@ def _of_formation(scenario: Scenario) -> Iterator[str]:
     if kappa == 1 and radius >= allowed:
         words = f"bodies of {radius:.4g} m, bound (6) allows {allowed:.4g} m"
         yield f"{words}: robots of the undisturbed formation may collide (robot.radius)"
-    if scenario.sensing_radius < scenario.detection_radius * (1 - 1e-9):
+    if not scenario.senses_neighbours:
         words = f"sensors reach {scenario.sensing_radius:.4g} m, (8) requires {scenario.detection_radius:.4g} m"
         yield f"{words}: T_max does not bound the detection time (sensing.radius)"
 
@@ -89,7 +89,7 @@ def _of_robots(scenario: Scenario) -> Iterator[str]:
     fastest, slowest = rate * float(speed.max()), rate * float(speed.min())
     if fastest > robot.top_speed * more:
         share = float(speed[speed * rate > robot.top_speed].sum() / speed.sum())
-        reached = f"the cars reach {robot.top_speed:.3g} m/s (robot.speed_max)"
+        reached = f"the cars reach {robot.top_speed:.3g} m/s (robot.speed_max, formation.phase_rate)"
         yield f"the curve requires up to {fastest:.3g} m/s, {reached}; {share:.1%} of the arc is faster"
     observed = _OBSERVED * robot.top_speed
     if scenario.top_speed_bound > observed * more:

@@ -1,7 +1,7 @@
 """Scenarios and spaces of scenarios by name, TOML file or `module:attribute`, with any field overridden.
 
 What begins with the name of a space or with the path of its file continues with a part, after `-` or `:` for a name and
-after `:` for a file: SEED or SHIFT-SEED is a scenario, SPLIT a split or a shift, and SPLIT:COUNT its first ones.
+after `:` for a file: SEED or SHIFT-SEED is a scenario, SPLIT a split or a shift, and SPLIT:COUNT its first scenarios.
 """
 
 import itertools
@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import pettingzoo
@@ -21,7 +21,6 @@ from lissajous_env.parameters.scenario_file import (
     NAMES,
     SUFFIX,
     included_scenarios,
-    is_file,
     name_in_file,
     overridden,
     read_toml,
@@ -31,35 +30,27 @@ from lissajous_env.parameters.space import ScenarioSpace, space_of_table
 from lissajous_env.plugins import Registry
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.settings.task import MOST_STEPS
-from lissajous_env.wording import require, where_raised
+from lissajous_env.wording import nearest, require, shown, where_raised
 
 _INCLUDED = included_scenarios()
 _INCLUDED_SPACES = {path.stem: str(path) for path in sorted(Path(__file__).parent.glob(f"*-v*{SUFFIX}"))}
 """Files of the included spaces, by name."""
-_OF_FILE = re.compile(rf"(.+?\{SUFFIX}):(.+)")
+_FILE = re.compile(rf"(.*?\{SUFFIX})(?::(.+))?", re.IGNORECASE | re.DOTALL)
+"""Path of a file, which need not exist, and perhaps a part of a space after a colon."""
 _SEED = re.compile(r"(?:(.+)-)?(\d+)")
+"""Perhaps a shift, and a seed."""
 _FIRST, _MOST = 32, 10_000
 """Default number of scenarios that represent a split, and its limit."""
-_unreported: set[str] = set()
+_violated_beside_policies: set[str] = set()
 """Violated assumptions of scenarios in folders of policies, which matter only if a policy uses the formation."""
 _POLICY_FILE = "policy.toml"
 """Name of the file with the policy in such a folder."""
-
-
-def _register_entry_point(entry: Any) -> None:
-    """Register the object of an entry point: a scenario, a space, or a function that registers some."""
-    if isinstance(entry, (Scenario, ScenarioSpace)):
-        register_scenario(entry)
-    else:
-        entry()
-
-
 ENTRIES = Registry(
     "scenario",
     NAMES,
     lambda entry: isinstance(entry, str) or entry.name in (*_INCLUDED, *_INCLUDED_SPACES),
     "lissajous_env.scenarios",
-    _register_entry_point,
+    lambda entry: entry() if callable(entry) else register_scenario(entry),
 )
 """Scenarios and spaces by name; an included space that was not used yet is the path of its file."""
 ENTRIES.update(_INCLUDED | _INCLUDED_SPACES)
@@ -129,10 +120,11 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
             The scenario in the folder of a policy is not reported: the policy may not use its formation.
     """
     variant = build(name, **overrides)
-    if is_file(name) and os.path.isfile(os.path.join(os.path.dirname(name), _POLICY_FILE)):  # type: ignore[arg-type]
-        _unreported.update(violations(variant))
+    beside_file = os.path.join(os.path.dirname(_text(name)), _POLICY_FILE)
+    if _FILE.fullmatch(_text(name)) and os.path.isfile(beside_file):
+        _violated_beside_policies.update(violations(variant))
     elif overrides or name not in _INCLUDED:
-        warn_of_violations(variant, _unreported)
+        warn_of_violations(variant, _violated_beside_policies)
     return variant
 
 
@@ -154,20 +146,73 @@ def with_cycles(base: Scenario, max_cycles: int | None) -> Scenario:
     return build(base, **{"task.duration": steps * base.task.step})
 
 
+def _text(name: Any) -> str:
+    return os.fspath(name) if isinstance(name, (str, os.PathLike)) else ""
+
+
+class Reference(NamedTuple):
+    """Meaning of a name: a scenario, a space, or a part of a space; neither for an unknown name."""
+
+    scenario: Scenario | None = None
+    space: ScenarioSpace | None = None
+    split: str = ""
+    """Split or shift of the space; empty for the space itself."""
+    count: str = ""
+    """Number of scenarios of the split, as it was written; empty for none."""
+    start: str = ""
+    """Beginning of the names of scenarios of the space, such as `watch-v1-` and `lab.toml:`."""
+
+    @classmethod
+    def parse(cls, name: Any) -> "Reference":
+        """Return the meaning of a registered name, of a file, or of a part of a space, as this module describes them.
+
+        Raises:
+            ValueError: the name begins with that of a file that cannot be read, or the seed is not valid.
+        """
+        text = _text(name)
+        if match := _FILE.fullmatch(text):
+            begin, part, mark, entry = match[1], match[2] or "", ":", _in_file(match[1])
+        else:
+            if ":" not in text and text not in ENTRIES:
+                ENTRIES.load()  # scenarios of other packages, at last
+            spaces = [known for known, entry in ENTRIES.items() if not isinstance(entry, Scenario)]
+            begins = [known for known in spaces if text.startswith((f"{known}-", f"{known}:"))]
+            begin = text if text in ENTRIES else max(begins, key=len, default="")
+            if isinstance(entry := ENTRIES.get(begin), str):
+                entry = ENTRIES[begin] = _in_file(entry)
+            part, mark = text[len(begin) + 1 :], "-"
+        if not isinstance(entry, ScenarioSpace):
+            return cls() if part else cls(entry)
+        seed = _SEED.fullmatch(part)
+        if seed and (not seed[1] or seed[1] in entry.shifts):
+            return cls((entry.shifted(seed[1]) if seed[1] else entry).sample(int(seed[2])))
+        split, _, count = part.partition(":")
+        return cls(None, entry, split, count, f"{begin}{mark}")
+
+    def first(self, count: int) -> list[str]:
+        """Return the names of the first scenarios of the split, by default `train`, or of the shift of the space.
+
+        Raises:
+            ValueError: the space has no such split or shift.
+        """
+        assert self.space is not None
+        start = f"{self.start}{self.split}-" if self.split in self.space.shifts else self.start
+        return [f"{start}{seed}" for seed in itertools.islice(self.space.seeds(self.split or "train"), count)]
+
+
 def unknown_scenario(name: Any) -> ValueError:
     """Return the error for an unknown scenario; it suggests the closest match among scenarios and files beside it."""
     if isinstance(name, str) and space_and_split(name) is not None:
         rule = f"scenario must be a single scenario, got the space {name}"
-        return ValueError(f"{rule}; choose one of its scenarios, as {name}{':' if is_file(name) else '-'}0")
-    return ENTRIES.unknown(name, "scenarios", scenarios(), plugins.beside(name, SUFFIX))
+        return ValueError(f"{rule}; choose one of its scenarios, as {Reference.parse(name).first(1)[0]}")
+    return ENTRIES.unknown(name, "scenarios", scenarios(), plugins.files_beside(name, SUFFIX))
 
 
 def denotes_scenario(name: str) -> bool:
     """Return True for a registered name, also SPACE-SEED, and for FILE.toml and FILE.toml:SEED, which are not read."""
-    part = _OF_FILE.fullmatch(name)
-    if is_file(name) or (part is not None and _SEED.fullmatch(part[2])):
-        return True
-    return isinstance(_denoted(name)[0], Scenario)
+    if match := _FILE.fullmatch(name):
+        return not match[2] or _SEED.fullmatch(match[2]) is not None
+    return Reference.parse(name).scenario is not None
 
 
 def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
@@ -182,10 +227,11 @@ def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
     """
     if isinstance(name, ScenarioSpace):
         return name
-    space, part = _denoted(name)
-    known, is_space = scenario_spaces(), isinstance(space, ScenarioSpace) and part in ("", *space.shifts)
-    require(is_space, "space", f"must be one of {', '.join(known)}", name, known)
-    return space.shifted(part) if part else space  # type: ignore[union-attr,return-value]
+    _, space, split, count, _ = Reference.parse(name)
+    known = scenario_spaces()
+    if space is None or count or split not in ("", *space.shifts):
+        raise ValueError(f"space must be one of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
+    return space.shifted(split) if split else space
 
 
 def space_and_split(name: Any) -> tuple[ScenarioSpace, str] | None:
@@ -196,16 +242,14 @@ def space_and_split(name: Any) -> tuple[ScenarioSpace, str] | None:
     """
     if isinstance(name, ScenarioSpace):
         return name, "train"
-    if is_file(name) and not os.path.exists(name):
-        return None  # a missing scenario
-    space, part = _denoted(name)
-    if not isinstance(space, ScenarioSpace):
+    reference = Reference.parse(name)
+    if reference.space is None:
         return None
-    if ":" in part:
+    if reference.count:
         rule = "must be one scenario or a space, because only commands that play several take SPACE:SPLIT:COUNT"
         raise ValueError(f"scenario {rule}; got {name}")
-    next(space.seeds(part or "train"))
-    return space, part or "train"
+    reference.first(1)
+    return reference.space, reference.split or "train"
 
 
 def expanded(names: Iterable[str]) -> tuple[str, ...]:
@@ -218,42 +262,12 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
     """
     single: list[str] = []
     for name in names:
-        space, part = _denoted(name) if ":" in name else (None, "")
-        split, _, count = part.partition(":")
-        if not isinstance(space, ScenarioSpace):
-            single.append(name)
-            continue
-        if count and not 1 <= (int(count) if count.isdecimal() else 0) <= _MOST:
+        reference = Reference.parse(name) if ":" in name else Reference()
+        count = reference.count or str(_FIRST)
+        if not 1 <= (int(count) if count.isdecimal() else 0) <= _MOST:
             raise ValueError(f"{name} must end in a number from 1 to {_MOST}, got {count!r}")
-        start = name[: -len(part)] if _OF_FILE.fullmatch(name) else f"{space.name}-"
-        start += f"{split}-" if split in space.shifts else ""
-        single += [f"{start}{seed}" for seed in itertools.islice(space.seeds(split), int(count or _FIRST))]
+        single += [name] if reference.space is None else reference.first(int(count))
     return tuple(single)
-
-
-def _denoted(name: Any) -> tuple[Scenario | ScenarioSpace | None, str]:
-    """Return the scenario that a name denotes; or a space and the rest of the name, such as `test:2`; or None.
-
-    Raises:
-        ValueError: the name begins with that of a file that cannot be read.
-    """
-    text = os.fspath(name) if isinstance(name, (str, os.PathLike)) else ""
-    path, part = match.groups() if (match := _OF_FILE.fullmatch(text)) else (text, "")
-    if is_file(path):
-        entry = _in_file(path)
-    else:
-        if ":" not in text and text not in ENTRIES:
-            ENTRIES.load()  # scenarios of other packages, at last
-        spaces = [known for known, entry in ENTRIES.items() if not isinstance(entry, Scenario)]
-        begins = [known for known in spaces if text.startswith((f"{known}-", f"{known}:"))]
-        known = text if text in ENTRIES else max(begins, key=len, default="")
-        if isinstance(entry := ENTRIES.get(known), str):
-            entry = ENTRIES[known] = _in_file(entry)
-        part = text[len(known) + 1 :]
-    seed = _SEED.fullmatch(part)
-    if isinstance(entry, ScenarioSpace) and seed and (not seed[1] or seed[1] in entry.shifts):
-        return (entry.shifted(seed[1]) if seed[1] else entry).sample(int(seed[2])), ""
-    return (entry, part) if isinstance(entry, ScenarioSpace) or not part else (None, "")
 
 
 def _in_file(path: str) -> Scenario | ScenarioSpace:
@@ -269,17 +283,17 @@ def _in_file(path: str) -> Scenario | ScenarioSpace:
 
 def _registered(name: str) -> Scenario:
     """Return the scenario of a registered name, such as the base in a file, which causes no import and no reading."""
-    entry = None if ":" in name or is_file(name) else _denoted(name)[0]
-    if isinstance(entry, Scenario):
-        return entry
-    raise ENTRIES.unknown(name, "scenarios", scenarios())
+    scenario = None if ":" in name or _FILE.fullmatch(name) else Reference.parse(name).scenario
+    if scenario is None:
+        raise ENTRIES.unknown(name, "scenarios", scenarios())
+    return scenario
 
 
 def _loaded(name: Any) -> Scenario:
-    entry = _denoted(name)[0]
-    if isinstance(entry, Scenario):
-        return entry
-    if entry is None and isinstance(name, str) and ":" in name:
+    reference = Reference.parse(name)
+    if reference.scenario is not None:
+        return reference.scenario
+    if reference.space is None and isinstance(name, str) and ":" in name:
         return _imported(name)
     raise unknown_scenario(name)
 

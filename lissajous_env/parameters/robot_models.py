@@ -11,6 +11,7 @@ import warp as wp
 
 from lissajous_env.device.warp_abi import names_of_arguments
 from lissajous_env.plugins import Registry
+from lissajous_env.settings.checks import is_number
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.theory.geometry import turning_radius
@@ -85,7 +86,7 @@ class RobotModel:
         return (0.0,) * self.action_size if self.rest is None else self.rest(robot)
 
 
-_TO_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
+_ARGUMENTS_OF_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
 MODELS = Registry(
     "robot model",
     (r"\w[\w-]{0,62}", "of letters, digits, _ and -"),
@@ -111,7 +112,7 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     require(rests, f"rest of {called}", "must be a function of a Robot", model.rest)
     for what, given in {"table": model.table, "rest": [model.rest_action(Robot())]}.items():
         for row in given:
-            are_actions = len(row) == size and all(map(_is_action, row))
+            are_actions = len(row) == size and all(is_number(value, -1, 1) for value in row)
             require(are_actions, f"{what} of {called}", f"must contain rows of {size} numbers from -1 to 1", row)
     are_indices = set(model.driving or ()) <= set(range(size))
     rule = f"must contain indices of components of the action, from 0 to {size - 1}"
@@ -119,13 +120,9 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     require(as_car is None or isinstance(as_car, AsCar), f"as_car of {called}", "must be an AsCar", as_car)
     if as_car is not None:
         arguments = names_of_arguments(as_car.act) if isinstance(as_car.act, wp.Kernel) else ()
-        rule = f"must be a Warp kernel of {', '.join(_TO_ACT)}"
-        require(tuple(arguments) == _TO_ACT, f"as_car.act of {called}", rule, arguments or as_car.act)
+        rule = f"must be a Warp kernel of {', '.join(_ARGUMENTS_OF_ACT)}"
+        require(tuple(arguments) == _ARGUMENTS_OF_ACT, f"as_car.act of {called}", rule, arguments or as_car.act)
     return MODELS.add(model)
-
-
-def _is_action(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and bool(-1 <= value <= 1)
 
 
 def model_of(kind: str) -> RobotModel:

@@ -18,8 +18,9 @@ from lissajous_env.parameters.robot_models import RobotModel, driven_by_velocity
 from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
-from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Noise, Robot
-from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_laws
+from lissajous_env.settings.checks import is_number
+from lissajous_env.settings.parts import POINT_RATE_FACTOR, Curve, Faults, Formation, Noise, Robot
+from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_custom_motion
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
 
@@ -54,10 +55,9 @@ class Scenario(BringsRogues):
     messages: Messages = field(default_factory=Messages)
 
     def __post_init__(self) -> None:
-        for name, part in PARTS.items():
-            require(isinstance(getattr(self, name), part), name, f"must be a {part.__name__}", getattr(self, name))
-        for name in ("name", "description"):
-            require(isinstance(getattr(self, name), str), name, "must be text", getattr(self, name))
+        rules = {name: (part, f"must be a {part.__name__}") for name, part in PARTS.items()}
+        for name, (kind, rule) in (rules | dict.fromkeys(("name", "description"), (str, "must be text"))).items():
+            require(isinstance(getattr(self, name), kind), name, rule, getattr(self, name))
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
 
@@ -66,7 +66,7 @@ class Scenario(BringsRogues):
 
     def without_extensions(self) -> "Scenario":
         """Return the scenario without its extensions; targets of their laws then appear anywhere, and do not move."""
-        targets = dataclasses.replace(self.targets, **without_laws(vars(self.targets)))
+        targets = dataclasses.replace(self.targets, **without_custom_motion(vars(self.targets)))
         return dataclasses.replace(self, targets=targets, extensions=())
 
     @cached_property
@@ -234,7 +234,7 @@ class Scenario(BringsRogues):
         actions are velocities do not follow it.
         """
         curve = dataclasses.replace(self.curve, inset=self.inset)
-        if self.start_turning == 0 or curve.harmonics or self.task.action == "velocity":
+        if self.start_turning == 0 or curve.harmonics or not self.has_formation:
             return curve
         is_tight = 2 * geometry.along_lap(self._unrounded)[1].min() < self.start_turning
         return closed_forms.rounded(curve) if is_tight else curve
@@ -285,16 +285,19 @@ class Scenario(BringsRogues):
 
     @property
     def detection_time_is_bounded(self) -> bool:
-        """True if T_max bounds the detection time in the undisturbed formation.
+        """True if T_max bounds the detection time in the undisturbed formation: its equilibrium (2) must be stable."""
+        is_stable = self.p in closed_forms.stable_equilibria(self.num_robots)
+        return is_stable and self.has_places and self.senses_neighbours
 
-        This requires that the equilibrium (2) is stable, that the robots have a + b places, and that the sensing radius
-        satisfies (8), so that the discs of neighbours on the ellipse (5) always overlap.
-        """
-        n, curve = self.num_robots, self.curve
-        if self.driven.harmonics or n != self.clusters * (curve.a + curve.b):
-            return False
-        stable = self.p in closed_forms.stable_equilibria(n)
-        return stable and self.sensing_radius >= self.detection_radius * (1 - 1e-9)
+    @property
+    def has_places(self) -> bool:
+        """True if the robots have the a + b places of a Lissajous curve, for which the paper derives its bounds."""
+        return not self.driven.harmonics and self.num_robots == self.clusters * (self.curve.a + self.curve.b)
+
+    @property
+    def senses_neighbours(self) -> bool:
+        """True if the sensing radius satisfies (8), so that the discs of neighbours on the ellipse (5) overlap."""
+        return self.sensing_radius >= self.detection_radius * (1 - 1e-9)
 
     @property
     def detection_time_label(self) -> str:
@@ -323,12 +326,12 @@ class Scenario(BringsRogues):
     def model(self) -> RobotModel:
         """Model of the robots, with the actions of the task."""
         model = model_of(self.robot.kind)
-        return driven_by_velocity(model) if self.task.action == "velocity" else model
+        return model if self.has_formation else driven_by_velocity(model)
 
     @property
     def actuation(self) -> str:
         """Kind of the robots that policies drive, or `velocity` where an action is a velocity of a car."""
-        return "velocity" if self.task.action == "velocity" else self.robot.kind
+        return self.robot.kind if self.has_formation else "velocity"
 
     @property
     def has_formation(self) -> bool:
@@ -347,12 +350,13 @@ class Scenario(BringsRogues):
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; it runs identically."""
-        robot, rate_max, rogues = self.robot, self.robot.phase_rate_max, self.targets.rogues is not None
+        robot, has_rogues = self.robot, self.targets.rogues is not None
+        rate = POINT_RATE_FACTOR * self.formation.phase_rate / self.alpha
         filled: dict[str, dict[str, Any]] = {
             "curve": {"inset": self.inset, "harmonics": self._rounded.harmonics},
             "robot": {
                 "count": self.num_robots,
-                "phase_rate_max": SPRINT * self.formation.phase_rate / self.alpha if rate_max is None else rate_max,
+                "phase_rate_max": rate if robot.phase_rate_max is None else robot.phase_rate_max,
                 "model_offset": robot.offset if robot.model_offset is None else robot.model_offset,
                 "throttle_max": robot.full_throttle,
                 "speed_max": robot.top_speed,
@@ -364,7 +368,7 @@ class Scenario(BringsRogues):
             "formation": {"coupling": self.coupling, "p": self.p, "alpha": self.alpha, "ring": self.ring},
             "sensing": {"radius": self.sensing_radius},
             "targets": {"speed_limit": self.rogue_speed}
-            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if rogues else {}),
+            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if has_rogues else {}),
         }
         parts = {name: dataclasses.replace(getattr(self, name), **fields) for name, fields in filled.items()}
         return dataclasses.replace(self, **parts)
@@ -379,9 +383,9 @@ class Scenario(BringsRogues):
             ValueError: a factor is not a positive number, or a scaled field is out of its range.
         """
         for name, factor in (("length", length), ("time", time)):
-            is_positive = isinstance(factor, (int, float)) and 0 < factor < math.inf
-            require(is_positive, name, "must be a positive number", factor)
-        return dataclasses.replace(self, **{name: getattr(self, name).scaled(length, time) for name in PARTS})
+            require(is_number(factor) and factor > 0, name, "must be a positive number", factor)
+        parts = {name: getattr(self, name).scaled(float(length), float(time)) for name in PARTS}
+        return dataclasses.replace(self, **parts)
 
     def to_dict(self) -> dict:
         """Return nested plain values, as written beside results."""

@@ -15,6 +15,7 @@ The default name is that of the file. `extensions`, before the first table, list
 
 import dataclasses
 import json
+import operator
 import os
 import re
 import tomllib
@@ -25,9 +26,9 @@ from typing import Any
 
 from lissajous_env.parameters.extensions import Extension
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.plugins import beside
+from lissajous_env.plugins import files_beside
 from lissajous_env.settings.parts import Robot
-from lissajous_env.settings.task import without_laws
+from lissajous_env.settings.task import without_custom_motion
 from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import nearest, require, shown
 
@@ -41,9 +42,9 @@ TEXTS = dict.fromkeys(("name", "description", "base"), str)
 _OF_SCENARIO = {**TEXTS, "extensions": list, **dict.fromkeys(PARTS, dict)}
 """Kinds of the values of a scenario's file."""
 _LARGEST = 1 << 16
-"""Size of a file [bytes]."""
-_OF_THE_NUMBER = "ring", "p", "alpha"
-"""Fields of the formation that are valid only for the number of robots for which they were set."""
+"""Largest size of a file [bytes]."""
+_OF_TEAM_SIZE = "ring", "p", "alpha"
+"""Fields of the formation that are valid only for the number of robots for which they were set, else derived."""
 _SHORT = {"rogues": "targets.rogues"}
 """Short names of fields."""
 _FIELDS = {f"{part}.{field.name}": field for part, kind in PARTS.items() for field in dataclasses.fields(kind)}
@@ -85,43 +86,46 @@ def by_field(overrides: Mapping[str, Any]) -> dict[str, Any]:
 def overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
     """Return a scenario with fields overridden; `lissajous_env.scenario` documents overrides and errors."""
     given = by_field(overrides)
-    changed: dict[str, dict[str, Any]] = {part: {} for part in PARTS}
-    for dotted in given.keys() & _FIELDS:
-        part, _, name = dotted.partition(".")
-        changed[part][name] = given[dotted]
-    whole: dict[str, Any] = {"extensions": given["extensions"]} if "extensions" in given else {}
-    changed["robot"] = _one_limit(base.robot, changed["robot"])
-    whole |= {part: dataclasses.replace(getattr(base, part), **fields) for part, fields in changed.items() if fields}
-    robot, curve = whole.get("robot", base.robot), whole.get("curve", base.curve)
+    changed: dict[str, Any] = {"extensions": given.pop("extensions")} if "extensions" in given else {}
+    for part, fields in _by_part(given).items():
+        derived = _limits_to_derive(base.robot, fields) if part == "robot" else {}
+        changed[part] = dataclasses.replace(getattr(base, part), **fields | derived)
+    robot, curve = changed.get("robot", base.robot), changed.get("curve", base.curve)
     if (curve.a + curve.b if robot.count is None else robot.count) != base.num_robots:
-        anew = {name: None for name in _OF_THE_NUMBER if f"formation.{name}" not in given}
-        whole["formation"] = dataclasses.replace(whole.get("formation", base.formation), **anew)
-    return dataclasses.replace(base, **whole)
+        derived = {name: None for name in _OF_TEAM_SIZE if f"formation.{name}" not in given}
+        changed["formation"] = dataclasses.replace(changed.get("formation", base.formation), **derived)
+    return dataclasses.replace(base, **changed)
 
 
-def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
-    """Reset `throttle_max` or `speed_max` to None where the other one, or the motor, is overridden.
+def _by_part(fields: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return by part the fields that are given by dotted name."""
+    parts: dict[str, dict[str, Any]] = {}
+    for dotted, value in fields.items():
+        part, _, name = dotted.partition(".")
+        parts.setdefault(part, {})[name] = value
+    return parts
+
+
+def _limits_to_derive(robot: Robot, fields: Mapping[str, Any]) -> dict[str, None]:
+    """Return `throttle_max` or `speed_max` as None where the other one, or the motor, is overridden.
 
     A new motor preserves the throttle of a robot that has both values, such as a resolved one.
     """
     pair = {"throttle_max", "speed_max"}
     given = pair & {name for name, value in fields.items() if value is not None}
     if len(given) == 1:
-        return dict.fromkeys(pair) | fields
+        return dict.fromkeys(pair - given)
     both = robot.throttle_max is not None and robot.speed_max is not None
-    if both and not pair & fields.keys() and {"drag", "drive", "offset"} & fields.keys():
-        return fields | {"speed_max": None}
-    return fields
+    has_new_motor = {"drag", "drive", "offset"} & fields.keys() and not pair & fields.keys()
+    return {"speed_max": None} if both and has_new_motor else {}
 
 
 def _nearest_field(name: str) -> str:
     """Return "; did you mean task.duration?" for `duration`, `tasks.duration` or a similar name."""
-    if "." in name and (hint := nearest(name, _FIELDS)):
-        return hint
     last = name.rpartition(".")[2]
     if same := [dotted for dotted in _FIELDS if dotted.endswith(f".{last}")]:
         return f"; did you mean {' or '.join(same)}?"
-    return nearest(last, PARTS) or nearest(last, (dotted.partition(".")[2] for dotted in _FIELDS))
+    return nearest(name, _FIELDS) or nearest(last, [*PARTS, *(dotted.partition(".")[2] for dotted in _FIELDS)])
 
 
 def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
@@ -133,17 +137,12 @@ def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
     try:
         data = read_bytes(os.path.realpath(path) if os.path.islink(path) else path, largest)
     except ValueError as error:
-        hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
+        hint = "" if os.path.exists(path) else nearest(path, files_beside(path, SUFFIX))
         raise ValueError(f"{error}{hint}") from error
     try:
         return tomllib.loads(data.decode("utf-8-sig"))  # some editors write a byte order mark
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
-
-
-def is_file(name: Any) -> bool:
-    """Return True for the path of a TOML file, which need not exist."""
-    return isinstance(name, (str, os.PathLike)) and os.fspath(name).lower().endswith(SUFFIX)
 
 
 def name_in_file(table: Mapping[str, Any], path: str) -> str:
@@ -211,7 +210,7 @@ def scenario_of_json(plain: Mapping[str, Any], extensions: Iterable[Extension] =
     words = {key: plain[key] for key in ("name", "description") if key in plain}
     parts = {key: value for key, value in plain.items() if key not in words} | {"extensions": tuple(extensions)}
     if not parts["extensions"] and isinstance(targets := parts.get("targets"), Mapping):
-        parts["targets"] = without_laws(targets)
+        parts["targets"] = without_custom_motion(targets)
     return dataclasses.replace(overridden(Scenario(), _with_infinity(parts)), **words)
 
 
@@ -240,12 +239,8 @@ def as_toml(scenario: Scenario) -> str:
 
 def changed_fields(scenario: Scenario) -> dict[str, dict[str, Any]]:
     """Return by part the fields of a scenario that differ from their defaults; parts without one are missing."""
-    changed: dict[str, dict[str, Any]] = {}
-    for dotted, field in _FIELDS.items():
-        part, _, name = dotted.partition(".")
-        if (value := getattr(getattr(scenario, part), name)) != field.default:
-            changed.setdefault(part, {})[name] = value
-    return changed
+    values = {dotted: operator.attrgetter(dotted)(scenario) for dotted in _FIELDS}
+    return _by_part({dotted: value for dotted, value in values.items() if value != _FIELDS[dotted].default})
 
 
 def toml_value(name: str, value: Any) -> str:

@@ -4,13 +4,14 @@ import bisect
 import functools
 import hashlib
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.parameters.scenario_file import TEXTS, by_field, check_keys, overridden
-from lissajous_env.settings.checks import LAST_SEED, is_finite, whole_number
+from lissajous_env.settings.checks import LAST_SEED, is_number, whole_number
 from lissajous_env.settings.formulas import Formula, Names
 from lissajous_env.wording import require
 
@@ -23,26 +24,30 @@ _MOST_TRIES = 1000
 """Limit on the draws for one scenario that rules reject."""
 _MOST_DRAWS = 10_000
 """Limit on the draws for the next scenario of a group that fits."""
+_BELOW_1 = math.nextafter(1.0, 0.0)
+"""Largest number below 1, to which one that rounds to 1 is reduced."""
 
 
-def _ascending(draw: Callable[[float, Any, Any], Any]) -> Callable[[float, Any, Any], Any]:
-    """Return the draw from a range, which refuses ends in the wrong order."""
-
-    def drawn(at: float, low: Any, high: Any) -> Any:
-        if low > high:
-            raise ValueError(f"a range from {low:g} to {high:g}; the lower end comes first")
-        return draw(at, low, high)
-
-    return drawn
+_RANDOM = "uniform", "log_uniform", "whole", "choice"
+"""Random functions of an expression."""
 
 
-_RANDOM: dict[str, Callable[..., Any]] = {
-    "uniform": _ascending(lambda at, low, high: low + (high - low) * at),
-    "log_uniform": _ascending(lambda at, low, high: low * (high / low) ** at),
-    "whole": _ascending(lambda at, low, high: low + int(at * (high - low + 1))),
-    "choice": lambda at, *values: values[int(at * len(values))],
-}
-"""Random functions of an expression, of a number in [0, 1) and their arguments."""
+def _random(function: str, at: float, *arguments: Any) -> Any:
+    """Return the value of a random function for a number in [0, 1) and its arguments."""
+    if function == "choice":
+        return arguments[int(at * len(arguments))]
+    low, high = arguments
+    if low > high:
+        raise ValueError(f"a range from {low:g} to {high:g}; the lower end comes first")
+    if function == "uniform":
+        return low + (high - low) * at
+    return low * (high / low) ** at if function == "log_uniform" else low + int(at * (high - low + 1))
+
+
+def _by_share(values: Sequence[Any], shares: Iterable[float], at: float) -> Any:
+    """Return the value at a number in [0, 1), in which each has its share of the sum of all shares."""
+    ends = list(itertools.accumulate(shares))
+    return values[bisect.bisect(ends, at * ends[-1])]
 
 
 @dataclass(frozen=True)
@@ -89,21 +94,14 @@ class ScenarioSpace:
 
     def __post_init__(self) -> None:
         require(isinstance(self.base, Scenario), "base of a space", "must be a Scenario", self.base)
+        require(isinstance(self.require, (list, tuple)), "require", "must be a list of formulas", self.require)
         object.__setattr__(self, "require", tuple(self.require))
-        for name, parts in {
-            "draw": self.draw,
-            **{f"shift.{name}": parts for name, parts in self.shifts.items()},
-        }.items():
-            require(isinstance(parts, Mapping), name, "must be a mapping from parts to draws", parts)
-            for part, entries in parts.items():
-                require(
-                    isinstance(entries, Mapping), f"{name}.{part}", "must be a mapping from fields to draws", entries
-                )
-        for name in self.shifts:
-            if name in SPLITS:
-                raise ValueError(f"a shift must not have the name of a split, got {name}")
+        _check_draws("draw", self.draw)
+        for shift, draw in self.shifts.items():
+            require(shift not in SPLITS, "name of a shift", "must not be that of a split", shift)
+            _check_draws(f"shift.{shift}", draw)
             if not self.given:  # a given value may violate the rules in a shift that is not used
-                self.shifted(name)
+                self.shifted(shift)
         self.sample(0)
 
     def sample(self, seed: int) -> Scenario:
@@ -117,22 +115,17 @@ class ScenarioSpace:
         violated: list[str] = []
         for attempt in range(_MOST_TRIES):
             scenario = self._drawn(seed, attempt)
-            broken = next((rule.text for rule in self._rules if not rule(functools.partial(_property, scenario))), None)
-            if broken is None:
+            rules = (rule.text for rule in self._rules if not rule(functools.partial(_property, scenario)))
+            if (rule := next(rules, None)) is None:
                 return scenario
-            violated.append(broken)
-        most = max(set(violated), key=violated.count)
+            violated.append(rule)
+        most = max(dict.fromkeys(violated), key=violated.count)
         rule = f"must be met by one of {_MOST_TRIES} draws"
         raise ValueError(f"require {rule} for seed {seed} of {self.name}, got none; most often violated: {most}")
 
     def split_of(self, seed: int) -> str:
         """Return the split to which a seed belongs: `train`, `validation` or `test`."""
-        at, above = self._uniform("split", seed), 0.0
-        for name, share in SPLITS.items():
-            above += share
-            if at < above:
-                return name
-        return name
+        return _by_share(list(SPLITS), SPLITS.values(), self._uniform("split", seed))
 
     def seeds(self, split: str) -> Iterator[int]:
         """Return an iterator over the seeds of a split in ascending order; all seeds for a shift.
@@ -192,8 +185,8 @@ class ScenarioSpace:
         return tuple(map(Formula, self.require))
 
     @functools.cached_property
-    def _draws(self) -> dict[str, Callable[[Names], Any]]:
-        """The draw of each field by its dotted name, as a function of other values; `PART.choices` draws several."""
+    def _draws(self) -> dict[str, Any]:
+        """Draws by dotted name, as values or functions of other values; `PART.choices` draws several fields."""
         draws, known = {}, [*PARTS, "variables", "scale"]
         for part, entries in self.draw.items():
             require(part in known, "draw", f"must name one of {', '.join(known)}", part, known)
@@ -203,7 +196,7 @@ class ScenarioSpace:
                 if name == "choices":
                     draws[f"{part}.{name}"] = _choice(f"draw.{part}", entry, entries.get("weights"))
                 elif name != "weights":
-                    draws[f"{part}.{name}"] = Formula(entry, _RANDOM) if isinstance(entry, str) else _value(entry)
+                    draws[f"{part}.{name}"] = Formula(entry, _RANDOM) if isinstance(entry, str) else entry
         return draws
 
     def _drawn(self, seed: int, attempt: int) -> Scenario:
@@ -215,12 +208,13 @@ class ScenarioSpace:
                 if name in begun:
                     raise ValueError(f"{name}, which depends on itself")
                 begun.append(name)
-                values[name] = self._draws[name](functools.partial(look_up, name))
+                draw = self._draws[name]
+                values[name] = draw(functools.partial(look_up, name)) if callable(draw) else draw
             return values[name]
 
         def look_up(drawn: str, name: str) -> Any:
             if name in _RANDOM:
-                return functools.partial(_RANDOM[name], self._uniform(f"{attempt}/{drawn}", seed))
+                return functools.partial(_random, name, self._uniform(f"{attempt}/{drawn}", seed))
             if name in self.given:
                 return self.given[name]
             for known in (name, f"variables.{name}"):
@@ -246,11 +240,11 @@ class ScenarioSpace:
 
     def _uniform(self, what: str, seed: int) -> float:
         """Return a number in [0, 1) that depends on the space's name, the seed and the purpose alone."""
-        return _hashed(f"{self.name}/{seed}/{what}") / 2**64
+        return min(_hashed(f"{self.name}/{seed}/{what}") / 2**64, _BELOW_1)
 
 
 def _hashed(text: str) -> int:
-    """Return a number below 2^64 that depends on a text alone."""
+    """Return a whole number below 2^64 that depends on a text alone."""
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8])
 
 
@@ -266,8 +260,11 @@ def _property(scenario: Scenario, dotted: str) -> Any:
     return value
 
 
-def _value(value: Any) -> Callable[[Names], Any]:
-    return lambda names: value
+def _check_draws(name: str, draw: Any) -> None:
+    """Check that the draws of a space or of a shift are mappings, by the name under which they are given."""
+    require(isinstance(draw, Mapping), name, "must be a mapping from parts to draws", draw)
+    for part, entries in draw.items():
+        require(isinstance(entries, Mapping), f"{name}.{part}", "must be a mapping from fields to draws", entries)
 
 
 def space_of_table(table: Mapping[str, Any], base_of: Callable[[str], Scenario]) -> ScenarioSpace:
@@ -288,10 +285,9 @@ def _choice(name: str, choices: Any, weights: Any) -> Callable[[Names], Any]:
     require(is_list, f"{name}.choices", "must be a list of at least one mapping from fields to values", choices)
     shares = [1.0] * len(choices) if weights is None else weights
     fits = isinstance(shares, (list, tuple)) and len(shares) == len(choices)
-    fits = fits and all(is_finite(share) and share >= 0 for share in shares) and sum(shares)
+    fits = fits and all(is_number(share, 0) for share in shares) and sum(shares)
     require(fits, f"{name}.weights", f"must be {len(choices)} numbers of at least 0, not all 0", weights)
-    above = list(itertools.accumulate(shares))
-    return lambda names: choices[bisect.bisect(above, names("uniform")(0, above[-1]))]
+    return lambda names: _by_share(choices, shares, names("uniform")(0, 1))
 
 
 class Draws:

@@ -36,10 +36,10 @@ TICK_FRACTIONS = 255
 """Number of fractions of a tick."""
 HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 """Columns and rows of the hops in the first quadrant, one for each length."""
-_SHORTEST, _TICKS_MAX = 0.99, 32
-"""Least duration of the shortest hop where a tick lasts several steps [tick]; limit on the ticks per step."""
-_STRETCH_MAX = 1.5
-"""Largest ratio of the sides of a cell."""
+TICKS_MAX = 32
+"""Limit on the ticks per step."""
+_SHORTEST = 0.99
+"""Least duration of the shortest hop where a tick lasts several steps [tick]."""
 _COARSE = 2.0
 """Sensing radius up to which it remains as it is, in spacings of the nodes."""
 _CELLS = (1, 2, 4, 8, 16, 24)
@@ -57,36 +57,33 @@ class Reaches:
     Labels are stored for each tick of one or several control steps and do not change within it.
     """
 
-    period: int
+    period: int = 1
     """Control steps per tick."""
-    moved: float
+    moved: float = 0.0
     """Largest distance of a target in a control step [m]."""
-    lags: tuple[int, ...]
+    lags: tuple[int, ...] = ()
     """Lags, from 1 on [tick]."""
-    widths: tuple[tuple[int, ...], ...]
+    widths: tuple[tuple[int, ...], ...] = ()
     """Reachable columns to either side, for each lag and each number of rows up or down."""
-
-
-_STILL = Reaches(1, 0.0, (), ())
 
 
 @dataclass(frozen=True)
 class Spreading:
-    """Constants of the hops of evading targets on the grid of a scenario."""
+    """Constants of the hops of evading targets on the grid of a scenario, by default of one cell and none."""
 
-    columns: int
-    rows: int
-    radius: float
+    columns: int = 1
+    rows: int = 1
+    radius: float = 0.0
     """Radius within which nodes are sensed [m]."""
-    ticks: int
+    ticks: int = 1
     """Ticks per control step."""
-    period: int
+    period: int = 1
     """Control steps per tick; `ticks` or this is 1."""
-    delays: tuple[int, ...]
+    delays: tuple[int, ...] = ()
     """Duration of each of `HOPS` in whole ticks; empty for targets at rest."""
-    shares: tuple[int, ...]
+    shares: tuple[int, ...] = ()
     """Remaining duration of each hop, in `TICK_FRACTIONS` of a tick."""
-    reaches: Reaches = _STILL
+    reaches: Reaches = Reaches()
     """Replacement of hops for `task.conservative`."""
 
     @property
@@ -108,30 +105,19 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
         task: Grid and control step.
         radius: Sensing radius of the robots [m].
         speed: Speed limit of evading targets [m/s].
-
-    Raises:
-        ValueError: the cells are far from square, or far smaller than the distance that a target moves in a step.
     """
     if task.contamination is None:
-        return Spreading(1, 1, 0.0, 1, 1, (), ())
+        return Spreading()
     columns, rows = task.contamination
-    sides = 2 * curve.half_width / columns, 2 * curve.half_height / rows
-    if max(sides) > _STRETCH_MAX * min(sides):
-        rule = f"must make cells whose sides differ by {_STRETCH_MAX} times at most"
-        raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {sides[0]:.3g} m x {sides[1]:.3g} m")
-    moved = speed * task.step
-    if math.ceil(moved / min(sides)) > _TICKS_MAX:
-        rule = f"must make cells of at least 1/{_TICKS_MAX} of an evading target's motion in a step, {moved:.3g} m"
-        raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {min(sides):.3g} m")
+    gaps = 1 if min(columns, rows) > 1 and not task.conservative else 0  # between nodes: one less than nodes
+    sides = 2 * curve.half_width / (columns - gaps), 2 * curve.half_height / (rows - gaps)
+    moved, shortest = speed * task.step, min(sides)
     if task.conservative:
         reaches = reaches_of(sides, moved, task.steps)
-        return Spreading(columns, rows, radius, 1, reaches.period, (), (), reaches)
-    if min(columns, rows) > 1:
-        sides = 2 * curve.half_width / (columns - 1), 2 * curve.half_height / (rows - 1)
-    shortest = min(sides)
-    ticks = math.ceil(moved / shortest)
+        return Spreading(columns, rows, radius, period=reaches.period, reaches=reaches)
     if moved * task.steps < shortest:  # no target leaves its cell
-        return Spreading(columns, rows, radius, 1, 1, (), ())
+        return Spreading(columns, rows, radius)
+    ticks = math.ceil(moved / shortest)
     period = max(int(shortest / moved / _SHORTEST), 1)
     takes = [max(math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period, 1.0) for i, j in HOPS]
     delays = tuple(int(time) for time in takes)

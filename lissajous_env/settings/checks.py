@@ -9,7 +9,6 @@ import dataclasses
 import inspect
 import math
 import operator
-import re
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -30,66 +29,72 @@ def number(
     """Declare a number from `low` to `high`, both included, and on request also zero or infinity."""
     rule = "must be " + "0 or " * or_zero + f"from {low:.9g} to {high:.9g}" + " or infinite" * or_infinite
     rule += f" [{unit}]" if unit else ""
+    points = [0.0] * or_zero + [math.inf] * or_infinite
 
-    def holds(value: Any) -> bool:
-        return _is_number(value) and (
-            low <= value <= high or (or_zero and value == 0) or (or_infinite and value == math.inf)
-        )
+    def read(value: Any) -> float | None:
+        fits = is_number(value, low, high) or any(is_number(value, point, point) for point in points)
+        return float(value) if fits else None
 
-    return _checked(default, rule, holds, float, units=(unit,))
+    return _checked(default, rule, read, units=(unit,))
 
 
 def whole(default: int | None, low: int, high: int, parity: str = "") -> Any:
     """Declare a whole number from `low` to `high`, both included, which may have to be `odd` or `even`."""
     rule = f"must be {f'an {parity}' if parity else 'a'} whole number from {low} to {high}"
     rests = {"odd": (1,), "even": (0,)}.get(parity, (0, 1))
-    return _checked(default, rule, lambda v: is_whole(v) and low <= v <= high and v % 2 in rests, operator.index)
+
+    def read(value: Any) -> int | None:
+        return operator.index(value) if is_whole(value) and low <= value <= high and value % 2 in rests else None
+
+    return _checked(default, rule, read)
 
 
 def choice(default: str | None, *options: str) -> Any:
     """Declare one of a few words."""
     rule = f"must be one of {', '.join(options)}"
-    return _checked(default, rule, lambda v: isinstance(v, str) and v in options, options=options)
+    return _checked(default, rule, lambda v: v if isinstance(v, str) and v in options else None, options=options)
 
 
 def word(default: str | None, rule: str) -> Any:
     """Declare a non-empty word, such as a name that is looked up elsewhere."""
-    return _checked(default, rule, lambda v: isinstance(v, str) and v.strip() == v != "")
+    return _checked(default, rule, lambda v: v if isinstance(v, str) and v.strip() == v != "" else None)
 
 
 def flag(default: bool) -> Any:
     """Declare a boolean."""
-    return _checked(default, "must be True or False", lambda v: isinstance(v, bool))
+    return _checked(default, "must be True or False", lambda v: v if isinstance(v, bool) else None)
 
 
 def rows(
     default: tuple | None,
     rule: str,
-    convert: Callable[[Any], Any],
+    read_entry: Callable[[Any], Any],
     units: tuple[str, ...] = (),
+    least: int = 0,
+    most: int = sys.maxsize,
+    optional: bool = False,
 ) -> Any:
-    """Declare a tuple of entries, each converted by `convert`, which returns None for an invalid entry.
+    """Declare a tuple of `least` to `most` entries, read by `read_entry`, which returns None for an invalid entry.
 
-    None is valid if it is the default. `units` are the units of an entry that is a row of numbers.
+    None is valid if it is the default, or if `optional`. `units` are the units of an entry that is a row of numbers.
     """
 
-    def converted(value: tuple) -> tuple:
-        return tuple(convert(entry) for entry in value)
+    def read(value: Any) -> tuple | None:
+        fits = isinstance(value, tuple) and least <= len(value) <= most
+        entries = tuple(map(read_entry, value)) if fits else (None,)
+        return None if None in entries else entries
 
-    def holds(value: Any) -> bool:
-        return isinstance(value, tuple) and all(entry is not None for entry in converted(value))
-
-    return _checked(default, rule, holds, converted, units=units)
+    return _checked(default, rule, read, optional, units=units)
 
 
 def columns_and_rows(default: tuple[int, int] | None, most: int) -> Any:
     """Declare the columns and rows of a grid, each from 1 to `most`, or None for no grid."""
 
-    def holds(value: Any) -> bool:
-        is_pair = isinstance(value, tuple) and len(value) == 2
-        return is_pair and all(is_whole(side) and 1 <= side <= most for side in value)
+    def read_side(value: Any) -> int | None:
+        return value if is_whole(value) and 1 <= value <= most else None
 
-    return _checked(default, f"must be (columns, rows), each from 1 to {most}, or None", holds, optional=True)
+    rule = f"must be (columns, rows), each from 1 to {most}, or None"
+    return rows(default, rule, read_side, least=2, most=2, optional=True)
 
 
 class Checked:
@@ -99,37 +104,33 @@ class Checked:
     `--help` states them by itself. `part` is the name in error messages, by default that of the class, or "" for none.
     """
 
-    _part: ClassVar[str]
+    part: ClassVar[str]
+    """Name of this part in overrides and error messages, as `curve` in `curve.half_width`."""
 
     def __init_subclass__(cls, with_defaults: bool = True, part: str | None = None, **settings: Any) -> None:
         super().__init_subclass__(**settings)
-        cls._part = cls.__name__.removesuffix("Parameters").lower() if part is None else part
+        cls.part = cls.__name__.removesuffix("Parameters").lower() if part is None else part
         cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{_fields_in_words(cls, with_defaults)}".strip()
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             rule = field.metadata
             given = getattr(self, field.name)
-            if "check" not in rule or (given is None and rule["optional"]):
+            if "rule" not in rule or (given is None and rule["optional"]):
                 continue
-            value = _plain(given)
-            self._require(_holds(rule["check"], value), field.name, rule["rule"])
-            object.__setattr__(self, field.name, rule["convert"](value) if rule["convert"] else value)
+            value = _read(rule["read"], _plain(given))
+            self._require(value is not None, field.name, rule["rule"])
+            object.__setattr__(self, field.name, value)
         self._check_together()
-
-    @property
-    def part(self) -> str:
-        """Name of this part in overrides and error messages, as `curve` in `curve.half_width`."""
-        return self._part
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> Self:
         """Return a copy with all lengths multiplied by `length` and all times by `time`.
 
         Speeds, rates, accelerations and weights are scaled by the powers in their units.
         """
-        changed = {}
+        changed, factor_of = {}, _factors(length, time)
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            factors = [_factor(unit, length, time) for unit in field.metadata.get("units", ())]
+            factors = [factor_of[unit] for unit in field.metadata.get("units", ())]
             value = getattr(self, field.name)
             if value is None or all(factor == 1 for factor in factors):
                 continue
@@ -157,9 +158,14 @@ def is_whole(value: Any) -> bool:
     return True
 
 
-def is_finite(value: Any) -> bool:
-    """Return True for a finite number of Python's, which a bool is not."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+def is_number(value: Any, low: float = -sys.float_info.max, high: float = sys.float_info.max) -> bool:
+    """Return True for a number of any type except bool that is from `low` to `high`; by default for any finite one."""
+    if isinstance(value, (bool, np.bool_, str)) or not hasattr(value, "__float__"):
+        return False
+    try:
+        return low <= float(value) <= high
+    except Exception:  # a number beyond all floats, or an array
+        return False
 
 
 def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -> int:
@@ -174,66 +180,48 @@ def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -
     return operator.index(value)
 
 
-def as_robot(value: Any) -> int:
-    """Return the index of a robot, which may be given as 1.0.
-
-    Raises:
-        ValueError: the value is not a whole number of at least 0.
-    """
-    fits = _is_number(value) and value >= 0 and float(value).is_integer()
-    require(fits, "a robot", "must be a whole number of at least 0", value)
-    return int(value)
+def as_robot(value: Any) -> int | None:
+    """Return the index of a robot, which may be given as 1.0; None for another value."""
+    return int(value) if is_number(value, 0) and float(value).is_integer() else None
 
 
 def robot_and(low: float, high: float) -> Callable[[Any], tuple[int, float] | None]:
-    """Return the function that converts pairs of a robot and a number of a range."""
+    """Return the function that reads pairs of a robot and a number from `low` to `high`."""
 
-    def convert(entry: Any) -> tuple[int, float] | None:
+    def read(entry: Any) -> tuple[int, float] | None:
         robot, value = entry
-        return (as_robot(robot), float(value)) if low <= value <= high else None
+        index = as_robot(robot)
+        return (index, float(value)) if index is not None and is_number(value, low, high) else None
 
-    return convert
+    return read
 
 
 def _checked(
     default: Any,
     rule: str,
-    check: Callable[[Any], Any],
-    convert: Callable[[Any], Any] | None = None,
+    read: Callable[[Any], Any],
     optional: bool = False,
     options: tuple[str, ...] = (),
     units: tuple[str, ...] = (),
 ) -> Any:
-    metadata = {"rule": rule, "check": check, "convert": convert, "optional": optional or default is None}
+    """Declare a field by its rule and by the function that returns its value, or None for an invalid one."""
+    metadata = {"rule": rule, "read": read, "optional": optional or default is None}
     metadata |= {"options": options, "units": units}
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def _holds(check: Callable[[Any], Any], value: Any) -> bool:
+def _read(read: Callable[[Any], Any], value: Any) -> Any:
     try:
-        return bool(check(value))
+        return read(value)
     except (TypeError, ValueError, ArithmeticError):  # a wrong type, or a number beyond all floats
-        return False
+        return None
 
 
-def _factor(unit: str, length: float, time: float) -> float:
-    """Return the factor of a number of this unit when lengths and times are scaled; angles do not scale."""
-    above, _, below = unit.partition("/")
-    return _product(above, length, time) / _product(below, length, time)
-
-
-def _product(units: str, length: float, time: float) -> float:
-    """Return the factor of units such as `m`, `s^2`, `sqrt(s)` or `(m s)^2`."""
-    scales = {"m": length, "s": time, "rad": 1.0, "1": 1.0}
-    if root := re.fullmatch(r"sqrt\((\w+)\)", units):
-        return math.sqrt(scales[root[1]])
-    match = re.fullmatch(r"\(?([\w ]*)\)?(?:\^(\d))?", units)
-    assert match, units
-    return math.prod(scales[name] for name in match[1].split()) ** int(match[2] or 1)
-
-
-def _is_number(value: Any) -> bool:
-    return hasattr(value, "__float__") and not isinstance(value, (bool, str)) and not math.isnan(value)
+def _factors(length: float, time: float) -> dict[str, float]:
+    """Return the factor of numbers of each unit when lengths and times are scaled; angles do not scale."""
+    lengths = {"m": length, "m/s": length / time, "m/s^2": length / time**2}
+    rates = {"1/s": 1 / time, "rad/s": 1 / time, "rad/s^2": 1 / time**2, "rad/sqrt(s)": 1 / math.sqrt(time)}
+    return {"": 1.0, "rad": 1.0, "s": time} | lengths | rates
 
 
 def _plain(value: Any) -> Any:

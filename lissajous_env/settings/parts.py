@@ -18,17 +18,19 @@ from lissajous_env.settings.checks import (
     Checked,
     as_robot,
     choice,
+    is_number,
     is_whole,
     number,
     robot_and,
     rows,
     whole,
+    whole_number,
     word,
 )
 
 SPREAD_MAX = 3.0
 """Standard deviations at which the spread of a car's constants is clipped."""
-SPRINT = 3.0
+POINT_RATE_FACTOR = 3.0
 """Default phase rate of a point at action 1, as a multiple of that of the formation."""
 FULL_THROTTLE = 0.25
 """Throttle of a car at action 1 where neither `robot.throttle_max` nor `robot.speed_max` is given, as in the paper."""
@@ -42,13 +44,15 @@ def _as_place(entry: Any) -> int | None:
 
 def _as_fault(entry: Any) -> tuple[int, float, float] | None:
     robot, start, end = entry
-    holds = 0 <= start < end and start <= _LONGEST and (end <= _LONGEST or end == math.inf)
-    return (as_robot(robot), float(start), float(end)) if holds else None
+    index = as_robot(robot)
+    ends = is_number(end, 0, _LONGEST) or end == math.inf
+    fits = is_number(start, 0, _LONGEST) and ends and start < end
+    return (index, float(start), float(end)) if index is not None and fits else None
 
 
 def _as_harmonic(entry: Any) -> tuple[float, ...] | None:
-    row = tuple(float(number) for number in entry)
-    return row if len(row) == 4 and all(abs(number) <= 1e4 for number in row) else None
+    fits = len(entry) == 4 and all(is_number(value, -1e4, 1e4) for value in entry)
+    return tuple(map(float, entry)) if fits else None
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ class Curve(Checked):
     c: int = whole(1, 1, 1023)
     """Oscillations along z in one lap, c of (10)."""
     harmonics: tuple[tuple[float, float, float, float], ...] = rows(
-        (), "must contain at most 64 rows of four numbers from -10000 to 10000 [m]", _as_harmonic, units=("m",) * 4
+        (), "must contain at most 64 rows of four numbers from -10000 to 10000 [m]", _as_harmonic, ("m",) * 4, most=64
     )
     """Fourier coefficients of another closed curve in place of (3): row k contains the factors of cos(k gamma) and
     sin(k gamma) in x, then in y [m]. The curve must stay in the rectangle. A circle of radius R is ((R, 0, 0, R),)."""
@@ -83,29 +87,30 @@ class Curve(Checked):
 
         Args:
             position: Smooth periodic function that returns x and y [m], each (K,), for gamma (K,) in [0, 2 pi) [rad].
-            harmonics: Number of harmonics, at most 64; higher ones are dropped.
+            harmonics: Number of harmonics, from 1 to 64; higher ones are dropped.
             **fields: `half_width` and `half_height` of the rectangle [m].
 
         Raises:
-            ValueError: the function returns another shape or numbers that are not finite, or the series deviates from
-                it by more than a thousandth of its size.
+            ValueError: the function returns another shape, numbers that are not finite or only zeros, or the series
+                deviates from it by more than a thousandth of its size.
         """
+        whole_number("harmonics", harmonics, 1, 64)
         gamma = np.arange(1024) * (2 * np.pi / 1024)
         places = np.asarray(position(gamma), dtype=float)
         if places.shape != (2, len(gamma)) or not np.isfinite(places).all():
             raise ValueError(f"position must return finite x and y for each gamma, got shape {places.shape}")
-        waves = np.fft.rfft(places, axis=1)[:, 1 : harmonics + 1] * (2 / len(gamma))
-        table = np.stack([waves[0].real, -waves[0].imag, waves[1].real, -waves[1].imag], axis=1)
-        k = np.arange(1, len(table) + 1)[:, None]
-        series = np.einsum("kc,kg->cg", table[:, ::2], np.cos(k * gamma))
-        series += np.einsum("kc,kg->cg", table[:, 1::2], np.sin(k * gamma))
-        off = np.abs(series - places).max()
+        spectrum = np.fft.rfft(places, axis=1)
+        spectrum[:, 0] = spectrum[:, harmonics + 1 :] = 0.0
+        off = np.abs(np.fft.irfft(spectrum, len(gamma), axis=1) - places).max()
         if off > 1e-3 * np.abs(places).max():
             rule = f"must be smooth and around the middle of the rectangle, for {harmonics} harmonics"
             raise ValueError(f"position {rule}, got a curve that these miss by {off:.3g} m")
+        waves = spectrum[:, 1 : harmonics + 1] * (2 / len(gamma))
+        table = np.stack([waves[0].real, -waves[0].imag, waves[1].real, -waves[1].imag], axis=1)
         significant = np.abs(table) > 1e-9 * np.abs(table).max()
-        table = table[: np.flatnonzero(significant.any(axis=1))[-1] + 1]
-        return cls(harmonics=tuple(map(tuple, np.where(significant[: len(table)], table, 0.0).tolist())), **fields)
+        last = max(np.flatnonzero(significant.any(axis=1)), default=0)  # of a point in the middle, which is refused
+        table = np.where(significant, table, 0.0)[: last + 1]
+        return cls(harmonics=tuple(map(tuple, table.tolist())), **fields)
 
     @property
     def driven(self) -> "Curve":
@@ -123,10 +128,7 @@ class Curve(Checked):
         return 2 * len(self.harmonics) or self.a + self.b
 
     def _check_together(self) -> None:
-        half = min(self.half_width, self.half_height)
-        self._require((self.inset or 0.0) < half, "inset", f"must be below {half:g}, half of the rectangle's side [m]")
         if self.harmonics:
-            self._require(len(self.harmonics) <= 64, "harmonics", "must contain at most 64 rows")
             self._require(any(any(row) for row in self.harmonics), "harmonics", "must contain a number that is not 0")
             self._require(self.half_depth == 0, "half_depth", "must be 0 with harmonics [m]")
             return
@@ -251,19 +253,16 @@ class Robot(Checked):
             self._require(self.full_throttle > self.throttle_min, "throttle_max", "must be above throttle_min")
             rule = "must lead to a top speed, (drive throttle_max - offset) / drag, from 0.001 to 10000 m/s"
             self._require(1e-3 <= self.top_speed <= 1e4, "throttle_max", rule)
-            return
-        if self.throttle_max is None:
+        elif self.throttle_max is None:
             least = max(self.throttle_min, self.dead_zone)
             rule = "must be reached at a throttle above throttle_min and dead_zone"
             rule = f"{rule}, {least:g}, not at {self.full_throttle:.4g} [m/s]"
             self._require(self.full_throttle > least, "speed_max", rule)
-            return
-        reached = (self.drive * self.throttle_max - self.offset) / self.drag
-        fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
-        rule = (
-            f"must be {reached:.6g} m/s for throttle_max = {self.throttle_max:g}, or one of the two must be None [m/s]"
-        )
-        self._require(fits, "speed_max", rule)
+        else:
+            reached = (self.drive * self.throttle_max - self.offset) / self.drag
+            fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
+            rule = f"must be {reached:.6g} m/s for throttle_max = {self.throttle_max:g}, or one of the two must be None"
+            self._require(fits, "speed_max", rule)
 
     @property
     def full_throttle(self) -> float:

@@ -125,6 +125,6 @@ def fill(address: wp.uint64, w: int, size: wp.int64, value: wp.uint32, lane: int
 
 @stage(ARRAY, writes="")
 def reset_arrays(w, lane, lanes, initial, clock):
-    """Set all arrays of the state to their initial values."""
+    """Set all arrays of the state to their initial values, except those of the clock."""
     for k in range(initial.address.shape[0]):
         fill(initial.address[k], w, initial.size[k], initial.value[k], lane, lanes)

@@ -149,7 +149,7 @@ DETECTION_TIME_P95 = Column(
     lambda e: math.nan if e.scenario.targets.respawn else _some(np.percentile, e.times, 95), "s",
     empty=f"{_NO_TARGET}, or targets appear anew", title="detection p95", better=-1, order=12, page=False,
 )
-LATEST_DETECTION = Column(
+LONGEST_DETECTION = Column(
     "detection_time_max", "longest of these times",
     lambda e: max(_some(np.max, e.times), float(e.state["targets.earlier_longest"].max(initial=0.0)) * e.step), "s",
     empty=_NO_TARGET,

@@ -22,7 +22,7 @@ _COUNT_VISITS = """
     const int words = cells.coming.shape[1], rows = cells.coming.shape[2], columns = cells.sensed_at.shape[2];
     const auto count = [&](const int lane, const int lanes, Word* __restrict inside, Word* __restrict coming,
                            Word* __restrict sensed, wp::int64* __restrict squares, int* __restrict longest) {
-        wp::int64 ended = 0, fresh = 0;
+        wp::int64 ended = 0, added = 0;
         for (int word = 0; word < words; ++word, inside += rows, coming += rows, sensed += rows) {
             for (int row = lane; row < rows; row += lanes) {
                 const Word before = inside[row], now_inside = coming[row];
@@ -30,7 +30,7 @@ _COUNT_VISITS = """
                 squares[row] += staying;
                 ended += staying;
                 longest[row] = wp::max(longest[row], staying > 0 ? 1 : 0);
-                fresh += wp::bit_count(now_inside & ~sensed[row]);
+                added += wp::bit_count(now_inside & ~sensed[row]);
                 sensed[row] |= now_inside;
                 inside[row] = now_inside;
                 coming[row] = before ^ now_inside;
@@ -51,7 +51,7 @@ _COUNT_VISITS = """
                 coming[row] = 0;
             }
         }
-        return wp::vec_t<2, wp::int64>(ended, fresh);
+        return wp::vec_t<2, wp::int64>(ended, added);
     };
     Word *const inside = &wp::index(cells.in_discs, w, 0, 0), *const coming = &wp::index(cells.coming, w, 0, 0);
     Word* const sensed = &wp::index(cells.sensed, w, 0, 0);
@@ -84,21 +84,21 @@ def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Count
 def cover(w, lane, lanes, curve, sensing, clock, robots, cells, latest, tally):
     """Mark the cells that are sensed now, row by row, and count their visits."""
     columns, radius = cells.sensed_at.shape[2], sensing.radius
-    fresh_each = wp.int64(0)
+    added_each = wp.int64(0)
     for i in range(robots.sensor.shape[1]):
         place = robots.sensor[w, i]
         if place[0] < NOWHERE:
-            fresh_each += wp.int64(
+            added_each += wp.int64(
                 visit_disc(w, i, place, lane, lanes, curve, radius, columns, CENTRE, cells.coming, cells.sensed_by)
             )
     counts = count_visits(w, lane, lanes, clock.step[w], cells)
     ended = counts[0]
-    fresh = counts[1]
+    added = counts[1]
     if ended > wp.int64(0):
         wp.atomic_add(latest.idle_ended, w, ended)
-    if fresh_each > wp.int64(0):
-        wp.atomic_add(tally.covered_each, w, fresh_each)
-        wp.atomic_add(tally.covered, w, fresh)
+    if added_each > wp.int64(0):
+        wp.atomic_add(tally.covered_each, w, added_each)
+        wp.atomic_add(tally.covered, w, added)
 
 
 def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any) -> np.ndarray:

@@ -64,9 +64,8 @@ class WorldView(_Fixed):
     _drawn: int
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any, name: str, state: Any):
-        own = {"state": state, "_observation": observation, "_name": name, "_drawn": 0}
-        self.__dict__.update({"scenario": scenario} | own)
         self.__dict__.update({struct_name: _Arrays(struct, struct_name) for struct_name, struct in structs.items()})
+        self.__dict__.update(scenario=scenario, state=state, _observation=observation, _name=name, _drawn=0)
 
     @property
     def observation(self) -> Any:
@@ -294,8 +293,7 @@ class ExtensionStages:
         view, fresh = WorldView(self.scenario, *self._world, extension.name, memory), self._world[0]["clock"].fresh
 
         def call() -> None:
-            resets = bool(memory) and fresh.numpy().any()
-            before = {name: array.copy() for name, array in memory.items()} if resets else {}
+            before = {name: array.copy() for name, array in memory.items()} if memory and fresh.numpy().any() else {}
             try:
                 result = np.asarray(extension.run(view.begin_call()))
             except Exception as error:
@@ -307,8 +305,8 @@ class ExtensionStages:
                 numbers = result.reshape(shape).astype(value.numpy().dtype)
             _check_numbers(extension, numbers)
             value.assign(numbers)
-            for name, array in memory.items() if resets else ():  # a reset of some worlds leaves the others unchanged
-                array[fresh.numpy() == 0] = before[name][fresh.numpy() == 0]
+            for name, array in before.items():  # a reset of some worlds leaves the others unchanged
+                memory[name][fresh.numpy() == 0] = array[fresh.numpy() == 0]
 
         call.__doc__ = extension.about
         return [Stage(extension.name, call)]

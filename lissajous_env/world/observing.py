@@ -181,13 +181,13 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins, neare
         right = column_of(here[0] + bins.widened, bins)
         for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
             for column in range(left, right + 1):
-                item = bins.first_seen[w, row * bins.columns + column]
-                while item >= 0:
-                    seen = bins.seen[w, item]
-                    away = wp.vec2(seen[0], seen[1]) - here
+                entry = bins.first_target[w, row * bins.columns + column]
+                while entry >= 0:
+                    target = bins.target_entry[w, entry]
+                    away = wp.vec2(target[0], target[1]) - here
                     if wp.dot(away, away) < radius * radius:
-                        filled = insert_nearest(w, i, filled, room, away / radius, int(seen[2]), nearest)
-                    item = int(seen[3])
+                        filled = insert_nearest(w, i, filled, room, away / radius, int(target[2]), nearest)
+                    entry = int(target[3])
     else:
         for first in range(0, targets.in_sight.shape[1], 32):
             near = in_disc(w, first, here, radius, targets.position, targets.in_sight)

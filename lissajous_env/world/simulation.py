@@ -8,8 +8,9 @@ import warp as wp
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores
 from lissajous_env.device.locks import Turn, in_turn
-from lissajous_env.device.program import Program, Stage, blocks_of
+from lissajous_env.device.program import Program, Stage
 from lissajous_env.device.stage import ARRAY, BIN, FIELD_ROW, ROBOT, ROW, TARGET
+from lissajous_env.device.work import task_count
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
@@ -30,6 +31,8 @@ from lissajous_env.world.values import constants_of, state_of
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
 """Rough time that a robot and a target add to a step [ns], from which the number of threads is computed."""
+_TASK_WORK = 100_000
+"""Time of a step below which waking a thread for it does not pay [ns]."""
 
 
 class Simulation(Copyable):
@@ -236,10 +239,10 @@ class Simulation(Copyable):
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.status.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1], ARRAY: len(values["initial"].size)}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
-        blocks = blocks_of(work, self.num_worlds, self.device, self.threads)
+        tasks = min(self.num_worlds * work // _TASK_WORK, self.num_worlds)
         values["bins"] = bins = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
         sizes[BIN] = bins.columns * bins.rows
-        launch = self.num_worlds, self.device, blocks, self.threads
+        launch = self.num_worlds, self.device, task_count(tasks, self.device, self.threads), self.threads
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
         self._reset, self._step = (
             Program(self._extended.among(self._own_stages(begins), begins), values, sizes, *launch)

@@ -216,7 +216,7 @@ class Mine:
 def test_whatever_makes_a_policy_is_one_and_a_factory_that_makes_none_is_named(tmp_path):
     half = type("HalfAPolicy", (), {"act": print, "num_worlds": 1})()
     own = {
-        "class": Mine, "function": lambda *given: Mine(*given), "partial": functools.partial(Mine, speed=0.5),
+        "class": Mine, "function": lambda *args: Mine(*args), "partial": functools.partial(Mine, speed=0.5),
         "instance": Mine(SHORT_SCENARIO), "act": lambda observation: observation[..., :1] * 0,
     }  # fmt: skip
     wrong = {"nothing": lambda *_: None, "a class": lambda *_: Mine, "half": lambda *_: half}
@@ -232,7 +232,7 @@ def test_whatever_makes_a_policy_is_one_and_a_factory_that_makes_none_is_named(t
 def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, monkeypatch):
     rows = local.episodes
     spoilt = {"return_mean": math.inf}
-    monkeypatch.setattr(local, "episodes", lambda *given: ([row | spoilt for row in batch] for batch in rows(*given)))
+    monkeypatch.setattr(local, "episodes", lambda *args: ([row | spoilt for row in batch] for batch in rows(*args)))
     outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=1), console=QUIET)
     assert "the score of seed 0: return_mean must be a finite number, got 'inf'" in outcome.failures[0].error
     assert lines(tmp_path) == []
@@ -270,7 +270,7 @@ def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
 
 def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_all_plays_every_one():
     baselines.register("theirs", "car", lambda scenario, num_worlds, device: None)
-    names = lambda *given, **own: [cell.policy for cell in cells_of(Benchmark(("evaders",), given), own)]  # noqa: E731
+    names = lambda *policies, **own: [cell.policy for cell in cells_of(Benchmark(("evaders",), policies), own)]  # noqa: E731
     usual = names()
     assert [name for name in usual if name not in types.POLICIES] == ["theirs"]
     assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))

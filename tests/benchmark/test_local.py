@@ -18,15 +18,15 @@ def still(seen):
     """Return a factory of a user's policy that never moves a robot, and records its threads."""
 
     def make(scenario, num_worlds, device):
-        made = baselines.make("still", scenario, num_worlds, device)
-        act = made.act
+        policy = baselines.make("still", scenario, num_worlds, device)
+        act = policy.act
 
         def noting(observation):
             seen.append(threading.current_thread())
             return act(observation)
 
-        made.act = noting
-        return made
+        policy.act = noting
+        return policy
 
     return make
 
@@ -104,9 +104,9 @@ def test_a_policy_that_refuses_a_scenario_is_left_out_unless_it_was_asked_for(tm
     common = {"scenarios": ("experiment",), "episodes": 1, "overrides": wide}
     monkeypatch.setattr(types, "POLICIES", ("sweep", "line-abreast"))
     usual = measure(small(tmp_path / "usual", **common, policies=()), console=QUIET)
-    assert [each.policy for each in usual.left_out] == ["line-abreast"]
+    assert [refusal.policy for refusal in usual.left_out] == ["line-abreast"]
     assert "to span 6 m with discs of 0.4 m" in usual.left_out[0].error
     assert not usual.failures
     asked = measure(small(tmp_path / "asked", **common, policies=("sweep", "line-abreast")), console=QUIET)
-    assert [each.policy for each in asked.failures] == ["line-abreast"]
+    assert [failure.policy for failure in asked.failures] == ["line-abreast"]
     assert not asked.left_out

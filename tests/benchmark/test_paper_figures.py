@@ -24,14 +24,14 @@ SHORT = {"task.duration": 3.0}
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Results of cars on two scenarios, one with a column of its own, and of points on a third."""
-    made = [
+    scenarios = [
         lissajous_env.scenario("evaders", **SHORT | {"extensions": (furthest,)}),
         lissajous_env.scenario("intruders", **SHORT),
         lissajous_env.scenario("failure", **SHORT),
     ]
     out = tmp_path_factory.mktemp("paper") / "results"
     policies = ("kuramoto-mpcc", "laps", "kuramoto", "random")
-    run(Benchmark(policies=policies, episodes=3, out=out, replays=0), scenarios=made, console=QUIET)
+    run(Benchmark(policies=policies, episodes=3, out=out, replays=0), scenarios=scenarios, console=QUIET)
     return out
 
 
@@ -50,15 +50,15 @@ def test_the_figures_show_the_columns_of_the_table(folder, tmp_path, monkeypatch
     assert titles[0][0] == "score / best"
     assert "guaranteed [s]\nlargest of 3" in titles[1]
     assert {"furthest", "better"} < set(titles[1])
-    assert not any("furthest" in each for each in titles[2:])
+    assert not any("furthest" in figure_titles for figure_titles in titles[2:])
     text = (tmp_path / "out" / "table.tex").read_text()
     assert "furthest" in text[text.index("tab:evaders") : text.index("tab:intruders")]
     assert "furthest" not in text[text.index("tab:intruders") :]
 
 
 def test_one_episode_of_one_policy_without_any_bound_is_drawn(tmp_path):
-    made = [lissajous_env.scenario(name, **{"task.duration": 0.5}) for name in ("evaders", "intruders")]
-    run(Benchmark(policies=("sweep",), episodes=1, out=tmp_path / "results", replays=0), scenarios=made, console=QUIET)
+    pair = [lissajous_env.scenario(name, **{"task.duration": 0.5}) for name in ("evaders", "intruders")]
+    run(Benchmark(policies=("sweep",), episodes=1, out=tmp_path / "results", replays=0), scenarios=pair, console=QUIET)
     written = figures(tmp_path / "results", "png")
     assert [path.name for path in written][1:] == ["overall-car.png", "scores-evaders.png", "scores-intruders.png"]
     # Oracle: 7.16 inch, as IEEE requires.

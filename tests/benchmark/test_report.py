@@ -29,8 +29,8 @@ GIVEN = {"policies": ("kuramoto-mpcc", "laps", "kuramoto"), "scenarios": TWO, "e
 def blocks_of(folder):
     """JSON of the page's blocks, by id."""
     text = (folder / "report.html").read_text(encoding="utf-8")
-    found = re.findall(r'<script type="application/json" id="([^"]+)">(.*?)</script>', text, re.DOTALL)
-    return {name: json.loads(block) for name, block in found}
+    blocks = re.findall(r'<script type="application/json" id="([^"]+)">(.*?)</script>', text, re.DOTALL)
+    return {name: json.loads(block) for name, block in blocks}
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_the_page_has_every_score_of_every_episode(small_one):
     data = blocks["data"]
     assert data["total"] == len(rows) == 12  # failure has points, which kuramoto alone drives
     episodes = data["episodes"]
-    names = [each["name"] for each in data["scenarios"]], [each["name"] for each in data["policies"]]
+    names = [entry["name"] for entry in data["scenarios"]], [entry["name"] for entry in data["policies"]]
     for k, place in enumerate(zip(episodes["scenario"], episodes["policy"], episodes["seed"], strict=True)):
         key = names[0][place[0]], names[1][place[1]], place[2]
         (row,) = [row for row in rows if (row["scenario"], row["policy"], row["seed"]) == key]
@@ -72,11 +72,11 @@ def test_the_page_has_all_scenarios_together_the_first_column_in_order():
     facts = of["kind"], of["scenarios"], of["measures"][0]["column"]
     assert facts == ("differential drives", ["evaders", "team"], "score_over_best")
     first, second = of["policies"]
-    assert [data["policies"][each["policy"]]["name"] for each in (first, second)] == ["b", "a"]
-    assert [each["cells"]["score_over_best"]["words"] for each in (first, second)] == ["1", "2"]
+    assert [data["policies"][policy["policy"]]["name"] for policy in (first, second)] == ["b", "a"]
+    assert [policy["cells"]["score_over_best"]["words"] for policy in (first, second)] == ["1", "2"]
     assert first["cells"]["collisions"] == {"words": "3", "between": "", "value": 3.0}
     assert first["cells"]["score_improvement"]["words"] == "100 %"
-    assert {"2", "0"} <= {each["best"] for each in data["scenarios"][0]["measures"]}, "the shorter time, no collision"
+    assert {"2", "0"} <= {entry["best"] for entry in data["scenarios"][0]["measures"]}, "the shorter time, no collision"
 
 
 def test_columns_of_ones_own_are_in_every_table(tmp_path):
@@ -90,10 +90,10 @@ def test_columns_of_ones_own_are_in_every_table(tmp_path):
         assert " furthest |" in (tmp_path / "table.md").read_text().partition("\n")[0]
         data = blocks_of(tmp_path)["data"]
         (of,) = data["scenarios"]
-        assert "furthest" in [each["column"] for each in of["measures"]]
-        assert all(each["cells"]["furthest"]["value"] > 0 for each in of["policies"])
-        told = {"name": "furthest", "title": "furthest", "listed": True, "whole": False, "open": None}
-        assert told in data["columns"]
+        assert "furthest" in [measure["column"] for measure in of["measures"]]
+        assert all(policy["cells"]["furthest"]["value"] > 0 for policy in of["policies"])
+        column = {"name": "furthest", "title": "furthest", "listed": True, "whole": False, "open": None}
+        assert column in data["columns"]
 
 
 def test_the_worst_comes_first():
@@ -155,14 +155,14 @@ def test_a_second_call_makes_the_same_report_from_the_rows_alone(small_one, monk
 
 def test_hostile_names_and_policies_that_cannot_be_played_again(tmp_path):
     # Story: one policy of Python has a script for a name and draws numbers of its own; one refuses to be made again.
-    generator, made = np.random.default_rng(0), []
+    generator, calls = np.random.default_rng(0), []
 
     def act(observation):
         return generator.uniform(-1, 1, (*observation.shape[:2], 1)).astype(np.float32)
 
     def factory(scenario, num_worlds, device):
-        made.append(num_worlds)
-        if len(made) > 1:
+        calls.append(num_worlds)
+        if len(calls) > 1:
             raise RuntimeError("not twice")
         return baselines.make("still", scenario, num_worlds)
 

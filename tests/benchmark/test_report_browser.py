@@ -60,7 +60,7 @@ def test_the_table_of_episodes_is_put_in_order_and_narrowed_down(browser, run):
     # Oracle: Python's sort of the same numbers; a click turns it round, what is missing stays last.
     run("document.querySelector('[data-column=detection_time_mean]').click()")
     known = [(value, k) for k, value in enumerate(episodes["detection_time_mean"]) if value is not None]
-    wanted = [episodes["seed"][k] for _, k in sorted(known, key=lambda each: (-each[0], each[1]))]
+    wanted = [episodes["seed"][k] for _, k in sorted(known, key=lambda pair: (-pair[0], pair[1]))]
     assert [seed for *_, seed in shown(run)][: len(wanted)] == wanted
     run("document.querySelector('[data-column=detection_time_mean]').click()")
     least = (
@@ -80,12 +80,12 @@ def test_it_begins_with_all_scenarios_and_its_tables_are_put_in_order(browser, r
     names = "return [...document.querySelectorAll('.together tbody th')].map((name) => name.textContent)"
     (overall,) = data_of(run)["overall"]
     columns = [measure["column"] for measure in overall["measures"]]
-    best = [each["cells"][columns[0]]["value"] for each in overall["policies"]]
+    best = [policy["cells"][columns[0]]["value"] for policy in overall["policies"]]
     assert best == sorted(best)
     before = run(names)
     place = columns.index("collisions")
     run(f"document.querySelectorAll('.together .sort')[{place + 1}].click()")
-    collisions = [each["cells"]["collisions"]["value"] for each in overall["policies"]]
+    collisions = [policy["cells"]["collisions"]["value"] for policy in overall["policies"]]
     assert run(names) == [before[k] for k in sorted(range(len(before)), key=lambda k: collisions[k])]
     # Seed by seed: the reference has no share of seeds.
     shares = run("""const heads = [...document.querySelectorAll('#scenario-0 .policies thead .sort')];
@@ -141,7 +141,7 @@ def test_a_click_plays_the_episode_beside_the_reference(browser, run):
     wait(lambda: "#" not in run("return location.href"))
     said, asked = complaints(browser)
     assert said == []
-    assert [each for each in asked if not each.startswith("about:")] == []
+    assert [address for address in asked if not address.startswith("about:")] == []
 
 
 def test_names_are_no_script(run):

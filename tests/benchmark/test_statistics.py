@@ -87,8 +87,8 @@ EPISODES = st.lists(st.tuples(st.floats(0.1, 60), st.booleans()), min_size=1, ma
 def test_more_episodes_never_lower_a_guarantee_and_their_order_does_not_matter(episodes, more, random):
     # Law: the largest value, its lower bound and the number of open episodes grow with the episodes.
     def of(played):
-        found = summarize_largest([time for time, _ in played], [is_open for _, is_open in played])
-        return found.value, found.open, found.at_least, found.n
+        summary = summarize_largest([time for time, _ in played], [is_open for _, is_open in played])
+        return summary.value, summary.open, summary.at_least, summary.n
 
     mixed = [*episodes, *more]
     random.shuffle(mixed)

@@ -273,14 +273,14 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
 
 def test_the_markdown_table_says_what_the_rows_have():
     played = [*rows("kuramoto-mpcc", detection_time_mean=[4.0] * 4), *rows("laps", detection_time_mean=[2.0, 2, 2, 6])]
-    made = table_of(Table.of(played, INTRUDERS))
-    laps, first = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
+    table = table_of(Table.of(played, INTRUDERS))
+    laps, first = (dict(zip(table["columns"], row, strict=True)) for row in table["rows"])
     assert first["scenario"] == ""
     assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
     assert (laps["scenario"].partition(",")[0], first["detection [s]"]) == ("`intruders`", "4")
     assert (laps["policy"], laps["detection [s]"]) == ("`laps`", "2 (2\N{EN DASH}6)")
     assert laps["better"].startswith("75 %")
-    assert len({line.count("|") for line in markdown(made).splitlines()}) == 1
+    assert len({line.count("|") for line in markdown(table).splitlines()}) == 1
 
 
 def test_the_latex_table_escapes_what_latex_would_read_and_marks_the_best():
@@ -296,13 +296,13 @@ def test_the_latex_table_escapes_what_latex_would_read_and_marks_the_best():
 
 def policies_of(table):
     """Policies of each scenario in a table in Markdown."""
-    found = {}
+    policies = {}
     for line in table.splitlines()[2:]:
         where, policy = (cell.strip() for cell in line.split("|")[1:3])
         if where:
-            of = found.setdefault(where.split("`")[1], set())
+            of = policies.setdefault(where.split("`")[1], set())
         of.add(policy)
-    return found
+    return policies
 
 
 def test_the_command_makes_the_table_of_the_docs():
@@ -311,7 +311,7 @@ def test_the_command_makes_the_table_of_the_docs():
     page = (figures.ROOT / "docs" / "comparison.md").read_text(encoding="utf-8")
     stored = re.search(r"<!-- figures: policies -->\s+(.*?)\s+<!-- end -->", page, re.DOTALL)[1]
     assert stored.splitlines()[0] == f"| scenario | policy | {' | '.join(column.heading for column in MAIN)} |"
-    known = {each.name for each in bounds.all_known()} & set(types.SCENARIOS)
+    known = {plan.name for plan in bounds.all_known()} & set(types.SCENARIOS)
     assert {name for name, of in policies_of(stored).items() if "*best known*" in of} == known
     cells = cells_of(Benchmark(), scenarios=[bounds.as_played(name) for name in types.SCENARIOS])
     listed = {(name, policy.strip("`")) for name, of in policies_of(stored).items() for policy in of - {"*best known*"}}

@@ -21,7 +21,7 @@ EMPTY = {
 RANDOM = {"formation.start": "random"}
 
 
-def made(name, **changes):
+def resolved(name, **changes):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AssumptionWarning)
         return lissajous_env.scenario(name, **EMPTY | changes).resolve()
@@ -29,7 +29,7 @@ def made(name, **changes):
 
 def test_bodies_that_overlap_are_no_start_of_a_proof():
     # Oracle: distances of the bodies at the reset.
-    scenario, seeds = made("experiment", **RANDOM), range(70)
+    scenario, seeds = resolved("experiment", **RANDOM), range(70)
     compatible = compatible_starts(scenario, ProvedParameters().of(scenario), seeds)
     simulation = lissajous_env.Simulation(scenario, len(seeds))
     simulation.reset(seeds=seeds)
@@ -54,7 +54,7 @@ def test_the_sentence_names_the_conditions_or_that_there_are_none():
     assert "does not apply" in words
     assert all(condition in words for condition in unmet_conditions(rough))
     assert len(unmet_conditions(rough)) == 5
-    (some,) = said(made("experiment", **RANDOM), "sweep-proved")
+    (some,) = said(resolved("experiment", **RANDOM), "sweep-proved")
     assert "applies from the start of 3 of 8 episodes only: in the others robots start too close (condition 6)" in some
 
 
@@ -84,9 +84,9 @@ def test_each_command_prints_one_line_below_its_table(capsys, tmp_path):
         assert printed(capsys, *words, *more, *SHORT).count(unmet) == 1
         assert "theorem" not in printed(capsys, words[0], "rough", "sweep", *words[3:], *more, *SHORT)
     played = ("--scenarios", "rough", "evaders", "--policies", "sweep", "sweep-proved", "laps-proved", "--episodes", 2)
-    told = printed(capsys, "benchmark", *played, "--replays", 0, "--out", tmp_path / "b", *SHORT)
-    assert told.count(unmet) == 1
-    assert "got 0.1 (sweep-proved, laps-proved)." in told
-    assert told.count("evaders: The theorem of the proved filter applies from the start of 2 episodes") == 1
+    output = printed(capsys, "benchmark", *played, "--replays", 0, "--out", tmp_path / "b", *SHORT)
+    assert output.count(unmet) == 1
+    assert "got 0.1 (sweep-proved, laps-proved)." in output
+    assert output.count("evaders: The theorem of the proved filter applies from the start of 2 episodes") == 1
     page = (tmp_path / "b" / "report.html").read_text(encoding="utf-8")
     assert json.dumps(unmet.partition(": ")[2])[1:-1] in page

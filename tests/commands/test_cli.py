@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 from command_line import called
 
 import baselines
 import lissajous_env
+from lissajous_env.console import cli
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.world.columns import NAMES
@@ -54,33 +56,13 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["plan", "evaders", "--robots", "8:3"], "robots must be a number or a range such as 3:8, from 2 to 64, got"),
-        (["train", "--steps", "0"], "training.steps must be a whole number from 1 to 1000000000000000, got 0"),
-    ],
-)
-def test_bad_options_of_a_search_and_of_a_training_are_refused_by_name(arguments, words, capsys):
-    if arguments[0] == "train":
-        pytest.importorskip("torch")
-    code, _, error = called(capsys, *arguments)
-    assert code == 2
-    assert words in " ".join(re.sub("[│╭╮╰╯─]", " ", error).split())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
         (["benchmrk"], "did you mean benchmark?"),
-        (
-            ["evaluate", "failure", "kuramoto", "--set", "task.duration=-3"],
-            "must be from 0.001 to 100000000 [s], got -3",
-        ),
+        (["run", "failure", "kuramoto", "--set", "task.duration=-3"], "must be from 0.001 to 100000000 [s], got -3"),
         (["evaluate", "failure", "kuramoto", "--set", "name=evil"], "override must name one of curve"),
         (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "-" * 100_000 + "1"], "--set curve.a must be given"),
         (["evaluate", "failure", "kuramoto", "--episodes", "0"], "episodes must be a whole number from 1 to 1000000"),
-        (
-            ["evaluate", "failure", "kuramoto", "--seed", "99999999999"],
-            "seed must be a whole number from 0 to 21474835",
-        ),
+        (["run", "failure", "kuramoto", "--seed", "99999999999"], "seed must be a whole number from 0 to 2147483647"),
+        (["guarantee", "ideal", "ideal"], "scenarios must differ in name, got 2 of ideal"),
         (["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"], "out must be in an existing folder"),
         (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),
         (["evaluate", "failure", ""], "got ''"),
@@ -117,11 +99,19 @@ def test_benchmark_prints_a_table_and_resumes(tmp_path, capsys):
     assert again[1].startswith(first[1].partition("Interquartile")[0])
     assert "6 of 6 episodes were already in" in again[1]
     assert "kuramoto" in first[1]
-    with open(tmp_path / "episodes.csv", newline="") as file:
-        assert tuple(next(csv.reader(file))) == NAMES
+    assert (tmp_path / "episodes.csv").read_text().splitlines()[0] == ",".join(NAMES)
     code, _, error = called(capsys, *BENCHMARK, "--set", "task.duration=3", "--out", tmp_path)
     assert code == 2
     assert "scenarios.failure.task.duration: 2.0 there, 3.0 now" in error
+
+
+@pytest.mark.parametrize(
+    ("command", "ending"),
+    [(lambda: True, (0, "")), (lambda: 3, (3, "")), (lambda: sys.exit("no end"), (1, "error: no end\n"))],
+)
+def test_a_command_of_another_package_ends_with_its_exit_code_or_reason(command, ending, monkeypatch, capsys):
+    monkeypatch.setattr(cli, "commands", lambda: {"mine": SimpleNamespace(load=lambda: command)})
+    assert called(capsys, "mine")[::2] == ending
 
 
 def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path, capsys, monkeypatch):
@@ -141,8 +131,7 @@ def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path, capsys):
     code, out, _ = called(capsys, "evaluate", "failure", "still", "--episodes", 3, *fields, "--out", file)
     assert code == 0
     assert re.search(r"^targets +\S+( \w+)* +7 ", out, re.MULTILINE)
-    with open(file, newline="") as opened:
-        rows = list(csv.DictReader(opened))
+    rows = list(csv.DictReader(file.read_text().splitlines()))
     assert [(row["policy"], row["seed"], row["targets"]) for row in rows] == [("still", str(k), "7") for k in range(3)]
 
 
@@ -193,6 +182,8 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys, monkeyp
     ("arguments", "words"),
     [
         (["benchmark", "--epsiodes", "3"], "--epsiodes"),
+        (["plan", "evaders", "--robots", "8:3"], "robots must be a number or a range such as 3:8, from 2 to 64, got"),
+        (["train", "--steps", "0"], "training.steps must be a whole number from 1 to 1000000000000000, got 0"),
         (["run"], "--help"),
         (["scenarios", "--episodes"], "--episodes"),
         (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
@@ -210,17 +201,17 @@ def test_an_invalid_command_line_ends_with_exit_code_2_and_names_the_option(argu
 
 def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     code, out, _ = called(capsys, "policies", "failure", "--json")
-    listed = {each["name"]: each for each in json.loads(out)}
+    listed = {policy["name"]: policy for policy in json.loads(out)}
     assert (code, tuple(listed)) == (0, baselines.names("failure"))
     everything = json.loads(called(capsys, "policies", "--json")[1])
-    by = {each["name"]: each["steered_by"] for each in everything}
+    by = {policy["name"]: policy["steered_by"] for policy in everything}
     assert {name for name in by if by[name] == "network"} == {"learned-watch", "learned-intercept"}
     assert (by["kuramoto"], by["portfolio"], by["portfolio-safe"]) == ("rule", "plan", "plan")
-    assert [each["name"] for each in everything] == list(baselines.names())
-    assert all(each["description"] and each["kind"] in (None, *MODELS, "velocity") for each in everything)
+    assert [policy["name"] for policy in everything] == list(baselines.names())
+    assert all(policy["description"] and policy["kind"] in (None, *MODELS, "velocity") for policy in everything)
     table = called(capsys, "policies")[1]
-    for each in everything:
-        assert re.search(rf"^{each['name']} +({each['kind'] or 'any'}) ", table, re.MULTILINE)
+    for policy in everything:
+        assert re.search(rf"^{policy['name']} +({policy['kind'] or 'any'}) ", table, re.MULTILINE)
     assert "module:factory, where factory(scenario" in " ".join(table.split())  # and no little picture of a factory
     assert called(capsys, "policies", "faliure")[0] == 2
 

@@ -36,10 +36,10 @@ def played(path, folder):
     """Return the results of the package in a folder, by name; the process prints the path of the package."""
     environment = os.environ | {"PYTHONPATH": str(path)}
     command = [sys.executable, "-c", PLAYED, str(folder / "kept.npz")]
-    told = subprocess.run(command, check=True, cwd=folder, env=environment, capture_output=True, text=True).stdout
-    assert Path(told.strip().splitlines()[-1]).is_relative_to(path)
-    with np.load(folder / "kept.npz") as kept:
-        return dict(kept)
+    output = subprocess.run(command, check=True, cwd=folder, env=environment, capture_output=True, text=True).stdout
+    assert Path(output.strip().splitlines()[-1]).is_relative_to(path)
+    with np.load(folder / "kept.npz") as archive:
+        return dict(archive)
 
 
 @pytest.mark.long

@@ -43,12 +43,12 @@ def advance(env, step):
             (side,) = env.sides
             shape = env.num_worlds, side.slots, side.action_size
             env.step({side.agent: draw.uniform(-1, 1, shape).astype(np.float32)})
-            result = [np.array(each) for each in env.rows(side)] + [str(env.score(np.ones(len(env.over), bool)))]
+            result = [np.array(array) for array in env.rows(side)] + [str(env.score(np.ones(len(env.over), bool)))]
             env.reset(env.over)
             return repr(result)
         if isinstance(env, lissajous_env.Simulation):
             env.step(draw.uniform(-1, 1, env.action_shape).astype(np.float32))
-            result = [np.array(each) for each in (env.over, env.reward, env.observation)] + [str(env.score())]
+            result = [np.array(array) for array in (env.over, env.reward, env.observation)] + [str(env.score())]
             if np.any(env.over):
                 env.reset(np.flatnonzero(env.over))
             return repr(result)

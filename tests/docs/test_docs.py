@@ -82,7 +82,7 @@ def test_every_block_is_of_a_kind_that_is_tried_here():
 def test_a_block_of_python_runs(page, body, tmp_path, monkeypatch, capsys):
     for node in ast.walk(ast.parse(body)):
         names = [node.module] if isinstance(node, ast.ImportFrom) else []
-        names += [each.name for each in node.names] if isinstance(node, ast.Import) else []
+        names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         for name in names:
             for needed in {name.split(".")[0], *(of for module, of in NEEDS.items() if name.startswith(module))}:
                 if needed in OPTIONAL:
@@ -240,7 +240,7 @@ def test_every_picture_is_drawn_by_the_code_or_by_a_command_that_its_page_names(
             used.setdefault(Path(name).name, []).append(" ".join(text.split()))
             drawn = Path(name).suffix == ".svg" and Path(name).stem in {**concepts.DRAWINGS, **design.DRAWINGS}
             assert drawn or (path.parent / name).is_file(), (path.name, name)
-    kept = {name for name in used if not name.endswith(".svg")}
-    assert kept == set(IMAGES) == {path.name for path in (ROOT / "docs").iterdir() if path.suffix in (".png", ".gif")}
-    for name in kept:
+    images = {name for name in used if not name.endswith(".svg")}
+    assert images == set(IMAGES) == {path.name for path in (ROOT / "docs").iterdir() if path.suffix in (".png", ".gif")}
+    for name in images:
         assert any(IMAGES[name] in page for page in used[name]), name

@@ -17,7 +17,7 @@ def rows_below(heading, text):
 
 def test_the_page_of_a_scenario_has_its_numbers():
     # Oracle: the numbers that this scenario was made of.
-    made = Scenario(
+    yard = Scenario(
         name="yard",
         curve=Curve(half_width=2.4),
         robot=Robot(count=3),
@@ -25,12 +25,12 @@ def test_the_page_of_a_scenario_has_its_numbers():
         targets=Targets(count=7, arrival_rate=0.25, speed=0.3),
         task=Task(duration=12.0, boundary="wall", on_collision="remove", reward_effort=-0.5, reward_waiting=0.0),
     )
-    text = scenarios.page(made, {}, "*the replay*")
-    told = {row[0]: row[1] for row in rows_below("Numbers", text)}
-    assert told["rectangle"] == "4.8 x 1.6 m"
-    assert told["robots"].startswith("3 cars")
-    assert told["targets"] == "7 from the start, then 0.25 per second"
-    assert told["episode"] == "12 s, 120 steps of 0.1 s"
+    text = scenarios.page(yard, {}, "*the replay*")
+    quantities = {row[0]: row[1] for row in rows_below("Numbers", text)}
+    assert quantities["rectangle"] == "4.8 x 1.6 m"
+    assert quantities["robots"].startswith("3 cars")
+    assert quantities["targets"] == "7 from the start, then 0.25 per second"
+    assert quantities["episode"] == "12 s, 120 steps of 0.1 s"
     assert [row[1] for row in rows_below("Observation", text)[-3:]] == [
         "`target_1_present`",
         "`target_1_x`",
@@ -48,14 +48,14 @@ def test_the_page_of_a_scenario_has_its_numbers():
 
 def test_fields_that_differ_are_those_that_were_given():
     # Oracle: the scenario, made again of the names and values in the table alone.
-    given = lissajous_env.scenario("rough-lost")
-    rows = scenarios.differing(given)
+    scenario = lissajous_env.scenario("rough-lost")
+    rows = scenarios.differing(scenario)
     overrides = {row[0].strip("`"): row[1] for row in rows}
     numbers = {name: float(value) for name, value in overrides.items() if re.fullmatch(r"-?[\d.e-]+", value)}
-    words = {"formation.ring": given.formation.ring, "formation.start": overrides["formation.start"]}
+    words = {"formation.ring": scenario.formation.ring, "formation.start": overrides["formation.start"]}
     assert set(numbers) | set(words) == set(overrides)
     whole = {name: int(value) if value == int(value) else value for name, value in numbers.items()}
-    assert lissajous_env.scenario(Scenario(), **whole, **words).digest() == given.digest()
+    assert lissajous_env.scenario(Scenario(), **whole, **words).digest() == scenario.digest()
     assert all(row[3] for row in rows), "each has a meaning"
 
 

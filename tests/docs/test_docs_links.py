@@ -30,10 +30,10 @@ QUESTIONS = {
 @pytest.fixture(scope="module")
 def texts():
     """Return the text of each page by its path, including pages that a build makes."""
-    kept = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in PAGES}
-    kept |= {name: (ROOT / name).read_text(encoding="utf-8") for name in ("SECURITY.md", "CONTRIBUTING.md")}
-    given = scenario("intruders")
-    return kept | dict(zip(MADE, (scenarios.listing([given]), scenarios.page(given, figures.load(), "")), strict=True))
+    pages = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in PAGES}
+    pages |= {name: (ROOT / name).read_text(encoding="utf-8") for name in ("SECURITY.md", "CONTRIBUTING.md")}
+    one = scenario("intruders")
+    return pages | dict(zip(MADE, (scenarios.listing([one]), scenarios.page(one, figures.load(), "")), strict=True))
 
 
 def slugs(text):
@@ -59,7 +59,7 @@ def test_every_link_leads_to_a_file_and_a_heading(texts):
             if page in texts:
                 # What a page includes has its headings.
                 included = re.findall(r"^```\{include\} (\S+)$", texts[page], re.MULTILINE)
-                whole = texts[page] + "".join((ROOT / page).parent.joinpath(each).read_text() for each in included)
+                whole = texts[page] + "".join((ROOT / page).parent.joinpath(path).read_text() for path in included)
                 assert not anchor or anchor in slugs(whole), (name, page, anchor)
             elif not page.startswith(("docs/scenarios/", "docs/drawn/")):  # made with the site
                 assert (ROOT / page).exists(), (name, page)

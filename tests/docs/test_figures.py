@@ -17,7 +17,7 @@ TABLES = {"speeds": SPEEDS, "others": OTHERS, "times": TIMES}
 def test_the_page_agrees_with_the_stored_figures(path):
     # Story: somebody types another number between two marks, or computes new ones and forgets the page.
     page = path.read_text(encoding="utf-8")
-    assert page == figures.filled(page, {**figures.load(), **figures.made_now()})
+    assert page == figures.filled(page, {**figures.load(), **figures.computed_tables()})
     opened, closed = page.count("<!-- figures:"), page.count("<!-- end -->")
     assert opened == closed
     # At the beginning of a line a comment ends the paragraph, as CommonMark has it.

@@ -17,7 +17,7 @@ def test_imports_run_one_way_between_packages_folders_and_modules():
 
 def clashes(root, packages):
     """Names that a package binds to something of its own, though one of its modules has them."""
-    found = []
+    matches = []
     for init in (path for package in packages for path in (root / package).rglob("__init__.py")):
         here = ".".join(init.parent.relative_to(root).parts)
         modules = {path.stem for path in init.parent.glob("*.py")}
@@ -29,10 +29,10 @@ def clashes(root, packages):
                 names = {node.name}
             else:
                 names = {
-                    each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+                    leaf.id for leaf in ast.walk(node) if isinstance(leaf, ast.Name) and isinstance(leaf.ctx, ast.Store)
                 }
-            found += [f"{here}.{name}" for name in sorted(names & modules)]
-    return found
+            matches += [f"{here}.{name}" for name in sorted(names & modules)]
+    return matches
 
 
 def test_no_name_is_a_module_and_something_else():

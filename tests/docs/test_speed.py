@@ -18,12 +18,12 @@ def test_steps_are_measured_and_stored_as_the_pages_show_them(tmp_path, monkeypa
     monkeypatch.setattr(figures, "STORE", tmp_path / "figures.json")
     speed.main(["--parts", "step", "--without-rivals", "--rounds", "2", "--worlds", "4", "--threads", "1", "--store"])
     assert "ParallelEnv.step" in capsys.readouterr().out
-    found = figures.load()
-    assert set(found) == {"machine", "speed"}
-    assert found["machine"]["columns"] == STORED["machine"]["columns"]
-    assert found["speed"]["columns"] == STORED["speed"]["columns"]
-    assert set(names(STORED["speed"])) <= set(names(found["speed"]))
-    for name, worlds, middle, best, _, *rival in found["speed"]["rows"]:
+    tables = figures.load()
+    assert set(tables) == {"machine", "speed"}
+    assert tables["machine"]["columns"] == STORED["machine"]["columns"]
+    assert tables["speed"]["columns"] == STORED["speed"]["columns"]
+    assert set(names(STORED["speed"])) <= set(names(tables["speed"]))
+    for name, worlds, middle, best, _, *rival in tables["speed"]["rows"]:
         assert worlds == ("4" if name.startswith("batch") else "1")
         assert float(middle) >= float(best) > 0
         assert rival == ["", "", ""]

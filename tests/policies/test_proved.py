@@ -17,20 +17,19 @@ CROWD = {**EXACT, **RANDOM_STARTS, "curve.half_width": 1.8, "curve.half_height":
 PAIR = lissajous_env.scenario("experiment", **{"robot.count": 2, "formation.ring": None, **EXACT, **RANDOM_STARTS})
 FIVE = lissajous_env.scenario("experiment", **EXACT, **RANDOM_STARTS)
 FIFTEEN = lissajous_env.scenario("team", **CROWD)
+ALIKE = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
+GRIP = {"robot.lateral_acceleration_max": 1.0}
 CASES = {
     "two cars": PAIR,
     "five cars": FIVE,
-    "alike and fast": lissajous_env.scenario(
-        FIVE, **{"robot.throttle_max": 0.177017, "noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
-    ),
+    "alike and fast": lissajous_env.scenario(FIVE, **ALIKE, **{"robot.throttle_max": 0.177017}),
     "fifteen cars": FIFTEEN,
     "motors that fail": lissajous_env.scenario(FIVE, **{"faults.rate": 0.2, "faults.stop": "coast"}),
     "two of five cars stop dead": lissajous_env.scenario(FIVE, **{"faults.schedule": ((0, 1.5, 3.0), (3, 2.0, 9.0))}),
     "stop dead, lost messages": lissajous_env.scenario(FIVE, **{"faults.rate": 0.2, "noise.message_loss": 0.5}),
     "a wall": lissajous_env.scenario(FIVE, **{"task.boundary": "wall"}),
-    "little grip, uneven motors": lissajous_env.scenario(
-        FIVE, **{"robot.lateral_acceleration_max": 1.0, "robot.drive_factors": ((0, 0.8), (3, 1.3))}
-    ),
+    "wide turns": lissajous_env.scenario(FIVE, **ALIKE, **GRIP, **{"task.boundary": "wall", "task.step": 0.02}),
+    "little grip, uneven motors": lissajous_env.scenario(FIVE, **GRIP, **{"robot.drive_factors": ((0, 0.8), (3, 1.3))}),
     "large and slow": FIVE.scaled(length=30.0, time=7.0),
     "a robot is removed": lissajous_env.scenario(FIVE, **{"faults.removed": ((1, 2.0),)}),
 }
@@ -66,19 +65,19 @@ def played(scenario, worlds, steps, adversary, seed=0, parameters=None, assumed=
         simulation.step(action)
 
 
-def driven(scenario, worlds, steps, adversary, each=None, **given):
+def driven(scenario, worlds, steps, adversary, on_step=None, **settings):
     """Play adversarial actions through the filter; return (W,) collisions after a proof, proofs, broken proofs.
 
     Also the least distance after a proof over twice the radius.
     """
     proved, broken = np.zeros((2, worlds), dtype=bool)
     collisions, least = np.zeros(worlds), np.inf
-    for step, (simulation, filter) in enumerate(played(scenario, worlds, steps, adversary, **given)):
+    for step, (simulation, filter) in enumerate(played(scenario, worlds, steps, adversary, **settings)):
         if step > 0:
             collisions += proved * simulation.latest.collisions.numpy().sum(axis=1) / 2
             least = min(least, least_distance(simulation, proved))
-            if each is not None:
-                each(simulation, filter)
+            if on_step is not None:
+                on_step(simulation, filter)
         broken |= proved & ~filter.tails_compatible
         proved |= filter.tails_compatible
     return collisions, proved, broken, least / (2 * simulation.scenario.robot.radius)
@@ -95,9 +94,10 @@ def least_distance(simulation, worlds):
     return least
 
 
-@pytest.mark.parametrize(
-    ("case", "adversary"), [*((case, towards_the_nearest) for case in CASES), ("five cars", at_random)]
-)
+ATTACKS = [*((case, towards_the_nearest) for case in CASES), ("five cars", at_random), ("wide turns", at_random)]
+
+
+@pytest.mark.parametrize(("case", "adversary"), ATTACKS)
 def test_no_two_robots_collide_once_their_tails_are_compatible(case, adversary):
     """Oracle: the theorem. Sub-steps' closest approach counts, and the same actions unfiltered collide."""
     scenario = CASES[case]
@@ -151,7 +151,7 @@ def test_who_hears_nothing_comes_to_rest():
     deaf = lissajous_env.scenario(FIVE, **{"noise.message_loss": 1.0})
     speeds = []
     collisions, *_ = driven(
-        deaf, 20, 80, towards_the_nearest, each=lambda s, _: speeds.append(s.robots.speed.numpy().copy())
+        deaf, 20, 80, towards_the_nearest, on_step=lambda s, _: speeds.append(s.robots.speed.numpy().copy())
     )
     assert collisions.sum() == 0
     assert speeds[0].max() > 0.5

@@ -32,7 +32,7 @@ def test_a_robot_is_absent_exactly_if_it_is_removed(way, changed):
 
     def outwards(simulation, rng):
         goal = 20 * np.sign(simulation.robots.position.numpy()[..., :2])
-        return attacked.steered(simulation.robots, goal) if way == "boundary" else towards_the_nearest(simulation, rng)
+        return attacked.drive_to(simulation.robots, goal) if way == "boundary" else towards_the_nearest(simulation, rng)
 
     for step, (simulation, filter) in enumerate(played(scenario, 40, 40, outwards)):
         status = simulation.robots.status.numpy()
@@ -71,7 +71,7 @@ def test_the_proof_is_tested_anew_if_a_removed_robot_comes_back():
         if step > 0:
             rows[:, 0] = place
             rows[:, 0, links] = 0.0
-        wanted = wp.array(attacked.steered(simulation.robots, goal).astype(np.float32), dtype=wp.float32, device="cpu")
+        wanted = wp.array(attacked.drive_to(simulation.robots, goal).astype(np.float32), dtype=wp.float32, device="cpu")
         simulation.step(filter(wp.array(rows, dtype=wp.float32, device="cpu"), wanted))
     rows = simulation.observation.numpy().copy()
     near = np.linalg.norm(simulation.robots.position.numpy()[:, 1:, :2] - goal[:, 1:], axis=-1).min(axis=1) < 0.2

@@ -35,7 +35,7 @@ def everything(tmp_path_factory):
 
 
 def numbers(words):
-    return [float(found[0].replace(",", "")) for found in NUMBER.finditer(words)]
+    return [float(match[0].replace(",", "")) for match in NUMBER.finditer(words)]
 
 
 def rows(everything, part):
@@ -150,10 +150,10 @@ def test_an_unknown_name_offers_the_nearest(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("given", "said"), [({"seed": -1}, "seed must be"), ({"device": "gpu"}, "device must be")])
-def test_bad_input_is_refused(given, said, tmp_path):
+@pytest.mark.parametrize(("settings", "said"), [({"seed": -1}, "seed must be"), ({"device": "gpu"}, "device must be")])
+def test_bad_input_is_refused(settings, said, tmp_path):
     with pytest.raises(ValueError, match=said):
-        reproduce(("fig2",), out=tmp_path / "out", **given)
+        reproduce(("fig2",), out=tmp_path / "out", **settings)
     assert not (tmp_path / "out").exists()
 
 

@@ -177,16 +177,15 @@ def test_numbers_of_any_make_become_plain_ones():
 
 
 def test_overrides_dotted_and_nested_are_the_same():
-    dotted = lissajous_env.scenario("ideal", **{"curve.a": 11, "curve.b": 4, "task.duration": 20})
+    changes = {"curve.a": 11, "curve.b": 4, "task.duration": 20}
+    dotted = lissajous_env.scenario("ideal", **changes)
     nested = lissajous_env.scenario("ideal", curve={"a": 11, "b": 4}, task={"duration": 20.0})
     whole = lissajous_env.scenario("ideal", curve=Curve(5.0, 5.0, 11, 4), **{"task.duration": 20})
     assert dotted == nested == whole
     assert dotted.digest() == nested.digest()
     assert (dotted.curve.a, dotted.curve.b, dotted.curve.half_width, dotted.task.duration) == (11, 4, 5.0, 20.0)
     assert dotted.targets == lissajous_env.scenario("ideal").targets
-    assert lissajous_env.scenario(
-        lissajous_env.scenario("ideal"), **{"curve.a": 11, "curve.b": 4, "task.duration": 20}
-    ) == (dotted)
+    assert lissajous_env.scenario(lissajous_env.scenario("ideal"), **changes) == dotted
 
 
 # What ships.
@@ -223,12 +222,9 @@ def test_digest_is_of_the_numbers_alone():
     assert Scenario(name="other", description="words").digest() == base.digest()
     assert dataclasses.replace(base, task=Task(duration=60)).digest() == base.digest()
     seen = {base.digest(), base.resolve().digest()}
-    for part, field, value in [
-        ("curve", "half_width", 1.8000001),
-        ("faults", "schedule", ((0, 1.0, 2.0),)),
-        ("task", "grid", None),
-    ]:
-        digest = lissajous_env.scenario(base, **{f"{part}.{field}": value}).digest()
+    changes = {"curve.half_width": 1.8000001, "faults.schedule": ((0, 1.0, 2.0),), "task.grid": None}
+    for name, value in changes.items():
+        digest = lissajous_env.scenario(base, **{name: value}).digest()
         assert digest not in seen
         seen.add(digest)
 

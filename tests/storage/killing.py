@@ -48,12 +48,12 @@ def run(work: Callable[[Path], None], folder: Path, point: int = -1, full: bool 
     """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(_LOADED)
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(work, folder, point, full, theirs))
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_work, args=(work, folder, point, full, sender))
     process.start()
-    theirs.close()
+    sender.close()
     try:
-        error, writes = ours.recv()
+        error, writes = receiver.recv()
     except EOFError:
         error, writes = "", 0
     process.join()

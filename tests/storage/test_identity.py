@@ -51,9 +51,9 @@ def command(folder, *arguments, seed="0"):
 
 
 def benchmark(folder, episodes, *more, seed="0"):
-    given = ["benchmark", "--scenarios", "failure", "--policies", "my_module:Mine", "--episodes", str(episodes)]
+    words = ["benchmark", "--scenarios", "failure", "--policies", "my_module:Mine", "--episodes", str(episodes)]
     changed = [f"{name}={value}" for name, value in SHORT.items()]
-    return command(folder, *given, "--out", "out", "--replays", "0", "--quiet", "--set", *changed, *more, seed=seed)
+    return command(folder, *words, "--out", "out", "--replays", "0", "--quiet", "--set", *changed, *more, seed=seed)
 
 
 @pytest.mark.long
@@ -95,14 +95,14 @@ class Still:
 def test_whatever_makes_a_policy_is_identified_by_its_module():
     # Oracle: the name of this file's module and a digest of the file.
     scenario = lissajous_env.scenario("failure")
-    made = Still(scenario, 1, "cpu"), Still, functools.partial(Still, speed=0.5), lambda observation: observation
-    for policy in made:
-        parts = factories.fingerprint(factories.as_factory(policy, "mine"))
+    policies = Still(scenario, 1, "cpu"), Still, functools.partial(Still, speed=0.5), lambda observation: observation
+    for policy in policies:
+        parts = factories.factory_fingerprint(factories.as_factory(policy, "mine"))
         assert parts["code"].startswith(f"{__name__}:")
         assert set(parts) - {"speed"} == {"code", f"module {__name__}"}
     assert fingerprint(functools.partial(Still, speed=0.5)) != fingerprint(functools.partial(Still, speed=0.4))
     # Code of this distribution is identified by its version.
-    assert set(factories.fingerprint(factories.as_factory("kuramoto"))) == {"code"}
+    assert set(factories.factory_fingerprint(factories.as_factory("kuramoto"))) == {"code"}
 
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):

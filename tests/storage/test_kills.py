@@ -44,10 +44,10 @@ def check(whole, folder, point, full):
     for name in NEIGHBOURS:
         assert (folder / name).read_text() == "mine"
         (folder / name).unlink()
-    found = read(folder)
-    assert set(found) == set(wanted)
+    contents = read(folder)
+    assert set(contents) == set(wanted)
     for name, value in wanted.items():
-        assert found[name] == value, f"{name} after point {point}"
+        assert contents[name] == value, f"{name} after point {point}"
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def attacked(tmp_path, marker, capsys):
 def ended(arguments, capsys):
     """Exit code of a command: 2 for bad input, with why in one line; 1 where a table says that a policy failed."""
     with pytest.raises(SystemExit) as raised:
-        main([str(each) for each in arguments])
+        main([str(argument) for argument in arguments])
     said = capsys.readouterr().err
     assert raised.value.code in (0, 1, 2)
     assert "Traceback" not in said
@@ -55,21 +55,21 @@ def ended(arguments, capsys):
 
 def test_a_folder_of_a_training(attacked, tmp_path, marker, capsys):
     pytest.importorskip("stable_baselines3")
-    made = tmp_path / "run"
-    assert ended(["train", *TRAINING, "--steps", "80", "--out", made], capsys) == 0
+    run = tmp_path / "run"
+    assert ended(["train", *TRAINING, "--steps", "80", "--out", run], capsys) == 0
 
     def go_on(folder):
         return ["train", *TRAINING, "--steps", "160", "--out", folder]
 
-    endings = attacked(made, go_on)
-    (state,) = made.glob("state-*")
+    endings = attacked(run, go_on)
+    (state,) = run.glob("state-*")
     for form in ("archive", "npy"):
         copy = tmp_path / form
-        shutil.copytree(made, copy)
+        shutil.copytree(run, copy)
         plant(copy / state.name, payloads(marker)[form])
         assert ended(go_on(copy), capsys) == 2
         assert not opened(marker)
-    assert ended(go_on(made), capsys) == 0
+    assert ended(go_on(run), capsys) == 0
     assert not opened(marker)
     refused = {name.partition("-")[0] for (name, _), code in endings.items() if code}
     # The best, the curve and the log are made anew.
@@ -93,25 +93,25 @@ def test_a_folder_of_a_policy(attacked, tmp_path, command):
 
 
 def test_a_folder_of_a_benchmark(attacked, tmp_path, capsys):
-    made = tmp_path / "made"
+    original = tmp_path / "made"
 
     def play(folder):
         played = "--scenarios", "failure", "--policies", "still", "--episodes", "1"
         return ["benchmark", *played, "--out", folder, *SHORT]
 
-    assert ended(play(made), capsys) == 0
-    endings = attacked(made, play)
+    assert ended(play(original), capsys) == 0
+    endings = attacked(original, play)
     assert endings["settings.json", "plain"] == 2
     assert endings["episodes.csv", "plain"] == 0
 
 
 def test_a_recording(attacked, tmp_path, capsys):
-    made = tmp_path / "made"
-    made.mkdir()
-    assert ended(["run", "failure", "still", "--out", made / "one.npz", *SHORT], capsys) == 0
+    original = tmp_path / "made"
+    original.mkdir()
+    assert ended(["run", "failure", "still", "--out", original / "one.npz", *SHORT], capsys) == 0
     forms = ("plain", "archive", "npy", "npz")
     replay = lambda folder: ["replay", folder / "one.npz", "--out", tmp_path / "out.html"]  # noqa: E731
-    assert set(attacked(made, replay, forms).values()) == {2}
+    assert set(attacked(original, replay, forms).values()) == {2}
 
 
 def test_what_a_checkpoint_names_stays_in_its_folder(tmp_path, capsys):

@@ -78,6 +78,8 @@ def test_policies_of_cars_drive_on_any_curve(name):
         (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),), half_depth=1.0), "curve.half_depth must be 0 with"),
         (lambda: lissajous_env.Curve.through(lambda gamma: gamma), "position must return finite x and y"),
         (lambda: lissajous_env.Curve.through(lambda gamma: (gamma, gamma)), "position must be smooth and around the"),
+        (lambda: lissajous_env.Curve.through(lambda gamma: (0 * gamma, 0 * gamma)), "harmonics must contain a number"),
+        (lambda: lissajous_env.Curve.through(bean, harmonics=65), "harmonics must be a whole number from 1 to 64"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused_by_name(make, message):

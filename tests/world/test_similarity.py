@@ -99,7 +99,7 @@ def test_the_unit_of_the_throttle_does_not_matter():
     np.testing.assert_array_equal(again, seen)
 
 
-@pytest.mark.parametrize("factors", [(0.0, 1.0), (1.0, -2.0), (float("nan"), 1.0), ("2", 1.0)])
+@pytest.mark.parametrize("factors", [(0.0, 1.0), (1.0, -2.0), (float("nan"), 1.0), ("2", 1.0), (True, 1.0)])
 def test_a_scale_must_be_positive(factors):
     with pytest.raises(ValueError, match="must be a positive number, got"):
         lissajous_env.scenario("ideal").scaled(*factors)
@@ -108,5 +108,5 @@ def test_a_scale_must_be_positive(factors):
 def test_scaling_back_gives_the_scenario():
     for name in lissajous_env.scenarios():
         scenario = lissajous_env.scenario(name)
-        assert scenario.scaled(4.0, 16.0).scaled(1 / 4, 1 / 16) == scenario
+        assert scenario.scaled(np.float32(4.0), 16).scaled(1 / 4, 1 / 16) == scenario
         assert scenario.resolve().scaled(4.0, 16.0) == scenario.scaled(4.0, 16.0).resolve()

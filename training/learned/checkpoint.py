@@ -135,7 +135,7 @@ def read_contents(folder: str | Path) -> dict[str, Any]:
     return contents
 
 
-def fingerprint(folder: str | Path) -> dict[str, str]:
+def digests(folder: str | Path) -> dict[str, str]:
     """Return digests of the card and the weights, which identify a policy in a folder.
 
     Raises:

@@ -30,7 +30,7 @@ from lissajous_env.device.structs import RobotStruct, struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-from lissajous_env.world.robots.car import motor_acceleration, speed_limit_below
+from lissajous_env.world.robots.car import lowest_speed, motor_acceleration
 from lissajous_env.world.robots.contacts import closest_approach
 
 wp.set_module_options(OPTIONS)
@@ -131,7 +131,7 @@ def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
         push = motor_acceleration(robot, robot.drive, tau)
     before = car[3]
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
-    after = wp.clamp(after, speed_limit_below(robot), wp.max(before, c.safety.speed_max))
+    after = wp.clamp(after, lowest_speed(robot), wp.max(before, c.safety.speed_max))
     way = 0.5 * h * (before + after)
     grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-20)
     turn = way * wp.clamp(curvature_of(robot, action[0]), -grip, grip)
@@ -371,7 +371,7 @@ def keep_clear(
     u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
     for k in range(action_out.shape[2]):
         action_out[w, i, k] = wanted[w, i, k]  # beyond the first two, a message
-    speed = wp.max(own_speed(w, i, c.speed_unit, observation), speed_limit_below(c.robot))
+    speed = wp.max(own_speed(w, i, c.speed_unit, observation), lowest_speed(c.robot))
     heading = own_heading(w, i, observation)
     n = list_seen(w, i, c, speed * cos_sin(heading), observation, others[w, i])
     if c.listens == 1:

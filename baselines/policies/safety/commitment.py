@@ -72,12 +72,20 @@ class Memory:
 
 @wp.func
 def gap_to_edge(course: Course, terms: Terms) -> float:
-    """Return the least distance of a course from the edge of the rectangle that tails stay in [m] (condition 1)."""
+    """Return the least distance of a course from the edge of the rectangle that tails stay in [m] (condition 1).
+
+    At the share x of a piece, a car is at most 4 bound x (1 - x) beside the chord. Where this leads in by `rise`, the
+    car is at most (4 bound - rise)^2 / (16 bound) nearer to the edge than at the beginning of the piece.
+    """
     least = float(wp.inf)
+    before = distance_inside(terms.half_width, terms.half_height, course[0][0], course[0][1])
     for k in range(1, POINTS):
         place = course[k]
         inside = distance_inside(terms.half_width, terms.half_height, place[0], place[1])
-        least = wp.min(least, inside - place[2])
+        rise = wp.max(inside - before, 0.0)
+        beyond = wp.max(4.0 * place[2] - rise, 0.0)
+        least = wp.min(least, inside - rise - beyond * beyond / wp.max(16.0 * place[2], 1.0e-30))
+        before = inside
     return least
 
 

@@ -35,7 +35,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import columns_of, disc_run
 from lissajous_env.device.stage import FIELD_ROW, named_struct, part, stage
 from lissajous_env.parameters.spreading import Reaches
-from lissajous_env.world.contamination.labels import MARGIN, NONE
+from lissajous_env.world.contamination.labels import MARGIN, NONE, PER_STEP
 from lissajous_env.world.state import NEVER, NOWHERE
 from lissajous_env.world.targets.motion import BOUNDARY
 
@@ -73,9 +73,7 @@ def as_reach(reaches: Reaches, device: Any) -> Reach:
 
 @part
 def is_near_entry(row, column, rows_away: int, columns_away: int, rows: int, columns: int, target) -> bool:
-    """Return whether targets are introduced in a cell at most so many rows and columns away."""
-    if target.arrival_rate == 0.0:
-        return False
+    """Return whether targets may be introduced in a cell at most so many rows and columns away."""
     if target.entry != BOUNDARY:
         return True
     near_row = row <= rows_away or row >= rows - 1 - rows_away
@@ -102,11 +100,12 @@ def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough:
 def bound_of_cell(w, tick: int, row, column, rows: int, target, hops, reach, contamination) -> int:
     """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
+    arrives = target.arrival_rate > 0.0
     for k in range(reach.lags.shape[0]):
         lag = reach.lags[k]
         since = int(NONE)  # of targets that were introduced in the meantime
-        if is_near_entry(row, column, reach.rows[k], reach.widths[k, 0], rows, hops.columns, target):
-            since = wp.max((tick - lag + 1) * hops.period - 1, 0) * 256
+        if arrives and is_near_entry(row, column, reach.rows[k], reach.widths[k, 0], rows, hops.columns, target):
+            since = wp.max((tick - lag + 1) * hops.period - 1, 0) * PER_STEP
         if label < NONE and since > label:
             slot = (tick - lag + hops.history_length) % hops.history_length
             least = least_label(w, slot, row, column, rows, hops.columns, k, label, reach, contamination)
@@ -136,8 +135,7 @@ def reset_bounds(w, row, target, hops, clock, contamination):
     """Contaminate the cells in which targets are introduced, if some are present from the start."""
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
-        is_edge = row == 0 or row == rows - 1 or column == 0 or column == hops.columns - 1
-        enter = target.count > 0 and (is_edge or target.entry != BOUNDARY)
+        enter = target.count > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target)
         for k in range(hops.history_length):
             contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(enter, 0, NONE)
 
@@ -154,16 +152,16 @@ def bound_labels(w, row, curve, target, hops, reach, clock, robots, contaminatio
         if now > 0 and since == 0:
             label = bound_of_cell(w, tick, row, column, rows, target, hops, reach, contamination)
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
-        elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
+        elif now > 0 and target.arrival_rate > 0.0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
-            contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * 256)
+            contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * PER_STEP)
     clear_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)
     oldest = int(NEVER)
     ages = wp.int64(0)
     for column in range(hops.columns):
         label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
         if label < NONE:
-            oldest = wp.min(oldest, label / 256)
-            ages += wp.int64(now - label / 256)
+            oldest = wp.min(oldest, label / PER_STEP)
+            ages += wp.int64(now - label / PER_STEP)
     contamination.row_oldest[w, row] = oldest
     contamination.row_ages[w, row] = ages

@@ -17,7 +17,7 @@ counts as being in the cell from which it hops.
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.discs import along, half_of, mark_disc, mark_way, points_per_metre, run_of_bits
+from lissajous_env.device.discs import half_of, mark_disc, mark_way, place_along, points_per_metre, run_of_bits
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
 from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, latest_slot
 from lissajous_env.world.state import NEVER, NOWHERE, planar
@@ -44,7 +44,7 @@ def is_over(w, target, clock, contamination) -> bool:
 
 @stage(FIELD_ROW, writes="contamination: sensed, swept, labelled", idle=True)
 def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, contamination):
-    """Clear the cells that were sensed in the previous tick, then mark those that are sensed in this one."""
+    """Delete the labels of cells that were sensed in the previous tick, and mark those that are sensed in this one."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     latest = latest_slot(clock.step[w], tick, hops)
@@ -59,14 +59,16 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
             end = robots.sensor[w, i]
             start = planar(robots.path[w, i, 0])
             if hops.ticks > 1:
-                end = along(robots.path, w, i, float(tick + 1) / float(hops.ticks))
-                start = along(robots.path, w, i, float(tick) / float(hops.ticks))
+                end = place_along(robots.path, w, i, float(tick + 1) / float(hops.ticks))
+                start = place_along(robots.path, w, i, float(tick) / float(hops.ticks))
             mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.sensed)
             # On a short path the disc covers hardly more than at the two ends.
             if wp.length_sq(end - start) > hops.radius * cell:
                 pieces = robots.path.shape[2] - 1
                 for piece in range(1, pieces + 1):
-                    end = along(robots.path, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
+                    end = place_along(
+                        robots.path, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks)
+                    )
                     mark_way(
                         w, start, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.swept
                     )

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.stage import named_struct
+from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
 from lissajous_env.world.selection import of_world
 from lissajous_env.world.state import NEVER
@@ -24,11 +25,13 @@ SIDE_BY_SIDE = wp.constant(8)
 PerHop = wp.types.vector(len(HOPS), wp.int32)
 """A number for each length of a hop."""
 _FRACTIONS = wp.constant(TICK_FRACTIONS)
+PER_STEP = wp.constant(TICK_FRACTIONS + 1)
+"""Labels of a step, one for each fraction of a tick."""
 
 
 @named_struct("hops")
 class Hops:
-    """`lissajous_env.parameters.spreading.Spreading` for kernels."""
+    """`lissajous_env.parameters.spreading.Spreading` for kernels: a grid, its ticks, and the hops of targets."""
 
     columns: int
     radius: float
@@ -42,9 +45,8 @@ class Hops:
 
 def as_hops(spreading: Spreading, device: Any) -> Hops:
     """Copy hops to a device."""
-    hops = Hops()
-    for name in ("columns", "radius", "ticks", "period", "history_length", "inset"):
-        setattr(hops, name, getattr(spreading, name))
+    hops: Any = to_struct(Hops, spreading)
+    hops.history_length, hops.inset = spreading.history_length, spreading.inset
     hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
     hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
     return hops
@@ -111,7 +113,7 @@ def context_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> 
     now.latest = latest_slot(step, tick, hops)
     now.label_mask = wp.where(ends_tick(step, hops), ~_FRACTIONS, -1)
     now.targets_hop = ends_tick(step, hops) and hops.delays.shape[0] > 0
-    now.entry = wp.where(arrives and step > 0, step * 256 + _FRACTIONS, NONE)
+    now.entry = wp.where(arrives and step > 0, step * PER_STEP + _FRACTIONS, NONE)
     now.oldest = oldest
     for k in range(hops.delays.shape[0]):
         now.hop_slots[k] = (passed - hops.delays[k] + 2 * hops.history_length) % hops.history_length
@@ -247,8 +249,8 @@ _LABEL_CELLS = f"""
         for (int l = 0; l < lanes; ++l) {{
             const int entered = enter >> (first + l) & 1 ? now.entry : none;
             const int stayed = entered < label[l] ? entered : label[l];
-            const int hops_in = stayed / 256 > now.oldest ? hopped[l] : none;
-            const int earliest = hops_in < stayed ? hops_in : stayed, since = earliest / 256;
+            const int hops_in = stayed / {int(PER_STEP)} > now.oldest ? hopped[l] : none;
+            const int earliest = hops_in < stayed ? hops_in : stayed, since = earliest / {int(PER_STEP)};
             const int counts = (earliest < none ? 1 : 0) & todo >> (first + l);
             const int known = counts ? since : {int(NEVER)};
             oldest = known < oldest ? known : oldest;
@@ -303,4 +305,4 @@ def introduced_at(simulation: Any, world: int = 0) -> np.ndarray:
     if not simulation.scenario.task.conservative:
         words = of_world(simulation.contamination.labelled, world)[inside, 1:-1, slot]
         there = words[:, columns // 32] >> (columns % 32).astype(np.uint32) & 1 == 1
-    return np.where(there, labels >> 8, int(NEVER)).astype(np.int32)
+    return np.where(there, labels // int(PER_STEP), int(NEVER)).astype(np.int32)

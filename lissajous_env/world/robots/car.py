@@ -38,7 +38,7 @@ def motor_acceleration(robot, drive: float, tau: float) -> float:
 
 
 @part
-def speed_limit_below(robot) -> float:
+def lowest_speed(robot) -> float:
     """Return the lower limit of a car's speed [m/s]: 0, or practically none for a car that reverses."""
     return wp.where(robot.speed_min < 0.0, -1.0e30, 0.0)
 
@@ -50,7 +50,7 @@ def car_rate(robot, state: wp.vec4, curvature: float, acceleration: float) -> wp
     `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / |v|; with `robot.speed_min` = 0 a
     car does not reverse.
     """
-    speed = wp.max(state[3], speed_limit_below(robot))
+    speed = wp.max(state[3], lowest_speed(robot))
     yaw_rate = speed * curvature
     if wp.abs(speed * yaw_rate) > robot.lateral_acceleration_max:
         yaw_rate = wp.sign(yaw_rate) * robot.lateral_acceleration_max / wp.abs(speed)
@@ -66,7 +66,7 @@ def car_step(robot, state: wp.vec4, curvature: float, acceleration: float, h: fl
     k3 = car_rate(robot, state + 0.5 * h * k2, curvature, acceleration)
     k4 = car_rate(robot, state + h * k3, curvature, acceleration)
     moved = state + (h / 6.0) * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], speed_limit_below(robot)))
+    return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], lowest_speed(robot)))
 
 
 @part
@@ -146,7 +146,7 @@ def throttle_for(share: float, robot) -> float:
 
 
 @stage(ROBOT, writes="command", module=_DRIVING)
-def drive(w, i, robot, task, clock, robots, command):
+def follow_velocity(w, i, robot, task, clock, robots, command):
     """Replace the wanted velocity of each car, in `command`, by the steering and throttle of its driver."""
     velocity = wp.vec2(command[w, i, 0], command[w, i, 1])
     pose = robots.measured[w, i]

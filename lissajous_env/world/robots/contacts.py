@@ -144,34 +144,32 @@ def stop_or_remove(w, i, task, clock, robots, latest):
 
 WALL = wp.constant(code_of(Task, "boundary", "wall"))
 
-CONTACT = wp.constant(1e-3)
-"""Share of the radius within which a body is in contact with a wall; the rounding of coordinates is less."""
-APART = wp.constant(0.05)
+_TOLERANCE = wp.constant(1e-3)
+"""Share of the radius within which a body is in contact with a wall, and by which a body must extend beyond the edge to
+be partly outside; the rounding of coordinates is less."""
+_APART = wp.constant(0.05)
 """Share of the radius beyond which a contact with a wall is over."""
 
 
 @part
-def stop_at_wall(curve, radius: float, robot: wp.vec4) -> wp.vec4:
+def stop_at_wall(curve, radius: float, pose: wp.vec4) -> wp.vec4:
     """Return a body (x, y [m], heading [rad], speed [m/s]) moved back into the rectangle.
 
     The component of its velocity into a wall is lost; its heading is unchanged.
     """
-    along = cos_sin(robot[2])
-    x = wp.clamp(robot[0], radius - curve.half_width, curve.half_width - radius)
-    y = wp.clamp(robot[1], radius - curve.half_height, curve.half_height - radius)
-    forwards = wp.where(robot[3] < 0.0, -1.0, 1.0)
-    along_x = wp.where((robot[0] - x) * along[0] * forwards > 0.0, 0.0, along[0])
-    along_y = wp.where((robot[1] - y) * along[1] * forwards > 0.0, 0.0, along[1])
+    along = cos_sin(pose[2])
+    x = wp.clamp(pose[0], radius - curve.half_width, curve.half_width - radius)
+    y = wp.clamp(pose[1], radius - curve.half_height, curve.half_height - radius)
+    forwards = wp.where(pose[3] < 0.0, -1.0, 1.0)
+    along_x = wp.where((pose[0] - x) * along[0] * forwards > 0.0, 0.0, along[0])
+    along_y = wp.where((pose[1] - y) * along[1] * forwards > 0.0, 0.0, along[1])
     share = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
-    return wp.vec4(x, y, robot[2], robot[3] * share)
+    return wp.vec4(x, y, pose[2], pose[3] * share)
 
 
 @part
 def begin_path(block, standing: int, x: Floats, y: Floats, robots):
-    """Store the first position of each robot's path in a step, and the whole path of robots that stand, at speed 0.
-
-    `standing` has a bit for each robot of the block, as the masks of blocks have everywhere.
-    """
+    """Store the first position of each robot's path in a step, and the whole path of `standing` robots, at speed 0."""
     if standing != 0:
         abreast.put_floats(block, standing, Floats(), robots.speed)
         for s in range(1, robots.path.shape[2]):
@@ -211,8 +209,6 @@ def distance_inside(half_width: float, half_height: float, x: float, y: float) -
 
 
 _REMOVE_OUTSIDE = wp.constant(code_of(Task, "boundary", "remove"))
-_EDGE = wp.constant(1e-3)
-"""Share of the radius by which a body must extend beyond the edge to count as partly outside."""
 
 
 @stage(ROBOT, writes="latest: outside, partly_outside, terminated; robots: sensor, status")
@@ -233,7 +229,7 @@ def mark_outside(block, curve, robot, task, clock, robots, latest):
             square[k] = beyond_x * beyond_x + beyond_y * beyond_y
     there = ~abreast.where_equal(block, robots.status, REMOVED)
     outside = abreast.where_above(block, square, robot.radius * robot.radius) & there
-    partly = abreast.where_above(block, excess, -(1.0 - _EDGE) * robot.radius) & there
+    partly = abreast.where_above(block, excess, -(1.0 - _TOLERANCE) * robot.radius) & there
     abreast.put_bits(block, block.active_mask, partly, latest.partly_outside)
     abreast.put_bits(block, block.active_mask, outside, latest.outside)
     if task.boundary == _REMOVE_OUTSIDE:
@@ -248,11 +244,11 @@ def mark_outside(block, curve, robot, task, clock, robots, latest):
 
 @part
 def driven_speed(w, i, action_speeds, limited_action) -> float:
-    """Return the speed that a robot's action requests [m/s], without its direction; see `values`."""
+    """Return the speed that a robot's action requests [m/s]; its components add up like those of a vector."""
     square = float(0.0)
     for k in range(action_speeds.shape[0]):
-        part = action_speeds[k, 1] * (limited_action[w, i, k] - action_speeds[k, 0])
-        square += part * part
+        speed = action_speeds[k, 1] * (limited_action[w, i, k] - action_speeds[k, 0])
+        square += speed * speed
     return wp.sqrt(square)
 
 
@@ -260,7 +256,7 @@ def driven_speed(w, i, action_speeds, limited_action) -> float:
 def count_wall_contacts(w, i, curve, robot, task, action_speeds, clock, robots, limited_action, tally):
     """Count contacts with a wall, and the steps in which robots are blocked.
 
-    A contact begins when a body reaches a wall and lasts until it is farther than APART from it. A working robot is
+    A contact begins when a body reaches a wall and lasts until it is farther than `_APART` from it. A working robot is
     blocked if its policy has driven it for `task.blocked_after` since it last moved by its radius. A policy drives it
     in a step if the speed that its action requests would move it by two radii in that time.
     """
@@ -268,9 +264,9 @@ def count_wall_contacts(w, i, curve, robot, task, action_speeds, clock, robots, 
         for s in range(1, robots.path.shape[2]):
             at = robots.path[w, i, s]
             distance = distance_inside(curve.half_width, curve.half_height, at[0], at[1]) - robot.radius
-            if distance > APART * robot.radius:
+            if distance > _APART * robot.radius:
                 tally.at_wall[w, i] = 0
-            if distance < CONTACT * robot.radius and tally.at_wall[w, i] == 0:
+            if distance < _TOLERANCE * robot.radius and tally.at_wall[w, i] == 0:
                 tally.at_wall[w, i] = 1
                 tally.wall_contacts[w, i] += 1
         place = planar(robots.position[w, i])

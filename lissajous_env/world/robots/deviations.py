@@ -53,12 +53,12 @@ class CurvePoints:
 
 
 @part
-def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: int) -> Floats:
+def curve_distances(curve_points, curve, x: Floats, y: Floats, count: int) -> Floats:
     """Return the distance of the robots of a block from the curve [m]; 0 for robots that are always on it."""
     distance = Floats()
-    if sampled.points.shape[0] > 0:
+    if curve_points.points.shape[0] > 0:
         distance = Floats(1.0e30)
-        max_step = sampled.half
+        max_step = curve_points.half
         is_series = curve.harmonics.shape[0] > 0
         quarter_x = Floats()
         quarter_y = Floats()
@@ -67,8 +67,8 @@ def curve_distances(sampled: CurvePoints, curve, x: Floats, y: Floats, count: in
             if k < abreast.width():
                 quarter_x[k] = wp.where(is_series, x[k], wp.abs(x[k]))
                 quarter_y[k] = wp.where(is_series, y[k], wp.abs(y[k]))
-        for n in range(sampled.points.shape[0]):
-            p = sampled.points[n]
+        for n in range(curve_points.points.shape[0]):
+            p = curve_points.points[n]
             inverse = 1.0 / wp.max(p[2] * p[2] + p[3] * p[3], 1.0e-30)
             for k in range(abreast.ABREAST):
                 if k < abreast.width():
@@ -122,10 +122,8 @@ def compute_deviations(block, curve, formation, curve_points, equilibrium, clock
     cos_offset = Floats()
     sin_offset = Floats()
     tracking = Floats()
-    i = int(block.start % robots.status.shape[1])
     for k in range(block.count):
-        phase_offset[k] = float(phase[k] - equilibrium[i])
-        i = wp.where(i + 1 == robots.status.shape[1], 0, i + 1)
+        phase_offset[k] = float(phase[k] - equilibrium[(block.start + k) % robots.status.shape[1]])
     if curve.harmonics.shape[0] == 0:
         for k in range(abreast.ABREAST):
             if k < abreast.width():

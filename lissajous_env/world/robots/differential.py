@@ -24,9 +24,9 @@ _ACTING = module_apart(f"{__name__}.acting", OPTIONS)
 
 
 @part
-def commanded_speed(robot, action: float) -> float:
-    """Return the speed of an action u [m/s]: u speed_max forwards, |u| speed_min in reverse."""
-    return action * wp.where(action < 0.0, -robot.speed_min, robot.speed_max)
+def commanded_speed(robot, share: float) -> float:
+    """Return the speed [m/s] of a share u of the top speed: u speed_max forwards, |u| speed_min in reverse."""
+    return share * wp.where(share < 0.0, -robot.speed_min, robot.speed_max)
 
 
 @wp.func

@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env.device import randomness
-from lissajous_env.device.abreast import Block, where_equal
+from lissajous_env.device.abreast import where_equal
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, WORLD, part, stage
 from lissajous_env.device.structs import code_of
@@ -17,7 +17,7 @@ COAST = wp.constant(code_of(Faults, "stop", "coast"))
 
 
 @part
-def is_coasting(block: Block, faults, robots) -> int:
+def is_coasting(block, faults, robots) -> int:
     """Return a bit for each car of a block that has failed and coasts; a car that a collision stopped does not."""
     if faults.stop != COAST:
         return 0

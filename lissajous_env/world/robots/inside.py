@@ -62,7 +62,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.device.structs import RobotStruct
-from lissajous_env.device.trig import cos_sin
+from lissajous_env.device.trig import PI, TWO_PI, cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Robot
 from lissajous_env.theory.geometry import turning_radius
@@ -118,10 +118,10 @@ class Walls:
     """Gain of the speed error [1/s]."""
     speed_unit: wp.float32
     """Unit of an observed speed [m/s]."""
-    step: wp.float32
-    """Control step [s]."""
     errors: wp.vec3
     """Bounds of the errors of an action, a measured heading [rad] and a measured speed [m/s]."""
+    step: wp.float32
+    """Control step [s]."""
     substeps: wp.int32
     """Integration steps in it."""
     predicted: wp.int32
@@ -160,7 +160,7 @@ def leads_in(walls: Walls, robot: RobotStruct, car: wp.vec4, side: float) -> boo
 
 
 @wp.func
-def is_in(walls: Walls, x: float, y: float) -> bool:
+def is_inside(walls: Walls, x: float, y: float) -> bool:
     """Return whether a place is in K, within the rounding errors."""
     return wp.abs(x) <= walls.half_width + walls.rounding and wp.abs(y) <= walls.half_height + walls.rounding
 
@@ -174,7 +174,7 @@ def turns_out(walls: Walls, robot: RobotStruct, car: wp.vec4, side: float) -> bo
     speed = wp.max(car[3], walls.creep)
     wanted = wp.min(speed, walls.fastest_turn) * walls.step / walls.turning
     to = wp.where(speed > walls.fastest_turn, side, 0.0)
-    spacing = 6.2831853 / float(HEADINGS)
+    spacing = TWO_PI / float(HEADINGS)
     first = wp.ceil(side * car[2] / spacing)
     begin = float(1.0e30)
     for k in range(HEADINGS):
@@ -182,7 +182,7 @@ def turns_out(walls: Walls, robot: RobotStruct, car: wp.vec4, side: float) -> bo
         out = cos_sin(turned)
         x = around[0] + side * around[2] * out[1]
         y = around[1] - side * around[2] * out[0]
-        if not is_in(walls, x, y):
+        if not is_inside(walls, x, y):
             return False
         if leads_in(walls, robot, wp.vec4(x, y, turned, car[3]), to):
             begin = wp.min(begin, float(k))
@@ -196,7 +196,7 @@ def turns_out(walls: Walls, robot: RobotStruct, car: wp.vec4, side: float) -> bo
 @wp.func
 def has_way_out(walls: Walls, robot: RobotStruct, car: wp.vec4, first: int) -> bool:
     """Return whether a car has a way out that begins with a turn to the right or left, -1 or 1, or without one, 0."""
-    if not is_in(walls, car[0], car[1]):
+    if not is_inside(walls, car[0], car[1]):
         return False
     if first == 0:
         return leads_in(walls, robot, car, 0.0)
@@ -207,7 +207,7 @@ def has_way_out(walls: Walls, robot: RobotStruct, car: wp.vec4, first: int) -> b
 def as_driven(car: wp.vec4) -> wp.vec4:
     """Return a car with its direction of travel as its heading; one that reverses drives like a car turned round."""
     if car[3] < 0.0:
-        return wp.vec4(car[0], car[1], wrap(car[2] + 3.1415927), -car[3])
+        return wp.vec4(car[0], car[1], wrap(car[2] + PI), -car[3])
     return car
 
 
@@ -227,7 +227,7 @@ def is_safe_after(walls: Walls, robot: RobotStruct, car: wp.vec4, action: wp.vec
     With noise, the car is faster than measured, and heads and steers to the left or to the right of what is measured
     and wanted, or as measured and wanted.
     """
-    push = motor_acceleration(robot, walls.strongest, throttle(robot, action[1]))
+    acceleration = motor_acceleration(robot, walls.strongest, throttle(robot, action[1]))
     for k in range(6):
         if (k >= 3 and walls.longest == walls.shortest) or (k % 3 > 0 and walls.errors[0] + walls.errors[1] == 0.0):
             continue
@@ -238,8 +238,8 @@ def is_safe_after(walls: Walls, robot: RobotStruct, car: wp.vec4, action: wp.vec
         after[2] += side * walls.errors[1]
         after[3] += wp.sign(car[3]) * walls.errors[2]
         for _ in range(walls.predicted):
-            after = car_step(robot, after, curvature, push, walls.step / float(walls.substeps))
-            if not is_in(walls, after[0], after[1]):
+            after = car_step(robot, after, curvature, acceleration, walls.step / float(walls.substeps))
+            if not is_inside(walls, after[0], after[1]):
                 return False
         if not is_safe(walls, robot, after):
             return False
@@ -247,20 +247,21 @@ def is_safe_after(walls: Walls, robot: RobotStruct, car: wp.vec4, action: wp.vec
 
 
 @wp.func
-def steering_out(walls: Walls, robot: RobotStruct, driven: wp.vec4, want: float) -> float:
+def steering_out(walls: Walls, robot: RobotStruct, driven: wp.vec4, want: float) -> tuple[float, bool]:
     """Return the steering, -1, 0 or 1, at the beginning of the way out that is nearest to the wanted steering.
 
-    Without a way out, return twice the side whose circle is nearer to C, the left if both are as near.
+    The second value is False without a way out; the first one is then the side whose circle is nearer to C, the left if
+    both are as near.
     """
     chosen = float(4.0)
     for first in range(-1, 2):
         if wp.abs(float(first) - want) < wp.abs(chosen - want) and has_way_out(walls, robot, driven, first):
             chosen = float(first)
     if chosen < 4.0:
-        return chosen
+        return chosen, True
     left = beyond(walls, circle(walls, robot, driven, 1.0))
     right = beyond(walls, circle(walls, robot, driven, -1.0))
-    return wp.where(left <= right, 2.0, -2.0)
+    return wp.where(left <= right, 1.0, -1.0), False
 
 
 @wp.func
@@ -273,14 +274,13 @@ def creeping(walls: Walls, robot: RobotStruct, speed: float, direction: float) -
 
 
 @wp.func
-def inside(walls: Walls, robot: RobotStruct, car: wp.vec4, want: wp.vec2) -> wp.vec2:
+def action_inside(walls: Walls, robot: RobotStruct, car: wp.vec4, want: wp.vec2) -> wp.vec2:
     """Return the wanted action, or the first of the others that leaves a way out."""
     if is_safe_after(walls, robot, car, want):
         return want
     direction = wp.where(car[3] < 0.0, -1.0, 1.0)
-    steering = direction * steering_out(walls, robot, as_driven(car), direction * want[0])
-    is_lost = wp.abs(steering) > 1.0
-    steering = wp.clamp(steering, -1.0, 1.0)
+    side, has_way = steering_out(walls, robot, as_driven(car), direction * want[0])
+    steering = direction * side
     slow = creeping(walls, robot, car[3], direction)
     slower = wp.where(direction * want[1] < direction * slow, want[1], slow)
     for k in range(2 * BLENDS):
@@ -288,7 +288,7 @@ def inside(walls: Walls, robot: RobotStruct, car: wp.vec4, want: wp.vec2) -> wp.
         action = wp.vec2(want[0] + share * (steering - want[0]), wp.where(k < BLENDS, want[1], slower))
         if is_safe_after(walls, robot, car, action):
             return action
-    if is_lost and robot.speed_min < 0.0:
+    if not has_way and robot.speed_min < 0.0:
         for k in range(3):
             action = wp.vec2(wp.where(k == 0, 0.0, wp.where(k == 1, -steering, steering)), -1.0)
             if is_safe_after(walls, robot, car, action):
@@ -303,7 +303,7 @@ def drive_inside(w, i, robot, walls: Walls, clock, robots, command):
     if robots.status[w, i] == WORKING:
         if robot.speed_min == 0.0:
             car[3] = wp.max(car[3], 0.0)
-        chosen = inside(walls, robot, car, wp.vec2(command[w, i, 0], command[w, i, 1]))
+        chosen = action_inside(walls, robot, car, wp.vec2(command[w, i, 0], command[w, i, 1]))
         command[w, i, 0] = chosen[0]
         command[w, i, 1] = chosen[1]
 

@@ -59,13 +59,13 @@ class Bins:
     """(W,) number of robots that are in every list."""
     is_everywhere: wp.array2d(dtype=wp.int32)
     """(W, N) 1 for these."""
-    first_seen: wp.array2d(dtype=wp.int32)
-    """(W, K) index in `seen` of the first target in sight of each bin, or -1."""
-    seen: wp.array2d(dtype=wp.vec4)
-    """(W, T) x, y [m] of a target in sight, its number, and the index of the next one in the same bin, or -1. They are
+    first_target: wp.array2d(dtype=wp.int32)
+    """(W, K) first of the entries of the targets in sight of each bin, or -1."""
+    target_entry: wp.array2d(dtype=wp.vec4)
+    """(W, T) x, y [m] of a target in sight, its index, and the entry of the next one in the same bin, or -1. They are
     stored together because they are read many times."""
-    seen_used: wp.array(dtype=wp.int32)
-    """(W,) number of rows of `seen` in use."""
+    targets_used: wp.array(dtype=wp.int32)
+    """(W,) number of these entries in use."""
 
 
 @wp.func
@@ -144,17 +144,17 @@ def list_robot(w, i, robots, bins) -> bool:
     return True
 
 
-@stage(BIN, writes="bins: entry, everywhere, first, first_seen, seen_used, used")
+@stage(BIN, writes="bins: entry, everywhere, first, first_target, targets_used, used")
 def clear_bins(w, lane, lanes, clock, bins):
     """Empty the lists."""
     for k in range(lane, bins.first.shape[1], lanes):
         bins.first[w, k] = bins.room
-        bins.first_seen[w, k] = -1
+        bins.first_target[w, k] = -1
     for k in range(bins.room + lane, bins.entry.shape[1], lanes):
         bins.entry[w, k] = wp.vec2i(-1, k + 1)
     if lane == 0:
         bins.used[w] = 0
-        bins.seen_used[w] = 0
+        bins.targets_used[w] = 0
         bins.everywhere[w] = 0
 
 
@@ -214,8 +214,8 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> A
 
     filled.first, filled.entry = array(bins), array(filled.room + n + 1, dtype=wp.vec2i)
     filled.used, filled.everywhere, filled.is_everywhere = array(), array(), array(n)
-    filled.first_seen, filled.seen_used = array(bins), array()
-    filled.seen = array(scenario.target_capacity, dtype=wp.vec4)
+    filled.first_target, filled.targets_used = array(bins), array()
+    filled.target_entry = array(scenario.target_capacity, dtype=wp.vec4)
     return filled
 
 

@@ -25,7 +25,7 @@ from lissajous_env.device.curve import (
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.stage import ROBOT, WORLD, part, stage
 from lissajous_env.device.structs import RobotStruct, code_of, to_struct
-from lissajous_env.device.trig import cos_sin
+from lissajous_env.device.trig import TWO_PI, cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import SPREAD_MAX, Formation
 from lissajous_env.world.robots.contacts import closest_approach
@@ -63,10 +63,10 @@ def start_phase(w, i, draw: int, formation, equilibrium, displacements, clock) -
     phase = equilibrium[i] + wp.float64(displacements[i])
     if formation.start == ROTATED:  # the same turn for every robot
         turn = randomness.stream(randomness.step_key(clock.seed[w], 0), -1, randomness.START)
-        phase += wp.float64(6.2831853 * wp.randf(turn))
+        phase += wp.float64(TWO_PI * wp.randf(turn))
     own = randomness.stream(randomness.step_key(clock.seed[w], -draw), i, randomness.START)
     if formation.start == RANDOM:
-        phase = wp.float64(6.2831853 * wp.randf(own))
+        phase = wp.float64(TWO_PI * wp.randf(own))
     phase += wp.float64(formation.start_noise * wp.randn(own))
     return wrap_phase(phase)
 
@@ -198,11 +198,11 @@ def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, hal
     """Return the nearest heading at which a car has room to turn [rad]; the same heading if there is none."""
     if half[0] < 0.0 or half[1] < 0.0 or can_turn(place, heading, turning_radius, half):
         return heading
-    part = 6.2831853 / float(_HEADINGS)
+    spacing = TWO_PI / float(_HEADINGS)
     for k in range(1, _HEADINGS + 1):
-        turned = float((k + 1) / 2) * part * wp.where(k % 2 == 0, -1.0, 1.0)
+        turned = float((k + 1) / 2) * spacing * wp.where(k % 2 == 0, -1.0, 1.0)
         if can_turn(place, heading + turned, turning_radius, half):
-            width = wp.sign(turned) * part
+            width = wp.sign(turned) * spacing
             for _halving in range(_HALVINGS):
                 width *= 0.5
                 if can_turn(place, heading + turned - width, turning_radius, half):
@@ -212,15 +212,15 @@ def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, hal
 
 
 @part
-def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_radius: float, curve, robot) -> float:
+def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_radius, curve, robot) -> float:
     """Return the heading at which a car begins between walls [rad]: the nearest with room for its tightest circle.
 
     Its steering (`turning_radius` [m]) or, at its speed [m/s], its grip limits that circle.
     """
-    widest = wp.max(turning_radius, speed * speed / robot.lateral_acceleration_max)
+    radius = wp.max(turning_radius, speed * speed / robot.lateral_acceleration_max)
     x = wp.min(curve.half_width - robot.radius, curve.reach_x)
     y = wp.min(curve.half_height - robot.radius, curve.reach_y)
-    return heading_with_room(place, heading, widest, wp.vec2(x - widest, y - widest))
+    return heading_with_room(place, heading, radius, wp.vec2(x - radius, y - radius))
 
 
 @stage(ROBOT, writes="robots: heading", module=_STARTS)

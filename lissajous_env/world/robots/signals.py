@@ -18,7 +18,7 @@ from lissajous_env.world.state import NOWHERE, REMOVED, WORKING
 
 wp.set_module_options(MOTION)
 
-LARGEST = wp.constant(float(np.finfo(np.float32).max))
+_LARGEST = wp.constant(float(np.finfo(np.float32).max))
 """Largest number of float32; NaN and infinity are not at most as large."""
 
 
@@ -52,8 +52,8 @@ def limit_actions(block, noise, action, clock, latest, limited_action, command):
         given = abreast.entries(block, action, entry)
         for k in range(abreast.ABREAST):
             if k < abreast.width():
-                invalid[k] = wp.where(wp.abs(given[k]) <= LARGEST, invalid[k], 1.0)
-    followed = abreast.where_world(block, n, clock.step, 2)
+                invalid[k] = wp.where(wp.abs(given[k]) <= _LARGEST, invalid[k], 1.0)
+    has_earlier = abreast.where_world(block, n, clock.step, 2)
     squares = Floats()
     change = Floats()
     for entry in range(action.shape[2]):
@@ -72,7 +72,7 @@ def limit_actions(block, noise, action, clock, latest, limited_action, command):
     for k in range(abreast.ABREAST):
         if k < abreast.width():
             squares[k] = squares[k] / float(size)
-            change[k] = wp.where(abreast.is_in(k, followed), change[k] / float(size), 0.0)
+            change[k] = wp.where(abreast.is_in(k, has_earlier), change[k] / float(size), 0.0)
     abreast.put_floats(block, block.active_mask, squares, latest.effort)
     abreast.put_floats(block, block.active_mask, change, latest.change)
     for k in range(block.count):
@@ -94,8 +94,8 @@ def disturb_pose(
     pose[2] += noise.heading * wp.randn(draw)
     pose[3] += noise.speed * wp.randn(draw)
     gamma = curve_parameter(alpha, phase)
-    seen = project(curve, wp.vec2(pose[0], pose[1]), gamma, LARGEST_CORRECTION)
-    return pose, wrap_phase(phase + wp.float64((seen - gamma) / alpha))
+    measured = project(curve, wp.vec2(pose[0], pose[1]), gamma, LARGEST_CORRECTION)
+    return pose, wrap_phase(phase + wp.float64((measured - gamma) / alpha))
 
 
 @stage(ROBOT, writes="robots: measured, measured_turn, sensor")
@@ -124,14 +124,14 @@ def measure(block, curve, formation, noise, clock, robots):
                 w = (block.start + k) / n
                 key = randomness.step_key(clock.seed[w], clock.step[w])
                 draw = randomness.stream(key, (block.start + k) % n, randomness.MEASURE)
-                pose, seen = disturb_pose(
+                pose, measured_phase = disturb_pose(
                     draw, alpha, curve, noise, wp.vec4(x[k], y[k], heading[k], speed[k]), phase[k]
                 )
                 x[k] = pose[0]
                 y[k] = pose[1]
                 heading[k] = pose[2]
                 speed[k] = pose[3]
-                phase[k] = seen
+                phase[k] = measured_phase
     cos_phase = Floats()
     sin_phase = Floats()
     cos_heading = Floats()

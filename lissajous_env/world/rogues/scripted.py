@@ -6,9 +6,9 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import TWO_PI, into_rectangle
+from lissajous_env.device.curve import into_rectangle
 from lissajous_env.device.stage import TARGET, part, stage
-from lissajous_env.device.trig import atan2, cos_sin
+from lissajous_env.device.trig import TWO_PI, atan2, cos_sin
 from lissajous_env.parameters.rogues import rogue
 from lissajous_env.world.rogues.acting import FIRST_ROBOT, ROBOT_SIZE
 

@@ -63,12 +63,12 @@ def share_until_detection(w, i, before: wp.vec2, after: wp.vec2, radius: float, 
 
 @part
 def first_detection(
-    w, before: wp.vec2, after: wp.vec2, radius: float, reach: float, has_list: bool, robots, bins
+    w, before: wp.vec2, after: wp.vec2, radius: float, farthest: float, has_list: bool, robots, bins
 ) -> wp.vec2:
     """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
 
     The target goes straight from `before` to `after` [m], also if a wall reflected it in between. Robots that end the
-    step farther than `reach` [m] from `after` are skipped, and so are those that do not work. A robot that resumes
+    step farther than `farthest` [m] from `after` are skipped, and so are those that do not work. A robot that resumes
     works from the beginning of that step on. If the target `has_list`, robots are those in the list of the bin in which
     it was.
     """
@@ -84,9 +84,9 @@ def first_detection(
                     least = share
                     first = i
             entry = bins.entry[w, entry[1]]
-    elif reach > 0.0:
+    elif farthest > 0.0:
         for i in range(robots.sensor.shape[1]):
-            if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
+            if wp.length_sq(robots.sensor[w, i] - after) < farthest * farthest:
                 share = share_until_detection(w, i, before, after, radius, robots)
                 if share < least:
                     least = share
@@ -97,9 +97,9 @@ def first_detection(
 @wp.func
 def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
     """List a target that is in sight, for the robots that observe it."""
-    here = wp.atomic_add(bins.seen_used, w, 1)
-    after = wp.atomic_exch(bins.first_seen, w, bin_of(place, bins), here)
-    bins.seen[w, here] = wp.vec4(place[0], place[1], float(t), float(after))
+    here = wp.atomic_add(bins.targets_used, w, 1)
+    after = wp.atomic_exch(bins.first_target, w, bin_of(place, bins), here)
+    bins.target_entry[w, here] = wp.vec4(place[0], place[1], float(t), float(after))
 
 
 @stage(TARGET, writes="targets: position")
@@ -127,6 +127,7 @@ class TargetGroup:
 
     count: wp.int32
     number: Ints
+    """Their slots."""
     status: Ints
     motion: Ints
     """STILL for a hidden target."""
@@ -135,6 +136,7 @@ class TargetGroup:
     """Position at the beginning of the step [m]."""
     x: Floats
     y: Floats
+    """Position now [m], which is also that before for a target that the simulation itself moves."""
     heading: Floats
     speed: Floats
     """Speed of a target while it does not flee [m/s]."""
@@ -142,7 +144,11 @@ class TargetGroup:
 
 @part
 def gather(w, count: int, number: Ints, target, targets) -> TargetGroup:
-    """Return the group of `count` targets; those that an extension moves have already moved in this step."""
+    """Return the group of `count` targets, whose slots are `number`.
+
+    Targets that an extension or an adversary moves have already moved in this step: their position before it is read
+    from `targets.before`, where the present one replaces it.
+    """
     group = TargetGroup()
     group.count = count
     group.number = number
@@ -170,11 +176,11 @@ def gather(w, count: int, number: Ints, target, targets) -> TargetGroup:
 
 @part
 def move_together(
-    w, key, group: TargetGroup, nearest: Ints, square: Floats, step: float, curve, target, robots, targets
+    w, key, group: TargetGroup, nearest_robot: Ints, square: Floats, step: float, curve, target, robots, targets
 ) -> tuple[Floats, Floats]:
     """Move a group of targets over a step [s]; return their new x, y [m].
 
-    `nearest` and `square` are the results of `nearest_sensors` at their positions before.
+    `nearest_robot` and `square` are the results of `nearest_sensors` at `group.x`, `group.y`.
     """
     # Copies: a loop over the fields of a struct does not become SIMD.
     number = group.number
@@ -192,7 +198,7 @@ def move_together(
     for k in range(group.count):
         if square[k] < target.flee_radius * target.flee_radius and group.motion[k] == FLEEING:
             place = wp.vec2(group.x[k], group.y[k])
-            away = place - robots.sensor[w, nearest[k]]
+            away = place - robots.sensor[w, nearest_robot[k]]
             if target.flight == _FROM_ALL:
                 away = away_from_all(w, place, curve, target, robots)
             fled = flee(place, away, step, curve, target)
@@ -206,13 +212,13 @@ def move_together(
 
 
 @part
-def detect(w, t, now, nearest: wp.vec2, first: wp.vec2, radius: float, targets, latest) -> int:
+def detect(w, t, now, at_end: wp.vec2, first: wp.vec2, radius: float, targets, latest) -> int:
     """Let a robot detect a target: the first one during the step or, without any, the nearest one at its end.
 
-    `nearest` is the result of `nearest_sensors` at the end, and `first` that of `first_detection`. Returns 1 for a
+    `at_end` is the result of `nearest_sensors` at the end, and `first` that of `first_detection`. Returns 1 for a
     detection, else 0.
     """
-    robot = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
+    robot = wp.where(at_end[1] < radius * radius, int(at_end[0]), -1)
     if first[1] <= 1.0:
         robot = int(first[0])
         targets.found_early[w, t] = 1.0 - first[1]
@@ -242,7 +248,7 @@ def detect_together(
 ) -> wp.vec2i:
     """Let robots detect the targets of a group, now at x, y [m]; return the numbers undetected and in sight.
 
-    `square` are the squared distances of `nearest_sensors` at the positions before [m^2]. No robot moves farther than
+    `square` are the squared distances of `nearest_sensors` at `group.x`, `group.y` [m^2]. No robot moves farther than
     `displacement` [m] in the step. Where the sensing radius and the displacement of a target add up to more than
     `longest_listed` [m], the lists of bins may lack robots that detected the target.
     """
@@ -262,7 +268,7 @@ def detect_together(
     for k in range(group.count):
         reach = near[k] + sight - radius
         comes_into_sight = comes_into_sight or square[k] < reach * reach
-    if comes_into_sight:  # else the distances from the old positions serve as well
+    if comes_into_sight:  # else those distances serve as well
         nearest, least = nearest_sensors(w, group.count, x, y, robots, bins)
     waiting = int(0)
     sighted = int(0)
@@ -300,7 +306,7 @@ def detect_together(
 @stage(
     TARGET,
     writes=(
-        "bins: first_seen, seen, seen_used; latest: detections, in_sight, waiting; targets: before, "
+        "bins: first_target, target_entry, targets_used; latest: detections, in_sight, waiting; targets: before, "
         "found_at, found_early, heading, in_sight, position, status"
     ),
 )

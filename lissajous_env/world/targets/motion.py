@@ -7,7 +7,7 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import into_rectangle, wrap
 from lissajous_env.device.stage import TARGET, WORLD, part, stage
 from lissajous_env.device.structs import code_of
-from lissajous_env.device.trig import atan2, cos_sin
+from lissajous_env.device.trig import PI, TWO_PI, atan2, cos_sin
 from lissajous_env.settings.task import Targets as TargetSettings
 from lissajous_env.world.state import DETECTED, HIDDEN, NEVER
 
@@ -88,7 +88,7 @@ def draw_entry(w, t, key, draw: wp.uint32, curve, target, targets) -> wp.uint32:
         place = near_hotspot(key, share, offset, curve, target)
     targets.position[w, t] = place
     targets.before[w, t] = place
-    targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+    targets.heading[w, t] = TWO_PI * wp.randf(draw)
     return draw
 
 
@@ -155,7 +155,7 @@ def bounce(x: float, y: float, heading: float, curve) -> wp.vec3:
     beyond_y = wp.abs(y) > curve.half_height
     inside_x = wp.clamp(wp.sign(x) * 2.0 * curve.half_width - x, -curve.half_width, curve.half_width)
     inside_y = wp.clamp(wp.sign(y) * 2.0 * curve.half_height - y, -curve.half_height, curve.half_height)
-    turned = wp.where(beyond_x, 3.14159265 - heading, heading)
+    turned = wp.where(beyond_x, PI - heading, heading)
     turned = wp.where(beyond_y, -turned, turned)
     return wp.vec3(wp.where(beyond_x, inside_x, x), wp.where(beyond_y, inside_y, y), wrap(turned))
 
