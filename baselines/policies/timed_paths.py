@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Policy
+from baselines.policies.base import Policy, both_contents
 from baselines.policies.driving import steady_speed
 from baselines.policies.inside import Inside
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
@@ -348,8 +348,7 @@ class TimedPaths(Policy):
         """Use the collision filter as `take_filtered` does; `tolerance` [m] is its argument."""
         self._tolerance = tolerance
         self._filter = Safe(self.scenario, self.num_worlds, self.device, ARRIVING.of(self.scenario))
-        if self.communicates == "nothing":
-            self.communicates = self._filter.communicates
+        self.communicates = both_contents(self.communicates, self._filter.communicates)
 
     def decide(self, observation: wp.array) -> None:
         """Write the `action` that follows the paths of `variant`, or that of the collision filter."""

@@ -204,15 +204,15 @@ def throttle_for(share: float, robot) -> float:
     return (robot.drag * robot.speed_max * wp.min(share, 1.0) + robot.offset) / robot.drive
 
 
-@stage(ROBOT, writes="command_out", module=_DRIVING)
-def follow_velocity(w, i, robot, task, clock, robots, command_out):
-    """Replace the wanted velocity of each car, in `command_out`, by the steering and throttle of its driver."""
-    velocity = wp.vec2(command_out[w, i, 0], command_out[w, i, 1])
+@stage(ROBOT, writes="command", module=_DRIVING)
+def follow_velocity(w, i, robot, task, clock, robots, command):
+    """Replace the wanted velocity of each car, in `command`, by the steering and throttle of its driver."""
+    velocity = wp.vec2(command[w, i, 0], command[w, i, 1])
     pose = robots.measured[w, i]
     steering = steering_towards(velocity, pose[2], pose[3], task.step, robot)
     action = car_action(robot, steering, throttle_for(wp.length(velocity), robot))
-    command_out[w, i, 0] = action[0]
-    command_out[w, i, 1] = action[1]
+    command[w, i, 0] = action[0]
+    command[w, i, 1] = action[1]
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
