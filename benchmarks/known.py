@@ -192,10 +192,10 @@ def main() -> None:
         print(
             f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(folders) or 'nothing'}"
         )
-        for plan in sorted(search.finals, key=lambda plan: plan.figures.worst_case):
-            of = plan.figures
+        for final in sorted(search.finals, key=lambda final: final.figures.worst_case):
+            of = final.figures
             words = f"worst {of.worst_case:.3g} s, second half {of.settled:.3g} s, {of.collisions} collisions"
-            print(f"  {plan.plan.settings.policy}: {words} ({plan.plan.about})", flush=True)
+            print(f"  {final.plan.settings.policy}: {words} ({final.plan.about})", flush=True)
     if options.store:
         names = dict.fromkeys(plan.name.removesuffix(f"-{SETTLED}") for plan in bounds.all_known())
         titles = "scenario", "lower bound [s]", "best known [s]", "best default [s]"

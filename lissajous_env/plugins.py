@@ -20,8 +20,8 @@ import cloudpickle
 
 from lissajous_env.wording import nearest, require, shown, where_raised
 
-PROMPT = "__main__", "__mp_main__"
-"""Modules that are other ones in other processes."""
+MAIN_MODULES = "__main__", "__mp_main__"
+"""Names of the main module, which is another module in another process."""
 
 
 def import_attribute(reference: str, rule: str) -> Any:
@@ -65,7 +65,7 @@ class Registry(dict[str, Any]):
     """Objects of one kind by name: those of this package, of its users, and of other packages.
 
     Args:
-        thing: Kind of the objects, for messages.
+        kind: Kind of the objects, for messages.
         names: Regular expression of valid names, and the rule in words.
         is_included: Function that returns True for the objects of this package.
         group: Group of the entry points by which other packages add objects; empty for none.
@@ -75,14 +75,14 @@ class Registry(dict[str, Any]):
 
     def __init__(
         self,
-        thing: str,
+        kind: str,
         names: tuple[str, str],
         is_included: Callable[[Any], bool],
         group: str = "",
         bring: Callable[[Any], Any] = lambda function: function(),
     ):
         super().__init__()
-        self.thing, self.is_included, self.group = thing, is_included, group
+        self.kind, self.is_included, self.group = kind, is_included, group
         self.broken: list[str] = []
         """Messages for entry points that could not be loaded."""
         self._names, self._bring, self._loaded = names, bring, not group
@@ -95,10 +95,10 @@ class Registry(dict[str, Any]):
         """
         name, (pattern, rule) = new.name, self._names
         is_name = isinstance(name, str) and re.fullmatch(pattern, name)
-        require(is_name, f"name of a {self.thing}", f"must be {rule}", name)
+        require(is_name, f"name of a {self.kind}", f"must be {rule}", name)
         before = self.get(name, new)
         if before != new and (not hasattr(sys, "ps1") or self.is_included(before)):  # IPython sets it too
-            raise ValueError(f"name of a {self.thing} must be new, got {shown(name)}, which another one has")
+            raise ValueError(f"name of a {self.kind} must be new, got {shown(name)}, which another one has")
         self[name] = new
         return new
 
@@ -122,7 +122,7 @@ class Registry(dict[str, Any]):
 
         It suggests similar known names and `others`, and contains the entry points that could not be loaded.
         """
-        rule = f"{self.thing} must be one of the {len(known)} that `lissajous {command}` lists"
+        rule = f"{self.kind} must be one of the {len(known)} that `lissajous {command}` lists"
         return ValueError("; ".join([f"{rule}, got {shown(name)}{nearest(name, [*known, *others])}", *self.broken]))
 
 

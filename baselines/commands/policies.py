@@ -22,7 +22,6 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
     """
     listed = [registry.describe(name) for name in registry.names(scenario)]
     output.print_json(listed)
-    console = output.console()
     columns = [
         Column("name", left=True, style="bold cyan"),
         Column("robots", left=True),
@@ -31,14 +30,13 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
         Column("description", prose=True),
     ]
     rows = [
-        [of["name"], of["kind"] or "any", of["steered_by"], made_for, of["description"]]
+        [of["name"], of["kind"] or "any", of["steered_by"], ", ".join(of["made_for"]) or "any", of["description"]]
         for of in listed
-        for made_for in [", ".join(of["made_for"]) or "any"]
     ]
-    print_table(console, columns, rows)
+    print_table(output.console(), columns, rows)
     words = (
         "\nA policy can also be given as a checkpoint's folder; as module:factory, where factory(scenario, num_worlds, "
         "device) returns a policy; as module:act, where act(observation) returns actions; or by a name that a module "
         "registers which --import MODULE imports."
     )
-    console.print(words, style="dim", highlight=False)
+    output.console().print(words, style="dim", highlight=False)

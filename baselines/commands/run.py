@@ -19,7 +19,7 @@ def run(
     rogues: RogueName = None,
     common: Play = DEFAULT_PLAY,
 ) -> None:
-    """Play one episode and print its scores; show it in a window, or write a page, a film, a picture or a recording.
+    """Play one episode and print its scores; show it in a window, or write a page, a film, a recording or a log.
 
     Example:
         lissajous run evaders kuramoto-mpcc --seed 3 --out episode.html

@@ -63,6 +63,8 @@ def score(
     whole_number("episodes", episodes)
     for file in out:
         check_file(file, ".csv", *FORMATS)
+        if {file.resolve(), file.resolve().parent} & {log.resolve() for log in logs}:
+            raise ValueError(f"out must be another file than the log, got {file}")
     log = read(logs, topics, origin=origin)
     given = scenario
     if overrides and (given := scenario or own_scenario(log)) is not None:
@@ -71,16 +73,14 @@ def score(
     with bar(output.progress()) as shown_bar:
         task = shown_bar.add_task(f"scoring {log.name}", total=None)
         scored = score_log(log, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
-    console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]
-    played = scored.recording.scenario
+    console, played = output.console(), scored.recording.scenario
     words = f"{log.name}: {len(log.tracks)} robots, {played.task.duration:g} s from {scored.log.start:.3f} s on"
     output.print(words)
     if episodes == 1:
         shown.print_row(console, scored.rows[0], played)
     else:
-        table = Table.of(scored.rows, {played.name: played})
-        for policies in table.estimates.values():
-            shown.print_scores(console, name, played, policies[name])
+        ((policy, estimates),) = Table.of(scored.rows, {played.name: played}).estimates[played.name].items()
+        shown.print_scores(console, policy, played, estimates)
     for note in scored.notes:
         output.print(f"note: {note}", "yellow")
     for file in out:

@@ -145,8 +145,8 @@ def with_parameters(
         parameters: Values that the parameters may have, and those of `policy` if there are more than the first ones.
     """
     if like_cars(scenario) is None:
-        kind = f"the robots are of kind {scenario.robot.kind} (give a turning radius)"
-        return Family(name, refusal=f"{' and '.join(policies)} drive cars, and {kind}")
+        needed = f"not cars as for {' and '.join(policies)} (give a turning radius)"
+        return Family(name, refusal=f"the robots are of kind {scenario.robot.kind}, {needed}")
     of_each = [{"policy": policy, **settings} for settings in first for policy in policies]
     choices = {"policy": list(policies), "start": _STARTS, **parameters}
     return Family(name, partial(_plan_of, scenario, name), of_each, choices)

@@ -32,10 +32,11 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
     def entries(planned: Planned) -> list[tuple[bool, Column, str]]:
         """Return whether each column is shown, the column, and the words of a plan."""
         figures, robots = planned.figures, planned.plan.scenario.num_robots
+        name = planned.plan.settings.policy + (" (close)" if figures.too_close else "")
         detection = Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
         settled = worst_in_words(figures.settled, planned.rows, SETTLED_TIME)
         return [
-            (True, Column("plan", left=True), _name(planned)),
+            (True, Column("plan", left=True), name),
             (len(outcome.scenarios) > 1, Column("N"), str(robots)),
             (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(figures.worst_case, planned.rows)),
             (True, Column(f"second half [s]\n{episodes}"), settled),
@@ -54,10 +55,6 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
     print_table(console, [Column("", name="number"), *(column for column, _ in shown[0])], rows)
 
 
-def _name(planned: Planned) -> str:
-    return f"{planned.plan.settings.policy} (close)" if planned.figures.too_close else planned.plan.settings.policy
-
-
 def untried_in_words(outcome: PlanOutcome) -> str:
     """Return a warning that names the families of which no plan was tried; "" if there is none."""
     if not outcome.untried:
@@ -73,30 +70,30 @@ def _more(outcome: PlanOutcome) -> str:
 
 def sentences(outcome: PlanOutcome) -> list[str]:
     """Return sentences on the played episodes, the meaning of the figures, and the families that have no plan."""
-    episodes = outcome.request.episodes
-    words = [
-        f"{outcome.looks} plans were tried, {len(outcome.finals)} simulated to the end: {episodes.count} episodes each,"
-        f" {_played(outcome.plans)} of the best"
-    ]
+    episodes, has_plans = outcome.request.episodes, bool(outcome.plans)
+    tried = counted(outcome.looks, "plan was tried", "plans were tried")
+    words = [f"{tried}, {len(outcome.finals)} simulated to the end, in {counted(episodes.count, 'episode')} each"]
+    words[0] += f", the printed ones in {_played(outcome.plans)}" if has_plans else ""
     if episodes.failures:
         count = _lost(outcome)
         lost = counted(count, "robot is removed", "robots are removed")
         all_or_some = "each combination of robots once" if count > 1 else "each robot once"
         if "of" in _losses(outcome):
             all_or_some = "of as many combinations of robots, drawn at random"
-        words[0] += f", and {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
+        words[0] += f", and in {_losses(outcome)} in which {lost} after a quarter of the episode ({all_or_some})"
     words[0] += f". The search took {outcome.seconds:.0f} s."
-    words[0] += " A guarantee is the largest time of these episodes; the median is in brackets where it differs."
+    if has_plans:
+        words[0] += " A worst case is the largest time of these episodes; the median is in brackets where it differs."
+        words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if broken := [reason for search in outcome.searches.values() for reason in search.broken]:
         words.append(f"{len(broken)} plans failed when they were simulated to the end: {broken[0]}.")
-    if outcome.plans and all(math.isinf(planned.figures.worst_case) for planned in outcome.plans):
+    if has_plans and all(math.isinf(planned.figures.worst_case) for planned in outcome.plans):
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
-    elif outcome.plans and episodes.failures:
+    elif has_plans and episodes.failures:
         words += _of_failures(outcome)
     if any(planned.figures.too_close for planned in outcome.plans):
         least = outcome.request.required_clearance
         words.append(f"Close: two bodies come closer than {least:.3g} m (--clearance); such plans come last.")
-    words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if outcome.request.guarantee is not None:
         words += _of_guarantee(outcome)
     for robots, refusals in outcome.refusals.items():

@@ -172,9 +172,9 @@ def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: 
         return f"{about}they do not fit {inset:.3g} m inside of walls {2 * half:g} m apart"
     (pitch, lanes, _), spacing = lanes_of(scenario, count, aside), spacing_of(scenario, count, aside)
     if count * pitch >= 2 * radius:
-        return f"{about}the cars of a line would be {count * pitch:.3g} m apart, and not less than {2 * radius:.3g} m"
+        return f"{about}the cars of a line would be {count * pitch:.3g} m apart instead of below {2 * radius:.3g} m"
     if spacing >= 2 * radius:
-        return f"{about}the outermost would be {spacing / 2:.3g} m from its wall, and not less than {radius:.3g} m"
+        return f"{about}the outermost would be {spacing / 2:.3g} m from its wall instead of below {radius:.3g} m"
     limit = speed_limit(spacing, radius, rogues, step)
     if limit <= 0 or limit < speed:
         fastest = speed_limit(spacing, radius, speed, step)
@@ -220,6 +220,9 @@ def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tupl
     if scenario.task.boundary == "open" and scenario.inset == 0:
         failed = failed_condition(scenario, count)
         return (() if failed else (_turning_outside(scenario, parameters, count),)), failed
+    tightest, half = 1 / (_GRIP * _sharpest(scenario)), min(scenario.curve.half_width, scenario.curve.half_height)
+    if tightest + scenario.inset >= half:
+        return (), f"turns of {tightest:.3g} m do not fit {scenario.inset:.3g} m inside of walls {2 * half:g} m apart"
     largest, fitting, failed = _speed_of(scenario, parameters), [], ""
     for share in (1.0,) if parameters.speed else _SHARES:
         lines = _turning_inside(scenario, count, share * largest)
@@ -269,11 +272,14 @@ def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
 
 def _largest_turn(scenario: Scenario, speed: float) -> float:
     """Return the largest turn at a speed that steering and grip allow [rad/step]."""
+    grip = scenario.robot.lateral_acceleration_max / speed
+    return _GRIP * scenario.task.step * min(_sharpest(scenario) * speed, grip)
+
+
+def _sharpest(scenario: Scenario) -> float:
+    """Return the curvature of the tightest circle of the longest car [1/m]."""
     robot = scenario.robot
-    base = robot.wheelbase * scenario.noise.wheelbase_range[1]
-    sharpest = 1 / turning_radius(base, robot.steering_max)
-    grip = robot.lateral_acceleration_max / speed
-    return _GRIP * scenario.task.step * min(sharpest * speed, grip)
+    return 1 / turning_radius(robot.wheelbase * scenario.noise.wheelbase_range[1], robot.steering_max)
 
 
 def _path(way: float, sweep: int, turn: Turn, begin: np.ndarray) -> np.ndarray:

@@ -148,15 +148,10 @@ def _literal(name: str, text: str) -> Any:
 
 def make_console(stderr: bool = False, quiet: bool = False) -> Console:
     """Return a console with the width of COLUMNS or the terminal, or of 120 characters without either."""
-    # A name between two colons is not an emoji.
-    console = Console(stderr=stderr, quiet=quiet, emoji=False)
-    asked = os.environ.get("COLUMNS", "")
-    if asked.isdecimal() and int(asked) > 0:
-        console.width = min(int(asked), 1000)
-    elif not console.is_terminal:
+    console = Console(stderr=stderr, quiet=quiet, emoji=False)  # a name between two colons is no emoji
+    if not console.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
         console.width = _PIPE
-    elif console.width < 1:
-        console.width = 80
+    console.width = min(console.width or 80, 1000)
     return console
 
 

@@ -59,14 +59,14 @@ them."""
 
 
 def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
-    """Compile or load the modules of some kernels side by side, and say so if one is not in the cache.
+    """Compile or load the modules of some kernels side by side, with a message if one is not in the cache.
 
     The caller does it under `lissajous_env.device.devices.compile_quietly`.
     """
     new = [module for module in {kernel.module: None for kernel in kernels} if (module, str(device)) not in _loaded]
     for module in new:
         if module.name.partition(".")[0] not in OWN_PACKAGES:
-            module.mark_modified()  # its user may have loaded it with a frame for tiles
+            module.mark_modified()  # its user may have loaded it outside of `compile_quietly`, with a stack for tiles
     cache = str(wp.config.kernel_cache_dir)
     folders = [folder_of(module, 1 if device.is_cpu else None) for module in new]
     if any(not Path(cache, folder).is_dir() for folder in folders):
@@ -74,7 +74,7 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
             tempfile.TemporaryFile(dir=cache).close()
         except OSError as error:
             use_temporary_cache(str(error.strerror))
-        _say_that_it_compiles()
+        _report("compiling kernels, once: about 10 s")
     if new:
         wp.force_load(device, new, max_workers=threads)
     _loaded.update((module, str(device)) for module in new)
@@ -91,17 +91,14 @@ def use_temporary_cache(reason: str) -> None:
     wp.config.kernel_cache_dir = folder
     # A process that was forked off has the same list of things to do at its end.
     atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == made_by else None)
-    _say(
+    _report(
         f"{where} cannot be written to ({reason}): kernels are compiled for this run alone; "
         "WARP_CACHE_PATH names another folder"
     )
 
 
 @functools.cache
-def _say_that_it_compiles() -> None:
-    _say("compiling kernels, once: about 10 s")
-
-
-def _say(words: str) -> None:
+def _report(words: str) -> None:
+    """Pass a message to the listener, once."""
     if listener is not None:
         listener(words)

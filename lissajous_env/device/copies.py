@@ -18,7 +18,7 @@ from lissajous_env.device.locks import Turn
 from lissajous_env.device.program import Program
 from lissajous_env.device.warp_abi import fields_of, is_struct
 from lissajous_env.device.work import Work
-from lissajous_env.plugins import PROMPT, ByValue
+from lissajous_env.plugins import MAIN_MODULES, ByValue
 from lissajous_env.wording import few_of
 
 _OPAQUE = (
@@ -70,7 +70,7 @@ class Copyable(Stateful):
 
     def __reduce__(self) -> tuple:
         args, more = self.__dict__[_ARGUMENTS]
-        cls = ByValue(type(self)) if type(self).__module__ in PROMPT else type(self)
+        cls = ByValue(type(self)) if type(self).__module__ in MAIN_MODULES else type(self)
         values = {name: value for name, value in _entries(self) if _is_value(value)}
         own = {name: array for name, array in self.save_state().items() if name.partition(".")[0] not in values}
         return _construct, (cls, args, more), (values, own)

@@ -119,7 +119,7 @@ def compile_quietly() -> Iterator[None]:
     with COMPILING:
         level, tiles = wp.config.log_level, wp.config.enable_tiles_in_stack_memory
         wp.config.log_level = max(level, wp.LOG_ERROR)
-        wp.config.enable_tiles_in_stack_memory = None  # where the processor can do without
+        wp.config.enable_tiles_in_stack_memory = None  # none, on processors that work without
         try:
             yield
         finally:

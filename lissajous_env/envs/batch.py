@@ -151,7 +151,7 @@ class Batch(Stateful):
         Args:
             seed: A number, where world k has seed + k, or a number for each of these worlds, in ascending order. With a
                 space, a number from which the sequence of its scenarios follows.
-            worlds: Indices of the worlds; all by default.
+            worlds: (W,) mask or indices of the worlds; all by default.
 
         Raises:
             ValueError: a seed is not a whole number of at least 0.
@@ -218,6 +218,7 @@ class Batch(Stateful):
 
         Raises:
             ResetNeeded: the worlds of a space have not been reset yet.
+            ValueError: as of `Simulation.step`.
         """
         if self.space is not None and self._draws is None:
             raise ResetNeeded(NEEDS_RESET)

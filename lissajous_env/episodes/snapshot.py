@@ -44,6 +44,10 @@ class Snapshot:
     """(M, 2) pairs of robots that have collided and not yet parted."""
     collisions: int
     """Collisions in the episode so far."""
+    earlier: int = 0
+    """Number of detections after which targets appeared anew, which a recording counts as targets of their own."""
+    earlier_time: float = 0.0
+    """Sum of the times until these detections [step]."""
 
     @classmethod
     def of(cls, simulation: Simulation, world: int = 0) -> "Snapshot":
@@ -67,6 +71,8 @@ class Snapshot:
             sensed_at=sensed_at,
             contact=np.argwhere((of_world(simulation.tally.contact, world) > 0) & np.outer(there, there)),
             collisions=int(of_world(simulation.tally.collisions, world)),
+            earlier=int(of_world(targets.earlier, world).sum()),
+            earlier_time=float(of_world(targets.earlier_time, world).sum()),
             **constant,
         )
 
@@ -79,6 +85,16 @@ class Snapshot:
     def detected(self) -> np.ndarray:
         """(T,) bool: detected targets."""
         return self.found_at <= self.step
+
+    @property
+    def num_targets(self) -> int:
+        """Number of targets that have appeared."""
+        return int((self.appears_at <= self.step).sum()) + self.earlier
+
+    @property
+    def num_detected(self) -> int:
+        """Number of targets that were detected."""
+        return int(self.detected.sum()) + self.earlier
 
     def in_sight(self, sight: float) -> np.ndarray:
         """Return (T,) bool: targets in the world that a working robot has within `sight` [m]."""
@@ -94,7 +110,7 @@ class Snapshot:
         As in the score, an undetected target counts with the time since it appeared.
         """
         waited, _ = detection_times(self.appears_at, self.found_at, self.found_early, self.step)
-        return float(waited.mean()) * step if waited.size else np.nan
+        return float(waited.sum() + self.earlier_time) / self.num_targets * step if self.num_targets else np.nan
 
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:

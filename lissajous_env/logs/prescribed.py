@@ -124,6 +124,7 @@ class PrescribedSimulation(Simulation):
         hiding, showing = Stage("hiding", hide, own=own), Stage("showing", unhide, own=own)
         # None stands for the stage itself.
         changed = {"faults": [faults], "motion": [follow], "phase": [phase], "robots": [None, faults, follow]}
+        changed |= {"headway": [], "facing": []}  # which would move robots from where their paths begin
         changed |= {"measurement": [None, hiding], "boundary": [collisions, None, edge], "score": [None, showing]}
         stages = super()._own_stages(begins)
         return [one if new is None else new for one in stages for new in changed.get(one.name, [None])]

@@ -99,7 +99,7 @@ def score(
     motions = _motions(log, scenario, gap)
     paths = _paths(log, scenario, motions, times)
     status = _statuses(log, times, paths["hidden"])
-    cause = np.where(paths["hidden"], FAULT, _causes(scenario, paths["path"][:, :, -1], status))
+    cause = np.where(paths["hidden"], FAULT, _causes(scenario, paths["path"], status))
     task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * scenario.task.step)
     scenario = dataclasses.replace(scenario, task=task)
     if seeds is None:
@@ -200,25 +200,25 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     return status
 
 
-def _causes(scenario: Scenario, places: np.ndarray, status: np.ndarray) -> np.ndarray:
+def _causes(scenario: Scenario, path: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Return the causes (M, N) of the statuses: FAULT, COLLISION or EDGE.
 
-    A collision is a cause if another robot is in reach and no later status is WORKING. A robot that was removed without
-    another one in reach left at the edge if it moved in this step; otherwise a fault removed it.
+    A collision is a cause if another robot is in reach on the way and no later status is WORKING. A robot that was
+    removed without another one in reach left at the edge if it moved in this step; otherwise a fault removed it.
     """
     cause, reach = np.full(status.shape, FAULT), 2 * (1 + _REACHED) * scenario.robot.radius
     effect = {"stop": FAILED, "remove": REMOVED}.get(scenario.task.on_collision)
     for last, robot in np.argwhere(status[1:] != status[:-1]):
-        moment, (before, after) = last + 1, places[last : last + 2]
+        moment, places = last + 1, path[last + 1]
         now = status[moment, robot]
-        begin = before - before[robot]
-        way = after - after[robot] - begin
-        share = np.clip(-(begin * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), 0, 1)
-        near = np.linalg.norm(begin + share[:, None] * way, axis=1) < reach
+        away = places - places[robot]
+        begin, way = away[:, :-1], np.diff(away, axis=1)
+        share = np.clip(-(begin * way).sum(axis=2) / np.maximum((way**2).sum(axis=2), 1e-12), 0, 1)
+        near = (np.linalg.norm(begin + share[..., None] * way, axis=2) < reach).any(axis=1)
         near[robot] = False
         if now == effect and (near & (status[last] != REMOVED)).any():
             cause[moment, robot] = COLLISION if (status[moment:, robot] != WORKING).all() else FAULT
-        elif now == REMOVED and (before[robot] != after[robot]).any():
+        elif now == REMOVED and (places[robot, 0] != places[robot, -1]).any():
             cause[moment, robot] = EDGE
     return cause
 

@@ -25,13 +25,14 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.identity import fingerprint
-from lissajous_env.plugins import PROMPT, ByValue, import_attribute
-from lissajous_env.settings.checks import Checked, choice, number, whole
+from lissajous_env.plugins import MAIN_MODULES, ByValue, import_attribute
+from lissajous_env.settings.checks import Checked, choice, is_whole, number, whole
 from lissajous_env.wording import few_of, require
 
 REDUCTIONS = ("mean", "sum", "max", "min", "last")
 LARGEST = 1e30
 """Limit on the values of an extension, including the weight, so that sums are finite in 32 bits."""
+_RULE = "must be objects or module:name"
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Extension(Checked):
         require(is_named, f"name of a {self.kind}", "must be of small letters, digits and _", self.name)
         called = f"the {self.kind} {self.name}"
         for name, shape in self.state.items():
-            is_shape = isinstance(shape, tuple) and all(isinstance(size, int) and size > 0 for size in shape)
+            is_shape = isinstance(shape, tuple) and all(is_whole(size) and size > 0 for size in shape)
             fits = isinstance(name, str) and name.isidentifier() and is_shape
             require(fits, f"state of {called}", "must map names to tuples of whole numbers above 0", {name: shape})
         require(self.reset is None or callable(self.reset), f"reset of {called}", "must be a function", self.reset)
@@ -74,7 +75,12 @@ class Extension(Checked):
         Raises:
             ValueError: it is neither a function nor a kernel, or a setting is invalid.
         """
-        return partial(cls.of, **settings) if run is None else cls(*_origin(run), **settings)
+        if run is None:
+            return partial(cls.of, **settings)
+        function = _function_of(run)
+        name = str(getattr(function, "__name__", run))
+        place = f"{getattr(function, '__module__', '')}:{getattr(function, '__qualname__', name)}"
+        return cls(name, run, place, **settings)
 
     @property
     def kind(self) -> str:
@@ -84,8 +90,7 @@ class Extension(Checked):
     @property
     def about(self) -> str:
         """First line of the docstring of the function."""
-        function = self.run.func if isinstance(self.run, wp.Kernel) else self.run
-        return (function.__doc__ or "").strip().partition("\n")[0]
+        return (_function_of(self.run).__doc__ or "").strip().partition("\n")[0]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that identify the extension: its settings and the parts of its function."""
@@ -98,7 +103,7 @@ class Extension(Checked):
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.metadata}
 
     def __reduce__(self) -> tuple:
-        if self.place.partition(":")[0] in PROMPT and not isinstance(self.run, wp.Kernel):
+        if self.place.partition(":")[0] in MAIN_MODULES and not isinstance(self.run, wp.Kernel):
             reset = self.reset and ByValue(self.reset)
             more = self.settings | {"state": self.state, "reset": reset}
             return partial(type(self), **more), (self.name, ByValue(self.run), self.place)
@@ -193,36 +198,35 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
     Raises:
         ValueError: an entry is no extension, or two have the same name.
     """
-    one_alone = isinstance(given, (Extension, Mapping))
-    sequence = given.split(",") if isinstance(given, str) else (given,) if one_alone else given
-    rule = "must be objects or module:name"
-    require(isinstance(sequence, Iterable), "extensions", rule, given)
-    extensions = tuple(_loaded(one) for one in sequence)
-    for one in extensions:
-        require(isinstance(one, Extension), "extensions", rule, one)
-    names = [one.name for one in extensions]
-    entries = [entry for one in extensions if isinstance(one, ObservationEntry) for entry in one.entries]
+    if isinstance(given, str):
+        given = given.split(",")
+    elif isinstance(given, (Extension, Mapping)):
+        given = (given,)
+    require(isinstance(given, Iterable), "extensions", _RULE, given)
+    extensions = tuple(map(_as_extension, given))
+    names = [extension.name for extension in extensions]
+    entries = [
+        entry for extension in extensions if isinstance(extension, ObservationEntry) for entry in extension.entries
+    ]
     for things, known in {"extensions": names, "entries of the observation": entries}.items():
         if twice := sorted({name for name in known if known.count(name) > 1}):
             raise ValueError(f"{things} must have different names, got {few_of(twice)} twice")
     for kind, words in ((TargetMotion, "motion"), (TargetEntry, "law of entry")):
-        if sum(isinstance(one, kind) for one in extensions) > 1:
+        if sum(isinstance(extension, kind) for extension in extensions) > 1:
             raise ValueError(f"extensions must contain at most one {words} of targets, got {few_of(names)}")
     return extensions
 
 
-def _loaded(one: Any) -> Any:
-    if isinstance(one, str):
-        return load_extension(one)
-    if not isinstance(one, Mapping):
-        return one
-    place: Any = one.get("place")
-    require(isinstance(place, str), "extensions", "must contain tables with a place, as module:name", one)
-    return load_extension(place, {name: value for name, value in one.items() if name != "place"})
+def _as_extension(given: Any) -> Extension:
+    if isinstance(given, str):
+        return load_extension(given)
+    if isinstance(given, Mapping):
+        rule = "must contain tables with a place, as module:name"
+        require(isinstance(given.get("place"), str), "extensions", rule, given)
+        return load_extension(given["place"], {name: value for name, value in given.items() if name != "place"})
+    require(isinstance(given, Extension), "extensions", _RULE, given)
+    return given
 
 
-def _origin(run: Any) -> tuple[str, Any, str]:
-    """Return name, function or kernel, and import path of a decorated object."""
-    function = run.func if isinstance(run, wp.Kernel) else run
-    name = str(getattr(function, "__name__", run))
-    return name, run, f"{getattr(function, '__module__', '')}:{getattr(function, '__qualname__', name)}"
+def _function_of(run: Any) -> Any:
+    return run.func if isinstance(run, wp.Kernel) else run

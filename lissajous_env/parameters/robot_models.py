@@ -86,7 +86,7 @@ class RobotModel:
         return (0.0,) * self.action_size if self.rest is None else self.rest(robot)
 
 
-_TO_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
+_ARGUMENTS_OF_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
 MODELS = Registry(
     "robot model",
     (r"\w[\w-]{0,62}", "of letters, digits, _ and -"),
@@ -120,8 +120,8 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     require(as_car is None or isinstance(as_car, AsCar), f"as_car of {called}", "must be an AsCar", as_car)
     if as_car is not None:
         arguments = names_of_arguments(as_car.act) if isinstance(as_car.act, wp.Kernel) else ()
-        rule = f"must be a Warp kernel of {', '.join(_TO_ACT)}"
-        require(tuple(arguments) == _TO_ACT, f"as_car.act of {called}", rule, arguments or as_car.act)
+        rule = f"must be a Warp kernel of {', '.join(_ARGUMENTS_OF_ACT)}"
+        require(tuple(arguments) == _ARGUMENTS_OF_ACT, f"as_car.act of {called}", rule, arguments or as_car.act)
     return MODELS.add(model)
 
 

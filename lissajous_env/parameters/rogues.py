@@ -12,10 +12,12 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.plugins import ByValue, Registry
-from lissajous_env.wording import few_of, nearest, require, shown
+from lissajous_env.wording import few_of, require
 
 AGENTS = "agents"
 """Value of `targets.rogues` where the caller of each step gives the rogues' actions."""
+_SCRIPTS = "lissajous_env.world.rogues.scripted"
+"""Module of the included scripts."""
 CHECKPOINT = "checkpoint.json"
 """File that marks the folder of a learned rogue."""
 
@@ -40,7 +42,7 @@ class Rogue:
 ROGUES = Registry(
     "rogue",
     (rf"(?!{AGENTS}$)[a-z][a-z0-9-]{{0,62}}", f"of small letters, digits and -, and not {AGENTS}"),
-    lambda rogue: isinstance(rogue, Path) or rogue.name in ("wander", "flee", "shadow", "follow-gap"),
+    lambda rogue: isinstance(rogue, Path) or getattr(rogue.decide, "func", rogue.decide).__module__ == _SCRIPTS,
 )
 """Rogues by name, of included learned ones the folder; `lissajous_env.world.rogues` registers the included scripts."""
 ROGUES.update({
@@ -100,11 +102,10 @@ def rogue_of(name: str) -> Rogue | None:
     """
     if name == AGENTS or isinstance(ROGUES.get(name), Rogue):
         return ROGUES.get(name)
-    if (folder := folder_of(name)) is not None:
-        return importlib.import_module("training.learned.rogue").open_rogue(folder, name)
-    known = (AGENTS, *rogues())
+    folder, known = folder_of(name), (AGENTS, *rogues())
     rule = f"must be one of {few_of(known, name)}, or a folder with {CHECKPOINT}"
-    raise ValueError(f"targets.rogues {rule}, got {shown(name)}{nearest(name, known)}")
+    require(folder is not None, "targets.rogues", rule, name, known)
+    return importlib.import_module("training.learned.rogue").open_rogue(folder, name)
 
 
 def folder_of(name: str) -> Path | None:

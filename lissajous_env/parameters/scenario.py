@@ -19,8 +19,8 @@ from lissajous_env.parameters.rogues import BringsRogues
 from lissajous_env.parameters.scenario_rules import check_together
 from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.checks import is_number
-from lissajous_env.settings.parts import SPRINT, Curve, Faults, Formation, Noise, Robot
-from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_laws
+from lissajous_env.settings.parts import POINT_RATE_FACTOR, Curve, Faults, Formation, Noise, Robot
+from lissajous_env.settings.task import Messages, Sensing, Targets, Task, without_custom_motion
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.wording import require
 
@@ -55,10 +55,9 @@ class Scenario(BringsRogues):
     messages: Messages = field(default_factory=Messages)
 
     def __post_init__(self) -> None:
-        for name, part in PARTS.items():
-            require(isinstance(getattr(self, name), part), name, f"must be a {part.__name__}", getattr(self, name))
-        for name in ("name", "description"):
-            require(isinstance(getattr(self, name), str), name, "must be text", getattr(self, name))
+        rules = {name: (part, f"must be a {part.__name__}") for name, part in PARTS.items()}
+        for name, (kind, rule) in (rules | dict.fromkeys(("name", "description"), (str, "must be text"))).items():
+            require(isinstance(getattr(self, name), kind), name, rule, getattr(self, name))
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
 
@@ -67,7 +66,7 @@ class Scenario(BringsRogues):
 
     def without_extensions(self) -> "Scenario":
         """Return the scenario without its extensions; targets of their laws then appear anywhere, and do not move."""
-        targets = dataclasses.replace(self.targets, **without_laws(vars(self.targets)))
+        targets = dataclasses.replace(self.targets, **without_custom_motion(vars(self.targets)))
         return dataclasses.replace(self, targets=targets, extensions=())
 
     @cached_property
@@ -351,12 +350,13 @@ class Scenario(BringsRogues):
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; it runs identically."""
-        robot, rate_max, rogues = self.robot, self.robot.phase_rate_max, self.targets.rogues is not None
+        robot, has_rogues = self.robot, self.targets.rogues is not None
+        rate = POINT_RATE_FACTOR * self.formation.phase_rate / self.alpha
         filled: dict[str, dict[str, Any]] = {
             "curve": {"inset": self.inset, "harmonics": self._rounded.harmonics},
             "robot": {
                 "count": self.num_robots,
-                "phase_rate_max": SPRINT * self.formation.phase_rate / self.alpha if rate_max is None else rate_max,
+                "phase_rate_max": rate if robot.phase_rate_max is None else robot.phase_rate_max,
                 "model_offset": robot.offset if robot.model_offset is None else robot.model_offset,
                 "throttle_max": robot.full_throttle,
                 "speed_max": robot.top_speed,
@@ -368,7 +368,7 @@ class Scenario(BringsRogues):
             "formation": {"coupling": self.coupling, "p": self.p, "alpha": self.alpha, "ring": self.ring},
             "sensing": {"radius": self.sensing_radius},
             "targets": {"speed_limit": self.rogue_speed}
-            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if rogues else {}),
+            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if has_rogues else {}),
         }
         parts = {name: dataclasses.replace(getattr(self, name), **fields) for name, fields in filled.items()}
         return dataclasses.replace(self, **parts)
@@ -384,8 +384,8 @@ class Scenario(BringsRogues):
         """
         for name, factor in (("length", length), ("time", time)):
             require(is_number(factor) and factor > 0, name, "must be a positive number", factor)
-        factors = float(length), float(time)
-        return dataclasses.replace(self, **{name: getattr(self, name).scaled(*factors) for name in PARTS})
+        parts = {name: getattr(self, name).scaled(float(length), float(time)) for name in PARTS}
+        return dataclasses.replace(self, **parts)
 
     def to_dict(self) -> dict:
         """Return nested plain values, as written beside results."""

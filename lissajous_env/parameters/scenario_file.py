@@ -28,7 +28,7 @@ from lissajous_env.parameters.extensions import Extension
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.plugins import files_beside
 from lissajous_env.settings.parts import Robot
-from lissajous_env.settings.task import without_laws
+from lissajous_env.settings.task import without_custom_motion
 from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import nearest, require, shown
 
@@ -42,9 +42,9 @@ TEXTS = dict.fromkeys(("name", "description", "base"), str)
 _OF_SCENARIO = {**TEXTS, "extensions": list, **dict.fromkeys(PARTS, dict)}
 """Kinds of the values of a scenario's file."""
 _LARGEST = 1 << 16
-"""Size of a file [bytes]."""
-_OF_THE_NUMBER = "ring", "p", "alpha"
-"""Fields of the formation that are valid only for the number of robots for which they were set."""
+"""Largest size of a file [bytes]."""
+_OF_TEAM_SIZE = "ring", "p", "alpha"
+"""Fields of the formation that are valid only for the number of robots for which they were set, else derived."""
 _SHORT = {"rogues": "targets.rogues"}
 """Short names of fields."""
 _FIELDS = {f"{part}.{field.name}": field for part, kind in PARTS.items() for field in dataclasses.fields(kind)}
@@ -88,12 +88,12 @@ def overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
     given = by_field(overrides)
     changed: dict[str, Any] = {"extensions": given.pop("extensions")} if "extensions" in given else {}
     for part, fields in _by_part(given).items():
-        more = _one_limit(base.robot, fields) if part == "robot" else {}
-        changed[part] = dataclasses.replace(getattr(base, part), **fields | more)
+        derived = _limits_to_derive(base.robot, fields) if part == "robot" else {}
+        changed[part] = dataclasses.replace(getattr(base, part), **fields | derived)
     robot, curve = changed.get("robot", base.robot), changed.get("curve", base.curve)
     if (curve.a + curve.b if robot.count is None else robot.count) != base.num_robots:
-        anew = {name: None for name in _OF_THE_NUMBER if f"formation.{name}" not in given}
-        changed["formation"] = dataclasses.replace(changed.get("formation", base.formation), **anew)
+        derived = {name: None for name in _OF_TEAM_SIZE if f"formation.{name}" not in given}
+        changed["formation"] = dataclasses.replace(changed.get("formation", base.formation), **derived)
     return dataclasses.replace(base, **changed)
 
 
@@ -106,7 +106,7 @@ def _by_part(fields: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return parts
 
 
-def _one_limit(robot: Robot, fields: Mapping[str, Any]) -> dict[str, None]:
+def _limits_to_derive(robot: Robot, fields: Mapping[str, Any]) -> dict[str, None]:
     """Return `throttle_max` or `speed_max` as None where the other one, or the motor, is overridden.
 
     A new motor preserves the throttle of a robot that has both values, such as a resolved one.
@@ -122,12 +122,10 @@ def _one_limit(robot: Robot, fields: Mapping[str, Any]) -> dict[str, None]:
 
 def _nearest_field(name: str) -> str:
     """Return "; did you mean task.duration?" for `duration`, `tasks.duration` or a similar name."""
-    if "." in name and (hint := nearest(name, _FIELDS)):
-        return hint
     last = name.rpartition(".")[2]
     if same := [dotted for dotted in _FIELDS if dotted.endswith(f".{last}")]:
         return f"; did you mean {' or '.join(same)}?"
-    return nearest(last, PARTS) or nearest(last, (dotted.partition(".")[2] for dotted in _FIELDS))
+    return nearest(name, _FIELDS) or nearest(last, [*PARTS, *(dotted.partition(".")[2] for dotted in _FIELDS)])
 
 
 def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
@@ -212,7 +210,7 @@ def scenario_of_json(plain: Mapping[str, Any], extensions: Iterable[Extension] =
     words = {key: plain[key] for key in ("name", "description") if key in plain}
     parts = {key: value for key, value in plain.items() if key not in words} | {"extensions": tuple(extensions)}
     if not parts["extensions"] and isinstance(targets := parts.get("targets"), Mapping):
-        parts["targets"] = without_laws(targets)
+        parts["targets"] = without_custom_motion(targets)
     return dataclasses.replace(overridden(Scenario(), _with_infinity(parts)), **words)
 
 

@@ -15,11 +15,11 @@ from lissajous_env.settings.task import MOST_TARGETS
 from lissajous_env.theory import closed_forms
 from lissajous_env.wording import require
 
-_OUTSIDE = 1.002
+_EXCESS_MAX = 1.002
 """Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
 _STRETCH_MAX = 1.5
 """Largest ratio of the sides of a cell of contamination."""
-_ROBOTS = "formation.ring", "formation.displaced", "robot.drive_factors", "faults.schedule", "faults.removed"
+_ROBOT_FIELDS = "formation.ring", "formation.displaced", "robot.drive_factors", "faults.schedule", "faults.removed"
 """Fields that name robots, alone or first in a row."""
 Rules = Iterator[tuple[Any, ...]]
 """Rules in order: whether one holds, its field, the rule in words, and perhaps a value in place of the field's."""
@@ -31,7 +31,7 @@ def check_together(scenario: Any) -> None:
     Raises:
         ValueError: a scenario violates one; the message names the field, the rule and the value.
     """
-    for rules in (_of_harmonics, _of_robots, _of_inset, _of_times, _of_task, _of_targets):
+    for rules in (_of_harmonics, _of_robots, _of_inset, _of_times, _of_task, _of_contamination, _of_targets):
         for holds, name, rule, *got in rules(scenario):
             require(holds, name, rule, got[0] if got else operator.attrgetter(name)(scenario))
 
@@ -42,7 +42,7 @@ def _of_harmonics(scenario: Any) -> Rules:
         return
     gamma = np.linspace(0, 2 * np.pi, 32 * len(curve.harmonics) + 64, endpoint=False)
     extent = np.abs(closed_forms.curve_point(curve, gamma)).max(axis=0)
-    holds = (extent <= _OUTSIDE * np.array([curve.half_width, curve.half_height])).all()
+    holds = (extent <= _EXCESS_MAX * np.array([curve.half_width, curve.half_height])).all()
     rule = f"must stay in the rectangle, {curve.half_width:g} m x {curve.half_height:g} m to each side"
     yield holds, "curve.harmonics", rule, [float(f"{half:.6g}") for half in extent]
     rule = "must be given for a curve of harmonics, because the paper's formulas do not apply"
@@ -53,7 +53,7 @@ def _of_harmonics(scenario: Any) -> Rules:
 def _of_robots(scenario: Any) -> Rules:
     n, kind, ring = scenario.num_robots, scenario.robot.kind, scenario.formation.ring
     yield n <= 1024, "robot.count", f"must be given, from 1 to 1024, because a + b is {n}"
-    for name in _ROBOTS:
+    for name in _ROBOT_FIELDS:
         rows = operator.attrgetter(name)(scenario) or ()
         robots = tuple(row[0] if isinstance(row, tuple) else row for row in rows)
         yield max(robots, default=0) < n, name, f"must name robots 0 to {n - 1}", robots
@@ -94,23 +94,24 @@ def _of_task(scenario: Any) -> Rules:
         check(scenario.curve, scenario.formation, scenario.robot, scenario.noise, task)
 
 
+def _of_contamination(scenario: Any) -> Rules:
+    targets, grid = scenario.targets, scenario.task.contamination
+    if grid is None:
+        return
+    rule = "must be given if targets have a custom motion and task.contamination is set [m/s]"
+    yield targets.custom == 0 or targets.speed_limit is not None, "targets.speed_limit", rule
+    rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
+    yield targets.arrival_rate > 0 or not targets.respawn, "targets.arrival_rate", rule
+    least, largest = sorted((2 * scenario.curve.half_width / grid[0], 2 * scenario.curve.half_height / grid[1]))
+    rule = f"must make cells whose sides differ by {_STRETCH_MAX} times at most, not by {largest / least:.3g}"
+    yield largest <= _STRETCH_MAX * least, "task.contamination", rule
+    moved = scenario.rogue_speed * scenario.task.step
+    rule = f"must make cells of at least 1/{TICKS_MAX} of an evading target's motion in a step, {moved:.3g} m"
+    yield moved <= TICKS_MAX * least, "task.contamination", rule
+
+
 def _of_targets(scenario: Any) -> Rules:
     targets, extensions = scenario.targets, scenario.extensions
-    if scenario.task.contamination is not None:
-        is_limited = targets.custom == 0 or targets.speed_limit is not None
-        rule = "must be given if targets have a custom motion and task.contamination is set [m/s]"
-        yield is_limited, "targets.speed_limit", rule
-        rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
-        yield targets.arrival_rate > 0 or not targets.respawn, "targets.arrival_rate", rule
-        columns, rows = scenario.task.contamination
-        sides = 2 * scenario.curve.half_width / columns, 2 * scenario.curve.half_height / rows
-        rule = (
-            f"must make cells whose sides differ by {_STRETCH_MAX} times at most, not by {max(sides) / min(sides):.3g}"
-        )
-        yield max(sides) <= _STRETCH_MAX * min(sides), "task.contamination", rule
-        moved = scenario.rogue_speed * scenario.task.step
-        rule = f"must make cells of at least 1/{TICKS_MAX} of an evading target's motion in a step, {moved:.3g} m"
-        yield math.ceil(moved / min(sides)) <= TICKS_MAX, "task.contamination", rule
     laws = [extension.name for extension in extensions if isinstance(extension, TargetEntry)]
     rule = f"must be custom with the law of entry {laws[0]}" if laws else "must not be custom without a target_entry"
     yield (targets.entry == "custom") == bool(laws), "targets.entry", rule

@@ -115,10 +115,10 @@ class ScenarioSpace:
         violated: list[str] = []
         for attempt in range(_MOST_TRIES):
             scenario = self._drawn(seed, attempt)
-            broken = next((rule.text for rule in self._rules if not rule(functools.partial(_property, scenario))), None)
-            if broken is None:
+            rules = (rule.text for rule in self._rules if not rule(functools.partial(_property, scenario)))
+            if (rule := next(rules, None)) is None:
                 return scenario
-            violated.append(broken)
+            violated.append(rule)
         most = max(dict.fromkeys(violated), key=violated.count)
         rule = f"must be met by one of {_MOST_TRIES} draws"
         raise ValueError(f"require {rule} for seed {seed} of {self.name}, got none; most often violated: {most}")

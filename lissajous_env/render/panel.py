@@ -61,11 +61,10 @@ class Panel:
         time = f"{snapshot.step * task.step:.{decimals}f} of {task.duration:g} s"
         entries = [time, f"collisions {snapshot.collisions}"]
         if self.scenario.target_capacity > 0:
-            appeared = np.count_nonzero(snapshot.appears_at <= snapshot.step)
             if not self.scenario.targets.leave:
                 in_sight = np.count_nonzero(snapshot.in_sight(self.scenario.sight))
-                return [*entries, f"in sight {in_sight:,} of {appeared:,}"]
-            entries.append(f"detected {np.count_nonzero(snapshot.detected):,} of {appeared:,}")
+                return [*entries, f"in sight {in_sight:,} of {snapshot.num_targets:,}"]
+            entries.append(f"detected {snapshot.num_detected:,} of {snapshot.num_targets:,}")
             mean = snapshot.mean_detection_time(task.step)
             entries.append("mean detection time " + ("none" if math.isnan(mean) else f"{mean:.{decimals + 1}f} s"))
         return entries

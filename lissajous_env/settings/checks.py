@@ -70,29 +70,31 @@ def rows(
     rule: str,
     read_entry: Callable[[Any], Any],
     units: tuple[str, ...] = (),
+    least: int = 0,
     most: int = sys.maxsize,
+    optional: bool = False,
 ) -> Any:
-    """Declare a tuple of at most `most` entries, read by `read_entry`, which returns None for an invalid entry.
+    """Declare a tuple of `least` to `most` entries, read by `read_entry`, which returns None for an invalid entry.
 
-    None is valid if it is the default. `units` are the units of an entry that is a row of numbers.
+    None is valid if it is the default, or if `optional`. `units` are the units of an entry that is a row of numbers.
     """
 
     def read(value: Any) -> tuple | None:
-        fits = isinstance(value, tuple) and len(value) <= most
+        fits = isinstance(value, tuple) and least <= len(value) <= most
         entries = tuple(map(read_entry, value)) if fits else (None,)
         return None if None in entries else entries
 
-    return _checked(default, rule, read, units=units)
+    return _checked(default, rule, read, optional, units=units)
 
 
 def columns_and_rows(default: tuple[int, int] | None, most: int) -> Any:
     """Declare the columns and rows of a grid, each from 1 to `most`, or None for no grid."""
 
-    def read(value: Any) -> tuple[int, int] | None:
-        is_pair = isinstance(value, tuple) and len(value) == 2
-        return value if is_pair and all(is_whole(side) and 1 <= side <= most for side in value) else None
+    def read_side(value: Any) -> int | None:
+        return value if is_whole(value) and 1 <= value <= most else None
 
-    return _checked(default, f"must be (columns, rows), each from 1 to {most}, or None", read, optional=True)
+    rule = f"must be (columns, rows), each from 1 to {most}, or None"
+    return rows(default, rule, read_side, least=2, most=2, optional=True)
 
 
 class Checked:

@@ -72,22 +72,18 @@ class Formula:
                 return self._applied(lambda *values: values, *entries)
             case ast.List(elts=entries):
                 return self._applied(lambda *values: list(values), *entries)
-            case ast.Dict(keys=keys, values=values):
-                count = len(keys)
-                return self._applied(
-                    lambda *every: dict(zip(every[:count], every[count:], strict=True)), *keys, *values
-                )
+            case ast.Dict(keys=keys, values=entries):
+                pairs = [self._applied(lambda *pair: pair, *pair) for pair in zip(keys, entries, strict=True)]
+                return lambda names: dict(pair(names) for pair in pairs)
             case ast.BinOp(left=left, op=op, right=right) | ast.Compare(left=left, ops=[op], comparators=[right]) if (
                 type(op) in _OPERATORS
             ):
                 return self._applied(_OPERATORS[type(op)], left, right)
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
                 return self._applied(_OPERATORS[type(op)], operand)
-            case ast.Call(func=ast.Name(id=name), args=entries, keywords=[]) if name in _FUNCTIONS:
-                return self._applied(_FUNCTIONS[name], *entries)
-            case ast.Call(func=ast.Name(id=name), args=entries, keywords=[]) if name in self._functions:
-                values = self._compiled(ast.Tuple(entries))
-                return lambda names: names(name)(*values(names))
+            case ast.Call(func=ast.Name(id=name), args=entries, keywords=[]) if name in (*_FUNCTIONS, *self._functions):
+                values = self._applied(lambda *values: values, *entries)
+                return lambda names: (_FUNCTIONS.get(name) or names(name))(*values(names))
         raise ValueError("no formula")
 
     def _applied(self, function: Callable[..., Any], *nodes: ast.expr | None) -> Callable[[Names], Any]:

@@ -30,7 +30,7 @@ from lissajous_env.settings.checks import (
 
 SPREAD_MAX = 3.0
 """Standard deviations at which the spread of a car's constants is clipped."""
-SPRINT = 3.0
+POINT_RATE_FACTOR = 3.0
 """Default phase rate of a point at action 1, as a multiple of that of the formation."""
 FULL_THROTTLE = 0.25
 """Throttle of a car at action 1 where neither `robot.throttle_max` nor `robot.speed_max` is given, as in the paper."""

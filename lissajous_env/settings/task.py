@@ -38,10 +38,6 @@ class Sensing(Checked):
     """Robots whose sightings, places and covered cells a robot receives: none, its two ring neighbours, or the whole
     team; see `lissajous_env.world.tracks`."""
 
-    def _check_together(self) -> None:
-        seen = self.sight is None or self.radius is None or self.sight >= self.radius
-        self._require(seen, "sight", f"must be at least radius = {self.radius} [m]")
-
     @property
     def most_seen(self) -> int:
         """Largest number of entries in a list of an observation."""
@@ -141,10 +137,10 @@ class Targets(Checked):
         return max(self.speed if roaming else 0.0, self.flee_speed if self.fleeing > 0 else 0.0)
 
 
-def without_laws(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields of targets without the laws of extensions: these targets appear anywhere, and do not move."""
-    laws = {"entry": "inside"} if fields.get("entry") == "custom" else {}
-    return {**fields, **laws} | ({"custom": 0.0} if fields.get("rogues") is None else {})
+def without_custom_motion(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return fields of targets without those of extensions: their targets then appear anywhere, and do not move."""
+    entry = {"entry": "inside"} if fields.get("entry") == "custom" else {}
+    return {**fields, **entry} | ({"custom": 0.0} if fields.get("rogues") is None else {})
 
 
 @dataclass(frozen=True)

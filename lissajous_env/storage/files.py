@@ -106,13 +106,11 @@ def open_plainly(path: Path, flags: int) -> int:
     wrong = f"{path} must be a plain file, got a"
     if "\0" in str(path):
         raise ValueError(f"{wrong} name with a null character")
-    if path.is_symlink():
-        raise ValueError(f"{wrong} link to {os.readlink(path)}")
     try:
         descriptor = os.open(path, flags | _WITHOUT_LINKS, 0o666)
     except OSError as error:
-        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO) or path.is_dir():
-            raise ValueError(f"{wrong} folder, link or pipe") from None
+        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
+            raise ValueError(f"{wrong} link, folder or pipe") from None
         raise
     about = os.fstat(descriptor)
     written = flags & (os.O_WRONLY | os.O_RDWR)
@@ -177,13 +175,6 @@ def replacing(path: str | Path, temporary: Path | None = None) -> Iterator[Path]
         if error.filename in (None, temporary, str(temporary)):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
-
-
-def write_all(descriptor: int, data: bytes) -> None:
-    """Write all bytes to an open file, however many writes that takes."""
-    left = memoryview(data)
-    while left:
-        left = left[os.write(descriptor, left) :]
 
 
 def sync(path: Path) -> None:

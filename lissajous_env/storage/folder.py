@@ -11,11 +11,11 @@ import contextlib
 import fcntl
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from lissajous_env.storage.files import open_plainly, parse_json, sync, write_all, write_atomically
+from lissajous_env.storage.files import open_plainly, parse_json, sync, write_atomically
 from lissajous_env.wording import shown
 
 LIST = ".lissajous.jsonl"
@@ -85,7 +85,9 @@ class Journal:
         """
         lines = b"".join(json.dumps(entry, allow_nan=False).encode() + b"\n" for entry in entries)
         try:
-            write_all(self._descriptor, lines)
+            left = memoryview(lines)
+            while left:
+                left = left[os.write(self._descriptor, left) :]
             os.fsync(self._descriptor)
         except OSError as error:
             with contextlib.suppress(OSError):
@@ -113,16 +115,15 @@ class Folder(contextlib.ExitStack):
             link or a folder under a name that would be written.
     """
 
-    def __init__(self, path: str | Path, writes: Iterable[str] = ()):
+    def __init__(self, path: str | Path, writes: Collection[str] = ()):
         super().__init__()
         self.path = Path(path)
-        writes = tuple(writes)
         self._written: set[str] = set()
         list_path = self.path / LIST
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            if not os.path.lexists(list_path):
-                self._check(writes)
+            for name in writes if not os.path.lexists(list_path) else ():
+                self._checked(name)
             self._list = self._locked_list(list_path)
         except OSError as error:
             words = f"got {shown(str(self.path))}: {error.strerror}"
@@ -130,7 +131,8 @@ class Folder(contextlib.ExitStack):
         self.callback(self._list.close)
         try:
             self._read_list()
-            self._check(writes)
+            for name in writes:
+                self._checked(name)
             for leftover in self.path.glob(f"{_TEMPORARY}*"):
                 leftover.unlink()
         except BaseException:
@@ -153,11 +155,11 @@ class Folder(contextlib.ExitStack):
             ValueError: a file of that name exists that this package did not write, or it is a link.
             OSError: the file cannot be written; its earlier version is unchanged.
         """
-        _require_plain(name)
-        if (subfolder := name.rpartition("/")[0]) and not (made := self._claim(f"{subfolder}/")).is_dir():
-            made.mkdir()
+        path = self._checked(name)
+        if not path.parent.is_dir():
+            self._claim(f"{path.parent.name}/").mkdir()
             sync(self.path)
-        path = self._claim(name)
+        self._claim(name)
         write_atomically(path, data, self.path / f"{_TEMPORARY}{path.suffix}")
 
     def journal(self, name: str) -> Journal:
@@ -169,38 +171,35 @@ class Folder(contextlib.ExitStack):
     def remove(self, name: str) -> None:
         """Remove a file that was written by this package; other files are left alone."""
         if name in self._written:
-            self._path(name).unlink(missing_ok=True)
+            self._checked(name).unlink(missing_ok=True)
             self._list.append([{"removed": name}])
             self._written.remove(name)
 
     def _claim(self, name: str) -> Path:
         """List a name before its file is written, and return its path; names of other origin raise an error."""
-        self._check([name])
+        path = self._checked(name)
         if name not in self._written:
             self._list.append([{"wrote": name}])
             self._written.add(name)
-        return self._path(name)
+        return path
 
-    def _check(self, names: Iterable[str]) -> None:
-        for name in names:
-            path = self._path(name)
-            if not os.path.lexists(path):
-                continue
-            if name not in self._written:
-                raise ValueError(
-                    f"out must be a folder without a {name.rstrip('/')} that another program wrote, got {path}, "
-                    f"which is not listed in {LIST}; move it, or choose another --out"
-                )
-            if path.is_symlink() or path.is_dir() != name.endswith("/") or not (path.is_dir() or path.is_file()):
-                kind = "link" if path.is_symlink() else "folder" if path.is_dir() else "file"
-                raise ValueError(f"{path} must be a {'folder' if name.endswith('/') else 'file'}, got a {kind}")
-
-    def _path(self, name: str) -> Path:
-        """Return the path of a name, and require that its folder was made here and is no link."""
+    def _checked(self, name: str) -> Path:
+        """Return the path of a name; it and its folder must be missing, or have been written here and be no link."""
         _require_plain(name)
         if folder := name.rstrip("/").rpartition("/")[0]:
-            self._check([f"{folder}/"])
-        return self.path / name
+            self._checked(f"{folder}/")
+        path = self.path / name
+        if not os.path.lexists(path):
+            return path
+        if name not in self._written:
+            raise ValueError(
+                f"out must be a folder without a {name.rstrip('/')} that another program wrote, got {path}, which is "
+                f"not listed in {LIST}; move it, or choose another --out"
+            )
+        if path.is_symlink() or path.is_dir() != name.endswith("/") or not (path.is_dir() or path.is_file()):
+            kind = "link" if path.is_symlink() else "folder" if path.is_dir() else "file"
+            raise ValueError(f"{path} must be a {'folder' if name.endswith('/') else 'file'}, got a {kind}")
+        return path
 
     def _locked_list(self, path: Path) -> Journal:
         """Open and lock the list; a file of other origin with its name is refused before it is changed."""

@@ -129,8 +129,8 @@ class Vector:
         return {"robot": self.env.reset(seed=seed)[0].reshape(2, self.env.scenario.num_robots, -1)}
 
     def step(self, actions):
-        given = actions["robot"].reshape(self.env.action_space.shape)
-        rows, reward, terminated, truncated, infos = self.env.step(given)
+        action = actions["robot"].reshape(self.env.action_space.shape)
+        rows, reward, terminated, truncated, infos = self.env.step(action)
         rewards = reward.reshape(2, -1) if self.as_rows else infos["robot_reward"]
         ends = [flags.reshape(2, -1).all(axis=1) for flags in (terminated, truncated)]
         return {"robot": rows.reshape(2, self.env.scenario.num_robots, -1)}, {"robot": rewards}, *ends
@@ -159,8 +159,8 @@ class Rows:
         return {self.side: self.env.reset().reshape(2, n, -1)}
 
     def step(self, actions):
-        given = actions[self.side].reshape(self.env.num_envs, -1)
-        rows, rewards, dones, infos = self.env.step(given)
+        action = actions[self.side].reshape(self.env.num_envs, -1)
+        rows, rewards, dones, infos = self.env.step(action)
         for k in np.flatnonzero(dones):
             rows[k] = infos[k]["terminal_observation"]
         late = np.array([info["TimeLimit.truncated"] for info in infos]).reshape(2, -1).any(axis=1)
@@ -229,33 +229,33 @@ def test_rows_and_rewards_are_those_of_the_simulation_until_the_time_limit_which
     # Oracle: the simulation with the same seeds and actions, bit for bit. Places without an agent are zero.
     adapter = make(name, roles)
     rows, draw = adapter.reset(seed=7), np.random.default_rng(0)
-    made = adapter.scenario
+    scenario = adapter.scenario
     if roles == "space":
         episode = adapter.env.batch if name == "torchrl" else getattr(adapter.env, "inner", adapter.env).batch
-        simulation = Simulation(made, adapter.worlds, seed=int(episode.simulation.score()[0]["seed"]))
+        simulation = Simulation(scenario, adapter.worlds, seed=int(episode.simulation.score()[0]["seed"]))
     else:
-        simulation = Simulation(made, adapter.worlds, seed=7)
-    driver = baselines.make("still", made, adapter.worlds) if roles == "rogues" else None
-    n, compared = made.num_robots, 0
-    for step in range(1, made.task.steps + 1):
+        simulation = Simulation(scenario, adapter.worlds, seed=7)
+    driver = baselines.make("still", scenario, adapter.worlds) if roles == "rogues" else None
+    n, compared = scenario.num_robots, 0
+    for step in range(1, scenario.task.steps + 1):
         for side, of in rows.items():
             own = simulation.observation.numpy() if side == "robot" else simulation.rogues.observation.numpy()
             live = np.ones(own.shape[:2], bool) if side == "robot" else simulation.rogues.present.numpy()
             assert (of[:, : own.shape[1]][live] == own[live]).all()
             assert not of[:, own.shape[1] :].any()
             compared += live.sum()
-        given = drawn(adapter, rows, draw)
-        of_robots = driver.act(simulation.observation) if driver else np.clip(given["robot"][:, :n], -1, 1)
-        of_rogues = () if made.targets.rogues is None else (np.clip(given["rogue"], -1, 1),)
+        actions = drawn(adapter, rows, draw)
+        of_robots = driver.act(simulation.observation) if driver else np.clip(actions["robot"][:, :n], -1, 1)
+        of_rogues = () if scenario.targets.rogues is None else (np.clip(actions["rogue"], -1, 1),)
         simulation.step(of_robots, *of_rogues)
-        rows, rewards, terminated, truncated = adapter.step(given)
+        rows, rewards, terminated, truncated = adapter.step(actions)
         for side, of in rewards.items():
             own = simulation.reward.numpy() if side == "robot" else simulation.rogues.reward.numpy()
             assert (of[:, : own.shape[1]] == own).all()
         if terminated.any():
             assert roles == "rogues"  # all were detected
             break
-        assert truncated.tolist() == [step == made.task.steps] * adapter.worlds
+        assert truncated.tolist() == [step == scenario.task.steps] * adapter.worlds
     assert compared > 0
     if roles == "messages":
         heard = [name.startswith("neighbour_") and "message" in name for name in simulation.layout.names]
@@ -287,15 +287,15 @@ def test_a_copy_goes_on_bit_for_bit_and_returned_arrays_do_not_change(name, role
     copies = [pickle.loads(pickle.dumps(adapter)), copy.deepcopy(adapter)]
     over = np.array([False])
     while not over.all():
-        given = drawn(adapter, rows, draw)
-        rows, *mine = adapter.step(given)
-        for of_copy, *its in [each.step(given) for each in copies]:
+        actions = drawn(adapter, rows, draw)
+        rows, *mine = adapter.step(actions)
+        for of_copy, *its in [clone.step(actions) for clone in copies]:
             assert all((rows[side] == of_copy[side]).all() for side in rows)
             assert str(mine) == str(its)
         over = mine[1] | mine[2]
     assert all((returned[side] == before[side]).all() for side in before)
     begun = adapter.reset()
-    for of_copy in [each.reset() for each in copies]:
+    for of_copy in [clone.reset() for clone in copies]:
         assert all((begun[side] == of_copy[side]).all() for side in begun)
 
 
@@ -304,10 +304,10 @@ def test_a_copy_goes_on_bit_for_bit_and_returned_arrays_do_not_change(name, role
 def test_an_action_that_is_not_finite_is_refused_by_the_name_of_its_robot(name, wrong):
     adapter = make(name)
     rows = adapter.reset(seed=1)
-    given = drawn(adapter, rows, np.random.default_rng(0))
-    given["robot"][-1, 3, 0] = wrong
+    actions = drawn(adapter, rows, np.random.default_rng(0))
+    actions["robot"][-1, 3, 0] = wrong
     with pytest.raises(ValueError, match=r"action of robot_3 .*must be finite, got"):
-        adapter.step(given)
+        adapter.step(actions)
 
 
 @pytest.mark.parametrize("name", ["parallel", "gymnasium", "sb3", "torchrl"])

@@ -88,14 +88,14 @@ RESETS = [
         [True, False], [0, 3], [-1], [0.9], ["0"], "all", [[0], [1]], [1, 1], [[0], [1, 2]],
     )),
     *((([0, 1], seeds), SEED) for seeds in ([0, 2**31], [0.5, 1.0], ["a", "b"], [True, False], [[0], [1, 2]])),
-    *((given, "seeds must be one for each of the") for given in [(None, [1]), ([0, 1], [1, 2, 3]), ([1], [[1]])]),
+    *((args, "seeds must be one for each of the") for args in [(None, [1]), ([0, 1], [1, 2, 3]), ([1], [[1]])]),
 ]  # fmt: skip
 
 
 def test_worlds_and_seeds_of_a_reset():
     simulation = Simulation("failure", 3)
-    for given, words in RESETS:
-        assert_refused(simulation, lambda given=given: simulation.reset(*given), words)
+    for args, words in RESETS:
+        assert_refused(simulation, lambda args=args: simulation.reset(*args), words)
     simulation.reset(seeds=[0, 1, 2**31 - 1])
     assert simulation.clock.seed.numpy().tolist() == [0, 1, 2**31 - 1]
 
@@ -142,9 +142,9 @@ REFUSED = {
 def test_actions_of_agents(name):
     changes, words = REFUSED[name]
     agents, other = parallel_env("experiment"), parallel_env("experiment")
-    for each in (agents, other):
-        each.reset(seed=1)
-        each.step(good_actions(each))
+    for environment in (agents, other):
+        environment.reset(seed=1)
+        environment.step(good_actions(environment))
     actions = {agent: action for agent, action in (good_actions(agents) | changes).items() if action is not None}
     assert_refused(agents.simulation, lambda: agents.step(actions), words)
     # A refused action leaves no trace: the next good step is that of an environment that was never asked.
@@ -205,8 +205,8 @@ CALLS = [
 
 @pytest.mark.parametrize("name", MADE)
 def test_what_an_environment_does_not_take(name):
-    made = MADE[name]()
-    made.reset(seed=1)
-    for method, given, words in (call for kind, *call in CALLS if kind == name):
-        call = functools.partial(getattr(made, method), **given)
-        assert_refused(made.simulation, call, words)
+    environment = MADE[name]()
+    environment.reset(seed=1)
+    for method, settings, words in (call for kind, *call in CALLS if kind == name):
+        call = functools.partial(getattr(environment, method), **settings)
+        assert_refused(environment.simulation, call, words)

@@ -19,7 +19,7 @@ def own_reward(world):
     return world.robots.position[..., 0]
 
 
-def made(space=SPACE, groups=4, size=3, seed=5, **more):
+def batch_of(space=SPACE, groups=4, size=3, seed=5, **more):
     batch = Batch(space, groups * size, num_groups=groups, seed=seed, **more)
     batch.reset()
     return batch
@@ -37,50 +37,50 @@ def drawn_actions(batch, rng):
 
 
 def test_each_group_is_a_simulation_of_its_scenario_and_the_rest_is_masked():
-    batch, rng = made(), np.random.default_rng(0)
-    scenarios = [each.scenario for each in batch.simulations]
-    alone = [Simulation(each, 3) for each in scenarios]
-    for group, each in zip(batch.simulations, alone, strict=True):
-        each.load_state(group.save_state())
-    assert len({each.digest() for each in scenarios}) == 4
-    assert {each.num_robots for each in scenarios} == {3, 5}
+    batch, rng = batch_of(), np.random.default_rng(0)
+    scenarios = [group.scenario for group in batch.simulations]
+    alone = [Simulation(scenario, 3) for scenario in scenarios]
+    for group, single in zip(batch.simulations, alone, strict=True):
+        single.load_state(group.save_state())
+    assert len({scenario.digest() for scenario in scenarios}) == 4
+    assert {scenario.num_robots for scenario in scenarios} == {3, 5}
     for _ in range(8):
-        given = drawn_actions(batch, rng)
-        rows = step(batch, given)
-        for group, each in enumerate(alone):
-            of, n = batch.worlds_of(group), each.num_robots
-            each.step(np.ascontiguousarray(given[of, :n]))
+        actions = drawn_actions(batch, rng)
+        rows = step(batch, actions)
+        for group, single in enumerate(alone):
+            of, n = batch.worlds_of(group), single.num_robots
+            single.step(np.ascontiguousarray(actions[of, :n]))
             for name in ("observation", "reward", "terminated", "truncated"):
-                assert (getattr(rows, name)[of, :n] == getattr(each, name).numpy()).all()
+                assert (getattr(rows, name)[of, :n] == getattr(single, name).numpy()).all()
             assert rows.mask[of, :n].all()
             assert not rows.mask[of, n:].any()
     assert rows.terminated[~rows.mask].all()
     assert not np.any([*rows.reward[~rows.mask], *rows.observation[~rows.mask].ravel()])
     scores = batch.score(np.ones(12, bool))
-    assert [row["scenario"] for row in scores[::3]] == [each.name for each in scenarios]
+    assert [row["scenario"] for row in scores[::3]] == [scenario.name for scenario in scenarios]
 
 
 @pytest.mark.parametrize("own", [(), (lissajous_env.reward_term()(own_reward),)])
 def test_threads_change_no_bit(own):
     # Two threads take four groups side by side; eight share each group, as they do with a reward of one's own.
     space = ScenarioSpace("small", scenario("evaders", extensions=own), DRAW)
-    batches, rng = [made(space, threads=each) for each in (1, 2, 8)], np.random.default_rng(0)
+    batches, rng = [batch_of(space, threads=threads) for threads in (1, 2, 8)], np.random.default_rng(0)
     for _ in range(12):
-        given = drawn_actions(batches[0], rng)
-        one, *others = [step(each, given) for each in batches]
+        actions = drawn_actions(batches[0], rng)
+        one, *others = [step(batch, actions) for batch in batches]
         for other in others:
             assert all((a == b).all() for a, b in zip(one, other, strict=True))
-        for each in batches:
-            each.reset(each.over)
+        for batch in batches:
+            batch.reset(batch.over)
 
 
 def test_a_group_depends_neither_on_the_others_nor_on_when_they_are_reset():
-    few, many, rng = made(groups=2, size=2), made(groups=5, size=2), np.random.default_rng(0)
+    few, many, rng = batch_of(groups=2, size=2), batch_of(groups=5, size=2), np.random.default_rng(0)
     for turn in range(3):
-        assert [each.scenario for each in few.simulations] == [each.scenario for each in many.simulations[:2]]
+        assert [group.scenario for group in few.simulations] == [group.scenario for group in many.simulations[:2]]
         for _ in range(3):
-            given = drawn_actions(many, rng)
-            a, b = step(few, given), step(many, given)
+            actions = drawn_actions(many, rng)
+            a, b = step(few, actions), step(many, actions)
             assert (a.observation == b.observation[:4]).all()
         many.reset(np.arange(10) >= 8 if turn == 0 else None)
         if turn:
@@ -88,7 +88,7 @@ def test_a_group_depends_neither_on_the_others_nor_on_when_they_are_reset():
 
 
 def test_worlds_that_are_reset_together_change_their_scenario_and_others_do_not():
-    batch = made(groups=3, size=2, seed=2)
+    batch = batch_of(groups=3, size=2, seed=2)
     before, rng = batch.simulations[:], np.random.default_rng(0)
     rows = step(batch, drawn_actions(batch, rng))
     batch.reset(np.array([True, True, True, False, False, False]))
@@ -117,11 +117,11 @@ def test_invalid_arguments_are_refused_by_name(changes, words):
 def test_draws_that_do_not_fit_are_skipped(monkeypatch):
     # Oracle: the scenarios of another sequence from the same seed, without those that are skipped.
     def draws(fits):
-        return Draws(SPACE, "train", 5, lambda made: made, fits)
+        return Draws(SPACE, "train", 5, lambda candidate: candidate, fits)
 
-    every, few = draws(lambda made: True), draws(lambda made: made.num_robots == 3)
+    every, few = draws(lambda candidate: True), draws(lambda candidate: candidate.num_robots == 3)
     due = [drawn for drawn in (every.next(0) for _ in range(20)) if drawn[0].num_robots == 3]
     assert [few.next(0) for _ in due] == due
     monkeypatch.setattr("lissajous_env.parameters.space._MOST_DRAWS", 9)
     with pytest.raises(ValueError, match="space small must contain more scenarios of the largest size, got none"):
-        draws(lambda made: False).next(0)
+        draws(lambda candidate: False).next(0)

@@ -15,22 +15,22 @@ REMOVING = {"task.on_collision": "remove", "task.boundary": "remove", "max_cycle
 SIDES = {"rogues": "agents", "targets.count": 2, "targets.arrival_rate": 0.0, "max_cycles": 6}
 
 
-def made(**more):
+def short_env(**more):
     return gymnasium.make(ID, max_cycles=5, **more)
 
 
 def shapes(infos):
-    return {name: shapes(each) if isinstance(each, dict) else (each.shape, each.dtype) for name, each in infos.items()}
+    return {name: shapes(part) if isinstance(part, dict) else (part.shape, part.dtype) for name, part in infos.items()}
 
 
 SINGLE = {
-    "team": made,
-    "discrete": lambda: made(discrete_actions=True),
+    "team": short_env,
+    "discrete": lambda: short_env(discrete_actions=True),
     "space": lambda: gymnasium.make("lissajous_env:lissajous/monitoring-v1-v0", max_cycles=5),
-    "rogues": lambda: made(robots="still"),
+    "rogues": lambda: short_env(robots="still"),
     "rows": lambda: lissajous_env.vector_env("experiment", 2, max_cycles=5, agents_as_rows=True),
     "teams": lambda: lissajous_env.vector_env("experiment", 2, max_cycles=5),
-    "teams in turn": lambda: gymnasium.vector.SyncVectorEnv([made, made]),
+    "teams in turn": lambda: gymnasium.vector.SyncVectorEnv([short_env, short_env]),
 }
 
 
@@ -50,7 +50,7 @@ def test_infos_have_the_same_numbers_in_each_step(name):
         scored.append(ended.any())
         if ended.any() and not isinstance(env, gymnasium.vector.VectorEnv):
             row = env.unwrapped.score()
-            np.testing.assert_array_equal(info["score"], [row[each] for each in env.unwrapped.score_names])
+            np.testing.assert_array_equal(info["score"], [row[name] for name in env.unwrapped.score_names])
             env.reset()
     assert any(scored)
 
@@ -75,7 +75,7 @@ def test_minari_records_infos(tmp_path, monkeypatch):
         pytest.importorskip(needed)
     minari = pytest.importorskip("minari")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    env = minari.DataCollector(made(), record_infos=True)
+    env = minari.DataCollector(short_env(), record_infos=True)
     scores = []
     for seed in range(2):
         env.reset(seed=seed)
@@ -171,16 +171,16 @@ def test_the_specification_states_the_length_of_an_episode():
 def test_tensors_are_actions(discrete):
     # Oracle: the same numbers as arrays of NumPy.
     torch = pytest.importorskip("torch")
-    plain, given = (lissajous_env.parallel_env("experiment", discrete_actions=discrete) for _ in range(2))
+    plain, with_tensors = (lissajous_env.parallel_env("experiment", discrete_actions=discrete) for _ in range(2))
     kinds = [lambda x: x.requires_grad_(), lambda x: x.bfloat16(), lambda x: x.half().requires_grad_(), list]
     kinds.append(lambda x: torch._neg_view(-x))  # its elements are negated only when they are read
     kinds = [lambda x: x, lambda x: x.to(torch.uint8), lambda x: x.reshape(1)] if discrete else kinds
     for kind in kinds:
-        for env in (plain, given):
+        for env in (plain, with_tensors):
             env.reset(seed=1)
         number = torch.tensor(3) if discrete else torch.tensor([0.5, -0.25])
         array = 3 if discrete else np.array([0.5, -0.25])
-        got = given.step({agent: kind(number.clone()) for agent in given.agents})
+        got = with_tensors.step({agent: kind(number.clone()) for agent in with_tensors.agents})
         expected = plain.step(dict.fromkeys(plain.agents, array))
         for agent in got[0]:
             assert got[0][agent].tobytes() == expected[0][agent].tobytes()

@@ -93,9 +93,9 @@ def test_infos_tell_where_an_action_was_not_finite():
     for rows in (False, True):
         env = vector(num_envs=3, agents_as_rows=rows)
         env.reset(seed=1)
-        each = 5 if rows else 1
+        per_world = 5 if rows else 1
         action = env.action_space.sample()
         assert not env.step(action)[4]["invalid"].any()
-        action[each] = np.nan
+        action[per_world] = np.nan
         invalid = env.step(action)[4]["invalid"]
-        assert invalid.tolist() == [False] * each + [True] * each + [False] * each
+        assert invalid.tolist() == [False] * per_world + [True] * per_world + [False] * per_world

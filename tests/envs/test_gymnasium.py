@@ -57,7 +57,7 @@ def play_singles(kind, num_envs, actions, seed):
                 row.append(env.step(batch[k]))
             ended[k] = row[-1][2] or row[-1][3]
         rows.append(row)
-        observations.append(np.stack([each[0] for each in row]))
+        observations.append(np.stack([step[0] for step in row]))
     return observations, rows
 
 

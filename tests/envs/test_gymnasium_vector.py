@@ -14,8 +14,8 @@ EVERY_MODE = pytest.mark.parametrize("mode", [mode.name for mode in AutoresetMod
 
 def pair(mode="NEXT_STEP", **settings):
     """The same worlds twice: a row for each robot, and a row for each team."""
-    made = {"num_envs": 4, "autoreset_mode": mode, **SHORT, **CRASHING, **settings}
-    return lissajous_env.vector_env(agents_as_rows=True, **made), lissajous_env.vector_env(**made)
+    common = {"num_envs": 4, "autoreset_mode": mode, **SHORT, **CRASHING, **settings}
+    return lissajous_env.vector_env(agents_as_rows=True, **common), lissajous_env.vector_env(**common)
 
 
 def test_rows_have_the_spaces_of_one_robot():

@@ -71,7 +71,7 @@ def test_an_episode_repeats_bit_for_bit_and_stays_in_its_spaces(kind):
             assert np.isfinite(row).all()
         if len(rest) == 4:
             rewards, terminated, truncated, infos = rest
-            assert all(list(each) == list(observations) for each in (rewards, terminated, truncated, infos))
+            assert all(list(part) == list(observations) for part in (rewards, terminated, truncated, infos))
             for agent, info in infos.items():
                 assert list(info) == ["reward_terms"]
                 assert info["reward_terms"].shape == (len(TERMS),)

@@ -66,10 +66,10 @@ def test_rogues_are_agents_from_their_appearance_to_their_detection():
     rogues = {agent: how for agent, how in ended.items() if agent.startswith("rogue")}
     assert len(rogues) > 2
     assert set(rogues.values()) == {"detected", "time"}
-    times, found = env.simulation.detection_times()
+    times, detected = env.simulation.detection_times()
     for agent, how in rogues.items():
         slot = int(agent.partition("_")[2])
-        assert found[slot] == (how == "detected")
+        assert detected[slot] == (how == "detected")
         assert returns[agent] == pytest.approx(times[slot], abs=1e-4)  # its return is its detection time
 
 

@@ -112,7 +112,7 @@ def test_scenarios_of_different_sizes_are_refused_by_name():
 def test_a_larger_team_than_any_of_the_first_scenarios_is_skipped(monkeypatch):
     # Story: one scenario is looked at; larger teams than its own never play.
     monkeypatch.setattr("lissajous_env.envs.batch.FIRST_SCENARIOS", 1)
-    small = [made.num_robots for made in map(SMALL.sample, range(12))]
+    small = [scenario.num_robots for scenario in map(SMALL.sample, range(12))]
     first = next(SMALL.scenarios("train")).num_robots
     env = make()
     assert len(env.possible_agents) == first

@@ -15,9 +15,9 @@ from baselines.mpcc.solver import Mpcc  # noqa: E402
 @pytest.mark.parametrize(("name", "scenario"), CASES)
 def test_actions_for_tensors_are_those_for_arrays(name, scenario):
     # Oracle: the policy that was given the same observations as arrays.
-    seen, taken = episode(baselines.make(name, scenario, 16), scenario, 16, seed=40)
+    seen, actions = episode(baselines.make(name, scenario, 16), scenario, 16, seed=40)
     policy = baselines.make(name, scenario, 16)
-    for rows, action in zip(seen, taken, strict=True):
+    for rows, action in zip(seen, actions, strict=True):
         got = policy.act(torch.from_numpy(rows))
         assert isinstance(got, torch.Tensor)
         np.testing.assert_array_equal(got.numpy(), action)

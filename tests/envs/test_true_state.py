@@ -36,9 +36,9 @@ def test_each_number_is_what_its_name_says(name):
             heading, phase = robots.heading.numpy()[w, i], robots.phase.numpy()[w, i]
             x, y = robots.position.numpy()[w, i, :2] / half
             speed, works = robots.speed.numpy()[w, i] / simulation.speed_unit, robots.status.numpy()[w, i] == 0
-            told = {"x": x, "y": y, "cos_heading": np.cos(heading), "sin_heading": np.sin(heading), "speed": speed}
-            told |= {"cos_phase": np.cos(phase), "sin_phase": np.sin(phase), "works": float(works)}
-            expected |= {f"robot_{i}_{key}": value for key, value in told.items()}
+            parts = {"x": x, "y": y, "cos_heading": np.cos(heading), "sin_heading": np.sin(heading), "speed": speed}
+            parts |= {"cos_phase": np.cos(phase), "sin_phase": np.sin(phase), "works": float(works)}
+            expected |= {f"robot_{i}_{key}": value for key, value in parts.items()}
         for t in range(scenario.target_capacity):
             waiting = targets.status.numpy()[w, t] == 1
             x, y = targets.position.numpy()[w, t] / half if waiting else (0, 0)
@@ -56,6 +56,6 @@ def test_torch_says_what_numpy_does(name, overrides, device):
     assert rows.dtype == torch.float32
     assert rows.device.type == device
     np.testing.assert_allclose(rows.cpu(), state_rows(simulation), atol=1e-6)
-    kept = rows.clone()
+    before = rows.clone()
     simulation.step(np.ones(simulation.action_shape, dtype=np.float32))
-    assert torch.equal(rows, kept), "it is the caller's own"
+    assert torch.equal(rows, before), "it is the caller's own"

@@ -137,7 +137,7 @@ def test_the_commands_end_with_one_line_and_an_exit_code(broken, tmp_path, capsy
             cli.main(arguments)
         assert ended.value.code not in (0, None), arguments
         said = capsys.readouterr()
-        told = " ".join((said.out + said.err).split())
-        assert "policy failing must return finite actions" in told, arguments
-        assert "Traceback (most" not in told
+        output = " ".join((said.out + said.err).split())
+        assert "policy failing must return finite actions" in output, arguments
+        assert "Traceback (most" not in output
     assert not (tmp_path / "x.npz").exists()

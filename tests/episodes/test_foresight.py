@@ -61,8 +61,8 @@ def test_labels_are_mirrored_with_the_world():
     places = np.random.default_rng(1).uniform((-1.5, -1.0), (1.5, 1.0), (40, 2))
     ways = sweep()
     actions, gains = labels_of(ways, places)
-    mirrored, theirs = labels_of(ways * (1, -1), places * (1, -1))
-    assert np.allclose(gains, theirs, atol=1e-3)
+    mirrored, mirrored_gains = labels_of(ways * (1, -1), places * (1, -1))
+    assert np.allclose(gains, mirrored_gains, atol=1e-3)
     clear = gains > 0.3
     assert clear.sum() >= 50
     same = np.abs(actions[clear] * (1, -1) - mirrored[clear]).max(axis=1) < 1e-6
@@ -75,8 +75,8 @@ def test_slower_rogues_gain_less():
     labels = {}
     for speed in (0.5, 0.025):
         changed = {"targets.speed": 0.02, "targets.flee_speed": 0.02, "targets.speed_limit": speed}
-        made = lissajous_env.scenario(field(), **changed)
-        labels[speed] = Foresight(made).label(visits_of(sweep(), places))
+        scenario = lissajous_env.scenario(field(), **changed)
+        labels[speed] = Foresight(scenario).label(visits_of(sweep(), places))
     assert labels[0.025].gains.mean() < 0.8 * labels[0.5].gains.mean()
 
 
@@ -84,13 +84,13 @@ def test_values_are_the_times_for_which_a_rogue_can_still_stay_undetected():
     # Story: a disc of 1 m rests at the left for 3 s. A rogue beside it stays undetected to the end, one well inside it
     # is detected at every moment. Law: no rogue stays undetected for longer from discs that are larger.
     visits = visits_of(np.tile([[-2.0, 0.0]], (31, 1)), [(0.0, 0.0)])
-    found = [(moment, value.copy()) for moment, value in Foresight(field(), margin=0.0, blur=0.0).values(visits)]
-    assert [moment for moment, _ in found] == list(range(30, -1, -1))
-    for moment, value in found:
+    values = [(moment, value.copy()) for moment, value in Foresight(field(), margin=0.0, blur=0.0).values(visits)]
+    assert [moment for moment, _ in values] == list(range(30, -1, -1))
+    for moment, value in values:
         rows, columns = value.shape[1:]
         beside, inside = value[0, rows // 2, 3 * columns // 4], value[0, rows // 2, columns // 4]
         assert beside == pytest.approx(0.1 * (30 - moment), abs=1e-4)
         assert inside == 0
-    for (_, value), (_, larger) in zip(found, Foresight(field(), margin=0.3, blur=0.0).values(visits), strict=True):
+    for (_, value), (_, larger) in zip(values, Foresight(field(), margin=0.3, blur=0.0).values(visits), strict=True):
         assert (larger <= value).all()
     assert larger.sum() < value.sum()

@@ -23,8 +23,8 @@ FIFTEEN = [(1.1, 0.2, 5.7), (1.4, 1.0, 5.8), (None, 5.0, 5.0)]
 @pytest.mark.parametrize(("radius", "speed", "expected"), FIVE)
 def test_five_points_on_curve_16(radius, speed, expected):
     # 180 cells: on 90 the entries nearest to a radius that does not clear are off by 0.4 s.
-    found = IdealFormation("experiment", radius, cells=180).guaranteed_time(speed)
-    assert found == expected or abs(found - expected) <= 0.3
+    longest = IdealFormation("experiment", radius, cells=180).guaranteed_time(speed)
+    assert longest == expected or abs(longest - expected) <= 0.3
 
 
 @pytest.mark.parametrize(("radius", "speed", "expected"), FIFTEEN)
@@ -75,11 +75,11 @@ def test_a_rogue_must_be_faster_where_sensors_are_larger():
     assert 0.1 < critical[0] < 0.32
     assert 0.5 < critical[1] < 1.0
     assert critical[2:] == [0.0, math.inf]
-    made = IdealFormation("intruders", 0.7).against(0.3)
-    assert (made.sensing.radius, made.rogue_speed, made.robot.kind) == (0.7, 0.3, "curve")
+    scenario = IdealFormation("intruders", 0.7).against(0.3)
+    assert (scenario.sensing.radius, scenario.rogue_speed, scenario.robot.kind) == (0.7, 0.3, "curve")
 
 
-def told(capsys, *arguments):
+def called(capsys, *arguments):
     with pytest.raises(SystemExit) as ended:
         cli.main([*map(str, arguments)])
     captured = capsys.readouterr()
@@ -87,11 +87,11 @@ def told(capsys, *arguments):
 
 
 def test_the_command_prints_its_radii(capsys):
-    code, said, _ = told(capsys, "guarantee", "evaders", "--radii", 3, "--cells", 40, "--json")
+    code, said, _ = called(capsys, "guarantee", "evaders", "--radii", 3, "--cells", 40, "--json")
     assert code == 0
-    given = json.loads(said)
-    assert [round(row["radius"], 2) for row in given["evaders"]] == [0.35, 0.96, 1.56]
-    _, table, _ = told(capsys, "guarantee", "evaders", "--radii", 3, "--cells", 40)
+    output = json.loads(said)
+    assert [round(row["radius"], 2) for row in output["evaders"]] == [0.35, 0.96, 1.56]
+    _, table, _ = called(capsys, "guarantee", "evaders", "--radii", 3, "--cells", 40)
     words = r"0\.30 +0\.0594 +for ever\s+0\.955 +0\.82 +> 6 +1\.5\s+1\.56 +1\.35 +> 6 +0\.0\s"
     assert re.search(words, table)
 
@@ -106,6 +106,6 @@ def test_the_command_prints_its_radii(capsys):
     ],
 )
 def test_the_command_refuses_by_name(arguments, words, capsys):
-    code, _, said = told(capsys, "guarantee", *arguments)
+    code, _, said = called(capsys, "guarantee", *arguments)
     assert code == 2
     assert words in said

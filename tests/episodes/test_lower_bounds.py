@@ -41,9 +41,9 @@ def test_the_end_of_an_episode_cuts_the_waiting_short(duration, rate, count):
     for _ in range(40_000):
         arrivals = np.ceil(rng.uniform(0, duration, rng.poisson(rate * duration)) / 0.1) * 0.1
         there = duration - np.concatenate([np.zeros(count), arrivals])
-        found = np.maximum(rng.uniform(size=len(there)) - at_once, 0) / per_second
+        waits = np.maximum(rng.uniform(size=len(there)) - at_once, 0) / per_second
         if len(there):
-            means.append(np.minimum(found, there).mean())
+            means.append(np.minimum(waits, there).mean())
     limit = mean_time_lower_bound(scenario)
     assert limit < np.mean(means) + 3 * np.std(means) / 200
     assert limit > 0.9 * np.mean(means)

@@ -22,9 +22,9 @@ GRID = {"task.contamination": (90, 40)}
 SHORT = {"task.duration": 12.0}
 
 
-def missed(scenario, policy, seed=0, **overrides):
-    made = lissajous_env.scenario(scenario, **overrides)
-    return missed_rogue(baselines.make(policy, made, 1), made, seed)
+def missed(name, policy, seed=0, **overrides):
+    scenario = lissajous_env.scenario(name, **overrides)
+    return missed_rogue(baselines.make(policy, scenario, 1), scenario, seed)
 
 
 # Stories with closed forms.
@@ -33,7 +33,7 @@ def missed(scenario, policy, seed=0, **overrides):
 def test_a_rogue_waits_at_the_end_of_a_corridor():
     # Oracle: the robot's place on the curve (3). Its disc fills the corridor and goes from right to left, so the rogue
     # waits in the corner that it covers last.
-    made = lissajous_env.scenario(
+    corridor = lissajous_env.scenario(
         "experiment",
         **{
             "robot.kind": "curve", "robot.count": 1, "robot.model_offset": None, "formation.p": 0,
@@ -43,9 +43,9 @@ def test_a_rogue_waits_at_the_end_of_a_corridor():
             "targets.speed_limit": 0.15, "task.contamination": (90, 3), "task.grid": None, "task.duration": 20.0,
         },
     )  # fmt: skip
-    rogue = missed_rogue(baselines.make("open-loop", made, 1), made, 0)
+    rogue = missed_rogue(baselines.make("open-loop", corridor, 1), corridor, 0)
     time = np.arange(0, 20, 1e-3)
-    gamma = made.alpha * made.equilibrium[0] + made.formation.phase_rate * time
+    gamma = corridor.alpha * corridor.equilibrium[0] + corridor.formation.phase_rate * time
     x, y = 1.8 * np.cos(gamma), 0.06 * np.sin(2 * gamma)
     caught = max(time[np.argmax(np.hypot(x + 1.8, y + corner) < 0.5)] for corner in (-0.06, 0.06))
     assert 1.0 < caught < 20.0
@@ -111,15 +111,15 @@ CASES = [
 @pytest.mark.parametrize(("scenario", "policy", "overrides"), CASES)
 def test_a_rogue_is_an_ordinary_target_that_is_detected_at_the_end_of_its_path(scenario, policy, overrides):
     # Oracle: speed, walls and distances in float64 from the recorded robots, and the simulation's own detection.
-    made = lissajous_env.scenario(scenario, **{**SHORT, **overrides})
+    short = lissajous_env.scenario(scenario, **{**SHORT, **overrides})
     for seed in (4, 5):
-        rogue = missed_rogue(baselines.make(policy, made, 2), made, seed)
+        rogue = missed_rogue(baselines.make(policy, short, 2), short, seed)
         assert fault_of(rogue) is None
         detection = first_detection(rogue.played, rogue.path)
         assert rogue.detected == (detection is not None)
         if detection is not None:
-            assert rogue.undetected == pytest.approx(detection * made.task.step, abs=2e-3)
-        assert rogue.undetected >= rogue.path.steps * made.task.step - 1e-6
+            assert rogue.undetected == pytest.approx(detection * short.task.step, abs=2e-3)
+        assert rogue.undetected >= rogue.path.steps * short.task.step - 1e-6
         assert rogue.undetected <= rogue.upper_bound + 1e-6
 
 

@@ -18,23 +18,23 @@ LEAPS = st.lists(st.tuples(st.integers(1, 30), st.integers(0, 60)), min_size=1, 
 def ages(leaps):
     """Return the possible undetected time of a rogue, step by step: it grows by 1, and falls when the oldest is
     detected."""
-    found = [0]
+    history = [0]
     for steps, fall in leaps:
-        found += [found[-1] + k + 1 for k in range(steps)]
-        found.append(max(found[-1] + 1 - fall, 0))
-    return np.array(found)
+        history += [history[-1] + k + 1 for k in range(steps)]
+        history.append(max(history[-1] + 1 - fall, 0))
+    return np.array(history)
 
 
-def open_at_each_step(found):
-    return [is_open(found[: k + 1].max(), found[k], k) for k in range(len(found))]
+def open_at_each_step(history):
+    return [is_open(history[: k + 1].max(), history[k], k) for k in range(len(history))]
 
 
 @given(LEAPS, st.integers(0, 40))
 def test_where_a_bound_holds_no_episode_of_twice_that_time_is_open(leaps, more):
     # Law: B bounds all ages of an episode that is longer than 2 B.
-    found = ages(leaps)
-    bound = found.max()
-    padded = np.append(found, np.zeros(max(2 * bound + 1 - len(found), 0) + more, dtype=int))
+    history = ages(leaps)
+    bound = history.max()
+    padded = np.append(history, np.zeros(max(2 * bound + 1 - len(history), 0) + more, dtype=int))
     assert not any(open_at_each_step(padded)[2 * bound + 1 :])
 
 
@@ -44,29 +44,29 @@ def test_a_rogue_that_is_never_detected_makes_every_long_episode_open(leaps, mor
     before = ages(leaps)
     since = len(before) - 1
     young = draw.draw(st.integers(0, before[-1]))
-    found = np.append(before, young + np.arange(1, since + more + 1))
-    assert all(open_at_each_step(found)[max(2 * since, 1) :])
+    history = np.append(before, young + np.arange(1, since + more + 1))
+    assert all(open_at_each_step(history)[max(2 * since, 1) :])
 
 
 @given(LEAPS)
 def test_an_open_episode_that_goes_on_stays_open_until_that_rogue_is_detected(leaps):
     # Law: and what is claimed of it never becomes less.
-    found = ages(leaps)
-    told = open_at_each_step(found)
-    for k in range(len(found) - 1):
-        assert not told[k] or told[k + 1] or found[k + 1] <= found[k]
-        assert found[: k + 2].max() >= found[: k + 1].max()
+    history = ages(leaps)
+    flags = open_at_each_step(history)
+    for k in range(len(history) - 1):
+        assert not flags[k] or flags[k + 1] or history[k + 1] <= history[k]
+        assert history[: k + 2].max() >= history[: k + 1].max()
 
 
 def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
     # Story: cars that do not move. The same world played for longer claims more, and is open all the time.
-    told = []
+    rows = []
     for duration in (2.0, 5.0, 12.0):
         scenario = lissajous_env.scenario("evaders", **{"task.duration": duration})
         (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[3])
         assert row["guaranteed_detection_time"] == pytest.approx(duration - 0.1)
-        told.append(row)
-    assert all(row[OPEN.name] == 1 and report_page.failed(row)[1] for row in told)
+        rows.append(row)
+    assert all(row[OPEN.name] == 1 and report_page.failed(row)[1] for row in rows)
 
 
 def test_without_a_robot_left_nothing_bounds_it():

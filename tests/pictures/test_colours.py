@@ -75,7 +75,7 @@ def test_the_standard_policies_share_neither_colour_nor_mark(seen, scenario):
     played = [name for name in types.POLICIES if name in names(scenario)]
     plain = dict.fromkeys(split_suffix(name)[0] for name in played)
     styles = styles_of(plain)
-    assert len({each.mark for each in styles.values()}) == len(plain)
+    assert len({style.mark for style in styles.values()}) == len(plain)
     for one, other in combinations(styles.values(), 2):
         assert distance(from_hex(one.colour), from_hex(other.colour), seen) > APART, (one, other)
 

@@ -77,9 +77,9 @@ def test_saved_and_loaded_by_any_name_is_the_same(recording, tmp_path):
     assert loaded.scenario == recording.scenario
     assert str(loaded.score) == str(recording.score)
     for name in recordings.ARRAYS:
-        kept, read = getattr(recording, name), getattr(loaded, name)
-        assert kept.dtype == read.dtype, name
-        np.testing.assert_array_equal(kept, read, err_msg=name)
+        original, read = getattr(recording, name), getattr(loaded, name)
+        assert original.dtype == read.dtype, name
+        np.testing.assert_array_equal(original, read, err_msg=name)
 
 
 def test_scenarios_with_infinite_fields_come_back(tmp_path):
@@ -189,6 +189,8 @@ def test_the_targets_in_sight_are_those_of_the_simulation(name, score):
         shares.append(in_sight.mean())
     assert 0 < np.mean(shares) < 1
     recording = recorder.recording()
+    assert now.num_detected == round(recording.score["detected_fraction"] * recording.score["targets"])
+    assert now.mean_detection_time(scenario.task.step) == pytest.approx(recording.score["detection_time_mean"])
     if score is not None:
         assert np.mean(shares) == pytest.approx(recording.score[score])
     page = contents(recording)

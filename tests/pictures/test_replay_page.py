@@ -24,9 +24,9 @@ SHORT = {"task.duration": 6.0, "task.contamination": (45, 20), "targets.arrival_
 HOSTILE = "</script><img src=x onerror=alert(1)><!-- <script>alert(2)</script> &lt; \u2028 \ud800 '\""
 
 
-def played(scenario="evaders", policy="kuramoto-mpcc", seed=1, **overrides):
-    made = lissajous_env.scenario(scenario, **overrides)
-    return record(baselines.make(policy, made), made, seed)
+def played(name="evaders", policy="kuramoto-mpcc", seed=1, **overrides):
+    scenario = lissajous_env.scenario(name, **overrides)
+    return record(baselines.make(policy, scenario), scenario, seed)
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,8 @@ def test_numbers_come_back_to_what_is_stated(shape):
     assert (np.abs(away - 2 * np.pi * np.rint(away / (2 * np.pi))) <= 2 * np.pi / 65_536 * 0.51).all()
     for most in (200, 60_000, 10**6):
         whole = draw.integers(-3, most + 4, shape)
-        kept = np.where((whole < 0) | (whole > most), most + 1, whole)
-        np.testing.assert_array_equal(unpacked(counts(whole, most)), kept)
+        limited = np.where((whole < 0) | (whole > most), most + 1, whole)
+        np.testing.assert_array_equal(unpacked(counts(whole, most)), limited)
 
 
 def test_a_recording_knows_where_a_rogue_can_be_unseen():
@@ -82,37 +82,37 @@ def test_a_recording_knows_where_a_rogue_can_be_unseen():
 def test_a_recording_holds_what_each_robot_saw_and_did():
     # Oracle: the same episode, played by hand.
     scenario = lissajous_env.scenario("rough", **{"task.duration": 2.0})
-    kept = played("rough", seed=5, **{"task.duration": 2.0})
+    recording = played("rough", seed=5, **{"task.duration": 2.0})
     simulation = lissajous_env.Simulation(scenario, seed=5)
     policy = baselines.make("kuramoto-mpcc", scenario)
     policy.reset()
-    assert not kept.action[0].any()
+    assert not recording.action[0].any()
     for f in range(20):
-        np.testing.assert_array_equal(kept.observation[f], simulation.observation.numpy()[0])
-        np.testing.assert_array_equal(kept.heard_at[f], simulation.links.heard_at.numpy()[0])
+        np.testing.assert_array_equal(recording.observation[f], simulation.observation.numpy()[0])
+        np.testing.assert_array_equal(recording.heard_at[f], simulation.links.heard_at.numpy()[0])
         action = policy.act(simulation.observation)
-        np.testing.assert_array_equal(kept.action[f + 1], np.clip(action.numpy()[0], -1, 1))
+        np.testing.assert_array_equal(recording.action[f + 1], np.clip(action.numpy()[0], -1, 1))
         simulation.step(action)
-        np.testing.assert_array_equal(kept.reward_terms[f + 1], simulation.reward_terms.numpy()[0])
-    assert kept.observation_names == simulation.layout.names
-    assert (np.diff(kept.heard_at, axis=0) == 0).any()  # messages were lost
+        np.testing.assert_array_equal(recording.reward_terms[f + 1], simulation.reward_terms.numpy()[0])
+    assert recording.observation_names == simulation.layout.names
+    assert (np.diff(recording.heard_at, axis=0) == 0).any()  # messages were lost
 
 
 def test_a_page_holds_the_recording(recording):
-    (kept,) = data_of(Replay(recording).html())["episodes"]
-    assert (kept["policy"], kept["seed"]) == ("kuramoto-mpcc", 1)
-    x = unpacked(kept["robots"]["x"])
+    (entry,) = data_of(Replay(recording).html())["episodes"]
+    assert (entry["policy"], entry["seed"]) == ("kuramoto-mpcc", 1)
+    x = unpacked(entry["robots"]["x"])
     np.testing.assert_allclose(x, recording.position[..., 0], atol=np.ptp(x) / 65_535)
-    observation = np.stack([unpacked(each) for each in kept["robots"]["observation"]], axis=-1)
+    observation = np.stack([unpacked(column) for column in entry["robots"]["observation"]], axis=-1)
     np.testing.assert_allclose(observation, recording.observation, atol=8 / 65_535)
-    np.testing.assert_allclose(unpacked(kept["robots"]["action"][0])[:-1], recording.action[1:, :, 0], atol=2 / 65_535)
-    assert kept["robots"]["names"] == list(recording.observation_names)
-    pictures, stride = unpacked(kept["ground"]["unseen"]["cells"]), kept["ground"]["unseen"]["stride"]
+    np.testing.assert_allclose(unpacked(entry["robots"]["action"][0])[:-1], recording.action[1:, :, 0], atol=2 / 65_535)
+    assert entry["robots"]["names"] == list(recording.observation_names)
+    pictures, stride = unpacked(entry["ground"]["unseen"]["cells"]), entry["ground"]["unseen"]["stride"]
     assert stride == 2
     since = recording.introduced_at[::stride]
     np.testing.assert_array_equal(pictures, np.where(since == int(NEVER), len(recording) + 1, since))
-    found = np.array(kept["targets"]["found"])
-    assert np.count_nonzero(found >= 0) == np.count_nonzero(recording.found_at < len(recording))
+    detections = np.array(entry["targets"]["found"])
+    assert np.count_nonzero(detections >= 0) == np.count_nonzero(recording.found_at < len(recording))
 
 
 def test_a_minute_of_five_robots_and_fifty_targets_is_small():
@@ -128,18 +128,18 @@ def test_long_episodes_and_fine_grids_are_thinned(recording):
     arrays = {name: getattr(recording, name)[moments] for name in ARRAYS if name not in fixed}
     arrays["sensed_at"] = np.broadcast_to(np.int32(0), (6_101, 130, 150))
     long = dataclasses.replace(recording, scenario=lissajous_env.scenario("evaders", **overrides).resolve(), **arrays)
-    kept = contents(long)
-    assert (kept["every"], kept["moments"]) == (2, 3051)
-    rows, columns, _ = kept["ground"]["sensed"]["cells"]["shape"]
+    episode = contents(long)
+    assert (episode["every"], episode["moments"]) == (2, 3051)
+    rows, columns, _ = episode["ground"]["sensed"]["cells"]["shape"]
     assert rows <= 128
     assert columns <= 128
-    np.testing.assert_allclose(unpacked(kept["robots"]["x"]), long.position[::2, :, 0], atol=1e-3)
+    np.testing.assert_allclose(unpacked(episode["robots"]["x"]), long.position[::2, :, 0], atol=1e-3)
 
 
 def called(*arguments):
     """Exit code of `lissajous`."""
     with pytest.raises(SystemExit) as ended:
-        main([str(each) for each in arguments])
+        main([str(argument) for argument in arguments])
     return ended.value.code or 0
 
 
@@ -205,14 +205,14 @@ def test_a_page_runs_its_own_scripts_alone_and_asks_no_address(recording):
     policy = html.unescape(re.search(r'http-equiv="Content-Security-Policy" content="(.*?)"', text)[1])
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
     assert rules["default-src"] == rules["connect-src"] == rules["base-uri"] == "'none'"
-    found = {
+    blocks = {
         "script": re.findall(r'<script(?: type="module")?>(.*?)</script>', text, re.DOTALL),
         "style": re.findall("<style>(.*?)</style>", text, re.DOTALL),
     }
-    for kind, parts in found.items():
+    for kind, parts in blocks.items():
         hashes = [f"'sha256-{base64.b64encode(hashlib.sha256(part.encode()).digest()).decode()}'" for part in parts]
         assert rules[f"{kind}-src"].split() == hashes
-    assert len(found["script"]) == 1
+    assert len(blocks["script"]) == 1
     assert not re.search(
         r'(?:src|href)="?(?:https?:)?//|@import|url\(', re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
     )

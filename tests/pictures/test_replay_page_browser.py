@@ -138,17 +138,17 @@ def test_an_address_names_the_moment_and_the_robot(browser, one, folder, recordi
 
 def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
     # Oracle: the missed rogue, and the colour of the page's own legend at the rogue's place.
-    made = lissajous_env.scenario("evaders", **{"task.duration": 8.0})
-    policy = baselines.make("kuramoto-mpcc", made)
-    found = missed_rogue(policy, made, 1)
-    run = opened(browser, folder, Replay(record(policy, made, 1), missed=found).html())
+    scenario = lissajous_env.scenario("evaders", **{"task.duration": 8.0})
+    policy = baselines.make("kuramoto-mpcc", scenario)
+    rogue = missed_rogue(policy, scenario, 1)
+    run = opened(browser, folder, Replay(record(policy, scenario, 1), missed=rogue).html())
     (event,) = run("return replay.views[0].episode.events.filter((each) => each.kind === 'rogue')")
-    assert event["time"] == pytest.approx(found.appears)
-    assert event["until"] - event["time"] == pytest.approx(found.undetected, abs=1e-3)
+    assert event["time"] == pytest.approx(rogue.appears)
+    assert event["until"] - event["time"] == pytest.approx(rogue.undetected, abs=1e-3)
     assert "the rogue that this policy misses" in run("return document.querySelector('.legend').textContent")
-    half = len(found.path.places) // 2
-    x, y = found.path.places[half].tolist()
-    run(f"replay.player.seek({found.appears + half * made.task.step})")
+    half = len(rogue.path.places) // 2
+    x, y = rogue.path.places[half].tolist()
+    run(f"replay.player.seek({rogue.appears + half * scenario.task.step})")
     pixel = run(
         f"const {{ stage }} = replay.views[0], at = [stage.px({x}), stage.py({y})].map((each) => each * stage.ratio);"
         "return [...stage.context.getImageData(Math.round(at[0]), Math.round(at[1]), 1, 1).data]"
@@ -192,10 +192,10 @@ def test_two_episodes_share_time_scale_and_camera(browser, folder, recording):
 
 @pytest.mark.parametrize(("half_width", "half_height"), [(1.5, 4.0), (20.0, 12.5)], ids=["tall", "hall"])
 def test_the_rectangle_fills_the_picture_on_phones_and_screens(browser, folder, recording, half_width, half_height):
-    made = lissajous_env.scenario("intruders", **{"curve.half_width": half_width, "curve.half_height": half_height})
+    scenario = lissajous_env.scenario("intruders", **{"curve.half_width": half_width, "curve.half_height": half_height})
     position = recording.position * np.float32(min(half_width, half_height))
     position[-1, 0, :2] = 1.4 * half_width, 1.4 * half_height  # a robot that was outside for a moment
-    moved = dataclasses.replace(recording, scenario=made.resolve(), position=position)
+    moved = dataclasses.replace(recording, scenario=scenario.resolve(), position=position)
     run = opened(browser, folder, Replay(moved).html())
     for width in (1280, 390):
         metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}

@@ -18,13 +18,13 @@ from baselines.planning.plans import Plan
 from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings
 
-STORED = [each.name for each in bounds.all_known()]
+STORED = [plan.name for plan in bounds.all_known()]
 
 
 @pytest.mark.parametrize("name", STORED)
 def test_the_stored_figures_are_those_of_the_episodes(name):
     """Oracle: the episodes, on the scenario as a benchmark plays it, with its own start."""
-    (stored,) = (each for each in bounds.all_known() if each.name == name)
+    (stored,) = (plan for plan in bounds.all_known() if plan.name == name)
     task = as_played(name.removesuffix(f"-{known.SETTLED}"))
     assert task.digest() == stored.scenario.digest()
     figures = play(as_family(task, bounds.known_plans(task)).plan({"stored": name}), Episodes()).figures
@@ -46,10 +46,10 @@ def test_the_best_known_plans_are_better_than_the_best_default():
 def test_a_changed_scenario_has_no_best_known_plan():
     assert bounds.known_plans(lissajous_env.scenario("evaders"))
     for changed in ({"sensing.radius": 0.7}, {"task.duration": 50.0}, {"robot.count": 7}):
-        made = lissajous_env.scenario("evaders", **changed)
-        assert bounds.known_plans(made) == []
-        assert not as_family(made, bounds.known_plans(made)).first
-        assert math.isnan(bounds_of(made).best_known)
+        scenario = lissajous_env.scenario("evaders", **changed)
+        assert bounds.known_plans(scenario) == []
+        assert not as_family(scenario, bounds.known_plans(scenario)).first
+        assert math.isnan(bounds_of(scenario).best_known)
 
 
 def test_the_row_stands_below_the_policies():
@@ -74,7 +74,7 @@ def test_only_better_plans_are_stored(tmp_path, monkeypatch):
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == ["evaders"]
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == []
         assert known.keep("evaders", [planned(2.5, 2.2), planned(3.0, 2.0)], "d") == ["evaders", "evaders-settled"]
-        found = {each.name: known.ranked(each, known.WHOLE) for each in bounds.all_known()}
-        assert found == {"evaders": (2.5, 2.2), "evaders-settled": (3.0, 2.0)}
+        ranks = {plan.name: known.ranked(plan, known.WHOLE) for plan in bounds.all_known()}
+        assert ranks == {"evaders": (2.5, 2.2), "evaders-settled": (3.0, 2.0)}
     finally:
         bounds.all_known.cache_clear()

@@ -27,7 +27,7 @@ def test_a_family_without_a_plan_says_why(capsys):
 def test_points_have_formations_alone():
     families = families_of(Request(**HALL, robots=5).scenario_of(5))
     assert {family.name for family in families if family.first} == {"defaults", "Lissajous"}
-    words = "sweep and laps drive cars, and the robots are of kind curve (give a turning radius)"
+    words = "the robots are of kind curve, not cars as for sweep and laps (give a turning radius)"
     assert words in [family.refusal for family in families]
 
 
@@ -46,8 +46,8 @@ def test_every_start_of_a_formation_is_a_scenario_whose_robots_part(robots):
     task = Request(**HALL, robots=robots, turning_radius=1.0).scenario_of(robots)
     family = formations(task)
     for start in family.first:
-        made = family.plan(start).scenario
-        places = np.sort(np.angle(np.exp(1j * made.alpha * made.equilibrium)))
+        scenario = family.plan(start).scenario
+        places = np.sort(np.angle(np.exp(1j * scenario.alpha * scenario.equilibrium)))
         gaps = np.diff(np.append(places, places[0] + 2 * np.pi))
         np.testing.assert_allclose(gaps, 2 * np.pi / robots, atol=1e-6)
 
@@ -56,8 +56,8 @@ def test_changed_settings_stay_within_their_space():
     family = Family("any", Plan, [], {"speed": (0.5, 2.0), "lanes": [2, 4], "policy": ["a", "b"]})
     random, seen = np.random.default_rng(0), {"speed": 1.0, "lanes": 2, "policy": "a"}
     assert {type(name) for _ in range(9) for name in family.changed({}, random)} == {str}
-    given = {"inset": 1.0, "cruise": 0.5}, {"cruise": 0.5, "inset": 1.0}
-    keys = {Plan("any", lissajous_env.scenario("evaders"), PolicySettings("laps", each)).key for each in given}
+    orders = {"inset": 1.0, "cruise": 0.5}, {"cruise": 0.5, "inset": 1.0}
+    keys = {Plan("any", lissajous_env.scenario("evaders"), PolicySettings("laps", order)).key for order in orders}
     assert len(keys) == 1
     for _ in range(200):
         after = family.changed(seen, random)

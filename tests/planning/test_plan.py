@@ -83,13 +83,13 @@ def test_the_same_request_gives_the_same_table_on_a_slow_machine(small, outcome,
     slow = baselines.plan(small, **REQUEST)
     assert (slow.looks, slow.untried) == (outcome.looks, outcome.untried)
     assert repr(slow.finals) == repr(outcome.finals)
-    assert [each.plan.key for each in slow.plans] == [each.plan.key for each in outcome.plans]
+    assert [final.plan.key for final in slow.plans] == [final.plan.key for final in outcome.plans]
 
 
 def test_a_fixed_start_is_that_of_every_plan(small, outcome):
     task = lissajous_env.scenario(small)
     assert outcome.finals
-    assert {each.plan.scenario.digest() for each in outcome.finals} == {task.digest()}
+    assert {final.plan.scenario.digest() for final in outcome.finals} == {task.digest()}
 
 
 def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
@@ -102,29 +102,29 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
     assert code == 0
     shown = json.loads(said)["plans"]
     assert 1 <= len(shown) <= 2
-    for k, each in enumerate(shown, start=1):
-        count = len(each["rows"])
+    for k, plan in enumerate(shown, start=1):
+        count = len(plan["rows"])
         assert count == (BEST_EPISODES if k == 1 else CONFIRMING_EPISODES)
         rows = evaluated(capsys, out / str(k), "--episodes", count)
-        figures, made = each["figures"], lissajous_env.scenario(str(out / str(k) / "scenario.toml"))
-        at = made.task.duration / 4
+        figures, scenario = plan["figures"], lissajous_env.scenario(str(out / str(k) / "scenario.toml"))
+        at = scenario.task.duration / 4
         failed = [
             evaluated(capsys, out / str(k), "--episodes", 1, "--seed", i, "--set", f"faults.removed=(({i},{at}),)")[0]
             for i in range(5)
         ]
         assert figures["worst_case"] == worst_of(rows)
-        simulation, ages = lissajous_env.Simulation(made, count), []
-        runner = EpisodeRunner(baselines.make(out / str(k), made, count), simulation)
+        simulation, ages = lissajous_env.Simulation(scenario, count), []
+        runner = EpisodeRunner(baselines.make(out / str(k), scenario, count), simulation)
         runner.play(range(count), lambda _, of=simulation, into=ages: into.append(of.contamination.age.numpy().max()))
-        settled = max(ages[made.task.steps // 2 + 1 :]) * made.task.step
+        settled = max(ages[scenario.task.steps // 2 + 1 :]) * scenario.task.step
         assert figures["settled"] == ("inf" if worst_of(rows) == "inf" else pytest.approx(settled))
         assert figures["detection_time"] == pytest.approx(np.mean([row["detection_time_mean"] for row in rows]))
         assert figures["detection_low"] < figures["detection_time"] < figures["detection_high"]
-        assert figures["clearance"] == min(row["min_separation"] for row in rows) - 2 * made.robot.radius
-        per_minute = np.mean([row["distance_mean"] for row in rows]) * 60 / made.task.duration
+        assert figures["clearance"] == min(row["min_separation"] for row in rows) - 2 * scenario.robot.radius
+        per_minute = np.mean([row["distance_mean"] for row in rows]) * 60 / scenario.task.duration
         assert figures["distance"] == pytest.approx(per_minute)
         assert sum(row["collisions"] for row in rows) == 0
-        grew = any(row["still_growing"] for row in each["failed_rows"])
+        grew = any(row["still_growing"] for row in plan["failed_rows"])
         collides = sum(row["collisions"] for row in failed) > 0
         assert figures["worst_case_failed"] == ("inf" if grew or collides else worst_of(failed))
 
@@ -149,17 +149,17 @@ numbers = st.integers(0, 3).map(float)
 def test_no_printed_plan_is_dominated(table):
     """Oracle: comparison of all pairs by brute force; what is left out collides, is dominated, or is a twin."""
     plans = [planned(*row, collisions=int(collides)) for *row, collides in table]
-    kept = pareto_optimal(plans)
-    of = [(*each.figures.objectives, 5.0) for each in plans]
-    for each in kept:
-        mine = (*each.figures.objectives, 5.0)
+    front = pareto_optimal(plans)
+    of = [(*plan.figures.objectives, 5.0) for plan in plans]
+    for member in front:
+        mine = (*member.figures.objectives, 5.0)
         safe = [one for one, plan in zip(of, plans, strict=True) if not plan.figures.collisions]
-        assert each.figures.collisions == 0
+        assert member.figures.collisions == 0
         assert not any(all(np.array(one) <= mine) and one != mine for one in safe)
     for one, plan in zip(of, plans, strict=True):
         if plan.figures.collisions == 0:
-            assert any(all(np.array((*each.figures.objectives, 5.0)) <= one) for each in kept)
-    worst = [each.figures.worst_case for each in kept]
+            assert any(all(np.array((*member.figures.objectives, 5.0)) <= one) for member in front)
+    worst = [member.figures.worst_case for member in front]
     assert worst == sorted(worst)
 
 
@@ -176,8 +176,8 @@ def test_a_look_ends_early_and_compares_as_a_plan_does(small):
     """Story: a plan with a bound also loses robots; beyond a cutoff it has no bound, and a collision ends it."""
     partition, random = (Plan("hand", lissajous_env.scenario(small), PolicySettings(name))
                          for name in ("partition", "random"))  # fmt: skip
-    given = (partition, math.inf), (partition, 0.1), (random, math.inf)
-    whole, cut, hit = (look_at(plan, Episodes(failures=1), cutoff) for plan, cutoff in given)
+    cases = (partition, math.inf), (partition, 0.1), (random, math.inf)
+    whole, cut, hit = (look_at(plan, Episodes(failures=1), cutoff) for plan, cutoff in cases)
     assert whole.figures.worst_case < math.inf
     speed = np.mean([row["distance_mean"] for row in whole.rows]) / 4  # half of the episode was played
     assert whole.figures.distance == pytest.approx(60 * speed)
@@ -186,7 +186,7 @@ def test_a_look_ends_early_and_compares_as_a_plan_does(small):
     assert hit.figures.collisions > 0
     assert cut.failed_rows == hit.failed_rows == []
     first = planned(2.0, failed=5.0), planned(3.0, failed=4.0)
-    assert min(first, key=lambda each: each.figures.by_failures) == first[1]
+    assert min(first, key=lambda plan: plan.figures.by_failures) == first[1]
 
 
 def test_ctrl_c_prints_the_best_so_far(small, capsys, monkeypatch):
@@ -247,8 +247,8 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
     scenario, changed = lissajous_env.scenario(small), []
     search = Search(scenario, families_of(scenario), plans=80)
 
-    def recorded(family, *given):
-        changed.append((search.untried(), sum(len(each.looks) + len(each.refused) for each in search.families)))
+    def recorded(family, *args):
+        changed.append((search.untried(), sum(len(family.looks) + len(family.refused) for family in search.families)))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Family, "changed", recorded)
@@ -272,14 +272,14 @@ def test_the_fewest_robots_that_guarantee_a_time(small, capsys):
     limit = PlanOutcome.of(Request(small, robots=2)).lower_bounds[2]
     line = "plan", small, "--robots", "2:5", "--guarantee", max(10 * limit, 1.0)
     code, said, _ = called(capsys, *line, "--plans", 12, "--json")
-    found = json.loads(said)
-    fewest = found["fewest_robots"]
+    output = json.loads(said)
+    fewest = output["fewest_robots"]
     assert code == 0
-    good = [each for each in found["plans"] if each["figures"]["worst_case"] <= line[-1]]
-    assert {each["robots"] for each in good} == {fewest}
-    assert list(found["refusals"]) == [str(number) for number in range(2, fewest + 1)]
-    assert all(found["lower_bounds"][str(each["robots"])] <= each["figures"]["worst_case"] for each in good)
-    assert any(f"{fewest} robots are the fewest" in word for word in found["words"])
+    good = [plan for plan in output["plans"] if plan["figures"]["worst_case"] <= line[-1]]
+    assert {plan["robots"] for plan in good} == {fewest}
+    assert list(output["refusals"]) == [str(number) for number in range(2, fewest + 1)]
+    assert all(output["lower_bounds"][str(plan["robots"])] <= plan["figures"]["worst_case"] for plan in good)
+    assert any(f"{fewest} robots are the fewest" in word for word in output["words"])
 
 
 @pytest.mark.parametrize(("failures", "fewest"), [(0, 4), (1, 5)])

@@ -27,23 +27,23 @@ from lissajous_env.world.state import REMOVED
 def test_partition_has_no_bound_if_a_robot_fails():
     """Story: two of the five cells have no neighbour that senses them; whoever loses such a robot has no guarantee."""
     evaders = lissajous_env.scenario("evaders")
-    found = play(Plan("defaults", evaders, PolicySettings("partition")), Episodes(7, failures=1))
-    assert math.isfinite(found.figures.worst_case)
-    assert found.figures.worst_case_failed == math.inf
-    assert report.worst_in_words(math.inf, found.failed_rows).startswith("no bound (median ")
+    partition = play(Plan("defaults", evaders, PolicySettings("partition")), Episodes(7, failures=1))
+    assert math.isfinite(partition.figures.worst_case)
+    assert partition.figures.worst_case_failed == math.inf
+    assert report.worst_in_words(math.inf, partition.failed_rows).startswith("no bound (median ")
 
 
 @pytest.mark.parametrize(("robots", "failures", "count"), [(5, 1, 5), (5, 2, 10), (9, 3, 64)])
 def test_each_combination_of_robots_is_lost_once_or_a_sample_of_them(robots, failures, count):
     # Oracle: the binomial coefficient.
-    made = lissajous_env.scenario("evaders", **{"robot.count": robots})
-    losses = Episodes(failures=failures).losses(made)
+    scenario = lissajous_env.scenario("evaders", **{"robot.count": robots})
+    losses = Episodes(failures=failures).losses(scenario)
     assert len(losses) == count
     assert len(set(losses)) == count
     assert all(len(set(lost)) == failures and set(lost) <= set(range(robots)) for lost in losses)
     if math.comb(robots, failures) <= 64:
         assert set(losses) == set(itertools.combinations(range(robots), failures))
-    outcome = PlanOutcome(Request(made, failures=failures), scenarios={robots: made}, finals=[planned(1.0)])
+    outcome = PlanOutcome(Request(scenario, failures=failures), scenarios={robots: scenario}, finals=[planned(1.0)])
     is_sample = f"64 of {math.comb(robots, failures)}" in report.sentences(outcome)[0]
     assert is_sample == (math.comb(robots, failures) > 64)
 
@@ -79,7 +79,7 @@ def row(longest, is_open=0.0, grows=False):
 def test_a_guarantee_is_the_largest_time_with_the_median_beside_it(rows, words):
     # Oracle: by hand. A time that was still growing is no bound, and ranks as none.
     worst = worst_case(rows)
-    assert (worst == math.inf) == any(each["still_growing"] for each in rows)
+    assert (worst == math.inf) == any(episode["still_growing"] for episode in rows)
     assert report.worst_in_words(worst, rows) == words
 
 
@@ -171,9 +171,9 @@ def test_a_scenario_has_its_own_boundary_unless_the_ground_is_open():
 def test_every_family_of_a_hall_has_walls():
     """Law: each start of each family is a scenario with walls whose curve leaves room for the bodies."""
     families = families_of(hall())
-    made = [family.plan(start).scenario for family in families for start in family.first]
+    scenarios = [family.plan(start).scenario for family in families for start in family.first]
     assert len({family.name for family in families if family.first}) == 5
-    for scenario in made:
+    for scenario in scenarios:
         assert scenario.task.boundary == "wall"
         assert scenario.driven.half_width <= scenario.curve.half_width - scenario.robot.radius
 
@@ -186,10 +186,10 @@ def test_a_plan_whose_bodies_come_closer_than_the_clearance_is_marked():
     gap = np.linalg.norm(places[:, :, first] - places[:, :, second], axis=-1).min() - 0.4
     near, far = (play(plan, Episodes(count=2, clearance=gap + more)) for more in (-0.05, 0.05))
     assert far.figures.clearance == pytest.approx(gap, abs=0.02)  # between two steps they may be closer
-    assert [each.figures.too_close for each in (near, far)] == [False, True]
+    assert [near.figures.too_close, far.figures.too_close] == [False, True]
     outcome = PlanOutcome(Request(**CARS, clearance=2.0), scenarios={3: hall()}, finals=[far])
     assert printed(outcome, [near, far]).count("(close)") == 1
-    assert any("come closer than 2 m" in each for each in report.sentences(outcome))
+    assert any("come closer than 2 m" in sentence for sentence in report.sentences(outcome))
     assert Request(**ROOM).required_clearance == pytest.approx(0.04)
 
 
@@ -197,17 +197,17 @@ def test_plans_without_a_bound_after_failures_say_why():
     finals = [planned(5.0, failed=math.inf), planned(4.0, settled=2.0, failed=math.inf)]
     outcome = PlanOutcome.of(Request("evaders", failures=1))
     outcome.finals = finals
-    (words,) = (each for each in report.sentences(outcome) if "with 1 removed" in each)
+    (words,) = (sentence for sentence in report.sentences(outcome) if "with 1 removed" in sentence)
     assert words.startswith("No plan has a bound with 1 removed: 2 of 2 leave a gap")
     outcome.finals.append(planned(6.0, failed=7.0))
-    assert not any("with 1 removed:" in each for each in report.sentences(outcome))
+    assert not any("with 1 removed:" in sentence for sentence in report.sentences(outcome))
     first = "in which 1 robot is removed after a quarter of the episode (each robot"
-    assert f"and 5 {first}" in report.sentences(outcome)[0]
+    assert f"and in 5 {first}" in report.sentences(outcome)[0]
     loses_one = lissajous_env.scenario("evaders", **{"faults.lost": 1})
     for request in (Request("evaders", failures=2), Request(loses_one, failures=1)):
         outcome = dataclasses.replace(PlanOutcome.of(request), finals=finals[:2])
-        assert "and 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
+        assert "and in 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
         assert "with 2 lost [s]" in " ".join(printed(outcome, finals).split())
-        assert any("with 2 removed" in each for each in report.sentences(outcome))
+        assert any("with 2 removed" in sentence for sentence in report.sentences(outcome))
     with pytest.raises(ValueError, match=r"failures must be a whole number from 0 to 3, .* got 4"):
         Request(loses_one, failures=4)

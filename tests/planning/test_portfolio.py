@@ -37,9 +37,9 @@ def test_the_order_depends_on_no_unit(name):
         task = lissajous_env.scenario(f"monitoring-v1-{seed}")
         scaled = task.scaled(7.0, 0.3)
         assert features_of(scaled) == pytest.approx(features_of(task), abs=1e-9)
-        one, other = (portfolio.ordered(Prior.read(name), each, 0) for each in (task, scaled))
-        assert [each.policy for each in one] == [each.policy for each in other]
-        orders.append([each.policy for each in one])
+        one, other = (portfolio.ordered(Prior.read(name), scenario, 0) for scenario in (task, scaled))
+        assert [patrol.policy for patrol in one] == [patrol.policy for patrol in other]
+        orders.append([patrol.policy for patrol in one])
     assert orders[0] != orders[1] or orders[1] != orders[2], "it depends on the scenario"
 
 
@@ -58,10 +58,10 @@ def test_the_best_of_the_rehearsed_patrols_is_chosen(objective):
         SCENARIO,
         **{"task.duration": 20.0, "task.contamination": (30, 20), "sensing.radius": 0.8 * SCENARIO.curve.half_height},
     )
-    given = prior((0.0, 1.0, 2.0), objective=objective, within=99.0)
+    biased_prior = prior((0.0, 1.0, 2.0), objective=objective, within=99.0)
     column = "detection_time_mean" if objective == DETECTION else "guaranteed_detection_time"
     costs = {}
-    for settings in portfolio.ordered(given, task, 0):
+    for settings in portfolio.ordered(biased_prior, task, 0):
         rows = lissajous_env.evaluate(settings.make(task, 4), task, range(800_000, 800_004))
         times = [row[column] for row in rows]
         time = np.mean(times) if objective == DETECTION else max(times)
@@ -69,8 +69,8 @@ def test_the_best_of_the_rehearsed_patrols_is_chosen(objective):
             time = 2 * 20.0
         collisions = np.mean([row["collisions"] for row in rows])
         costs[settings.policy] = np.log(max(time, task.task.step)) + 0.1 * min(collisions, 20)
-    assert portfolio.ordered(given, task, 0)[0].policy == "still"
-    order = [each.policy for each in portfolio.ordered(given, task, 3)]
+    assert portfolio.ordered(biased_prior, task, 0)[0].policy == "still"
+    order = [patrol.policy for patrol in portfolio.ordered(biased_prior, task, 3)]
     assert order[0] == min(costs, key=lambda policy: costs[policy]) != "still"
     assert sorted(order) == ["partition", "still", "sweep"]
 
@@ -78,16 +78,16 @@ def test_the_best_of_the_rehearsed_patrols_is_chosen(objective):
 def test_rehearsals_for_detection_play_the_rogues_of_the_scenario():
     hunted = lissajous_env.scenario(SCENARIO, **{"targets.rogues": "flee", "targets.speed_limit": 9.0})
     stages = [portfolio.rehearsal_of(hunted, objective) for objective in (DETECTION, GUARANTEE)]
-    assert [each.targets.rogues for each in stages] == ["flee", None]
-    assert [each.task.contamination is None for each in stages] == [True, False]
+    assert [stage.targets.rogues for stage in stages] == ["flee", None]
+    assert [stage.task.contamination is None for stage in stages] == [True, False]
 
 
 def test_more_patrols_are_rehearsed_outside_of_the_fit(monkeypatch):
     counts = []
     monkeypatch.setattr(portfolio, "best_rehearsed", lambda prior, scenario, count: counts.append(count))
     seen = prior()
-    for each in (seen, dataclasses.replace(seen, seen=seen.seen + 1.5)):
-        portfolio.ordered(each, SCENARIO)
+    for fit in (seen, dataclasses.replace(seen, seen=seen.seen + 1.5)):
+        portfolio.ordered(fit, SCENARIO)
     assert counts == [5, 10]
 
 

@@ -33,10 +33,10 @@ def test_every_classical_policy_of_cars_drives_robots_that_move_like_cars():
 def test_partitions_and_formations_keep_their_guarantee_on_other_wheels(name):
     """Oracle: cars with the same top speed, turning radius and acceleration."""
     rows, of_cars = (
-        lissajous_env.evaluate(baselines.make(name, made, 2), made, range(2))
-        for made in (DRIVES, scenario_of_cars(DRIVES.resolve()))
+        lissajous_env.evaluate(baselines.make(name, scenario, 2), scenario, range(2))
+        for scenario in (DRIVES, scenario_of_cars(DRIVES.resolve()))
     )
-    longest, wanted = (np.mean([row["guaranteed_detection_time"] for row in each]) for each in (rows, of_cars))
+    longest, wanted = (np.mean([row["guaranteed_detection_time"] for row in episodes]) for episodes in (rows, of_cars))
     assert longest < 1.15 * wanted + DRIVES.task.step
     assert sum(row["collisions"] for row in rows) == 0 or name == "kuramoto-mpcc"
 
@@ -55,9 +55,9 @@ def test_a_drive_gains_the_yaw_rate_of_every_circle_within_one_radius_of_way(nam
 
 
 def test_a_world_depends_on_its_own_observation_alone():
-    made = lissajous_env.scenario(SHORT, **{"messages.size": 2})
-    together = lissajous_env.evaluate(baselines.make("partition-repair-safe", made, 3), made, range(3))
-    alone = lissajous_env.evaluate(baselines.make("partition-repair-safe", made, 1), made, [2])
+    scenario = lissajous_env.scenario(SHORT, **{"messages.size": 2})
+    together = lissajous_env.evaluate(baselines.make("partition-repair-safe", scenario, 3), scenario, range(3))
+    alone = lissajous_env.evaluate(baselines.make("partition-repair-safe", scenario, 1), scenario, [2])
     np.testing.assert_equal(alone[0], {**together[2], "episode": 0})
 
 
@@ -73,12 +73,12 @@ def test_the_search_tries_for_other_wheels_what_it_tries_for_cars():
             plan = family.plan(settings)
             assert plan.settings == of_cars.plan(settings).settings
             assert plan.scenario.robot.kind == "differential"
-    made = PolicySettings("partition", {"rows": 1}).make(DRIVES)
-    assert (made.kind, made.name) == ("differential", "partition")
+    policy = PolicySettings("partition", {"rows": 1}).make(DRIVES)
+    assert (policy.kind, policy.name) == ("differential", "partition")
 
 
 def test_messages_follow_the_action():
-    made = lissajous_env.scenario(SHORT, **{"messages.size": 3})
+    scenario = lissajous_env.scenario(SHORT, **{"messages.size": 3})
 
     class Speaker(baselines.Policy):
         kind = "car"
@@ -86,7 +86,7 @@ def test_messages_follow_the_action():
         def decide(self, observation):
             return np.broadcast_to(np.float32([0.0, -1.0, 0.1, 0.2, 0.3]), self.action.shape)
 
-    action = (policy := as_factory(Speaker)(made, 2, "cpu")).act(np.zeros(policy.observation_shape, np.float32))
+    action = (policy := as_factory(Speaker)(scenario, 2, "cpu")).act(np.zeros(policy.observation_shape, np.float32))
     np.testing.assert_allclose(action[..., 2:], np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (*policy.shape, 3)))
 
 

@@ -64,7 +64,7 @@ def drive(scenario, policy, steps, cars=None):
         robots.heading.assign(cars[..., 2])
         robots.speed.assign(cars[..., 3])
     for _ in range(steps):
-        place, heading, speed = (each.numpy() for each in (robots.position, robots.heading, robots.speed))
+        place, heading, speed = (array.numpy() for array in (robots.position, robots.heading, robots.speed))
         yield np.concatenate([place[..., :2], heading[..., None], speed[..., None]], axis=2)
         simulation.step(policy.act(simulation.observation))
 
@@ -134,8 +134,8 @@ def test_the_rule_decides_where_there_are_walls_for_every_car_policy_and_after_f
 
 @pytest.mark.parametrize("name", ["random", "sweep", "kuramoto-mpcc", "sweep-safe", "random-proved"])
 def test_no_policy_meets_a_wall_or_is_blocked_by_one(name):
-    made = lissajous_env.scenario("evaders", **{"task.boundary": "wall", "task.contamination": None})
-    for row in lissajous_env.evaluate(baselines.make(name, made, 4), made, range(4)):
+    scenario = lissajous_env.scenario("evaders", **{"task.boundary": "wall", "task.contamination": None})
+    for row in lissajous_env.evaluate(baselines.make(name, scenario, 4), scenario, range(4)):
         assert row["wall_contacts"] == 0
         assert name.endswith("-proved") or row["blocked_time"] == 0
         assert row["distance_mean"] > 1.0
@@ -152,14 +152,14 @@ SHIPPED = [
 
 @pytest.mark.parametrize(("kind", "name"), SHIPPED)
 def test_every_included_policy_of_cars_and_drives_stays_inside_or_refuses(kind, name):
-    made = lissajous_env.scenario("evaders", **SMALL, **{"robot.kind": kind})
+    scenario = lissajous_env.scenario("evaders", **SMALL, **{"robot.kind": kind})
     try:
-        policy = baselines.make(name, made, 2)
+        policy = baselines.make(name, scenario, 2)
     except UnsuitableScenarioError as refusal:
         assert str(refusal).startswith("line-abreast requires ")  # noqa: PT017 -- other policies accept the scenario
         assert name.startswith("line-abreast")
         return
-    for row in lissajous_env.evaluate(policy, made, range(2)):
+    for row in lissajous_env.evaluate(policy, scenario, range(2)):
         assert row["wall_contacts"] == row["partly_outside_time"] == 0
 
 

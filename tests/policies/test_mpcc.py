@@ -39,8 +39,8 @@ def test_costs_no_more_than_ipopt():
         solution = Mpcc(CURVE, P, 16).solve(problems.state, problems.phase_rate, problems.guess)
         for k in range(16):
             state, phase_rate = problems.state[k], problems.phase_rate[k]
-            ours = ipopt.cost(state, phase_rate, solution.control[k].astype(float))
-            excess.append(ours / ipopt.solve(state, phase_rate, problems.guess[k])[0] - 1)
+            cost = ipopt.cost(state, phase_rate, solution.control[k].astype(float))
+            excess.append(cost / ipopt.solve(state, phase_rate, problems.guess[k])[0] - 1)
     assert np.median(excess) < 1e-3
     assert np.sum(np.array(excess) > 0.01) <= 1
 
@@ -88,10 +88,10 @@ def test_a_warm_start_is_the_last_solution_shifted(near):
     state = last.trajectory[:, 1]
     guess = np.concatenate([last.control[:, 1:], last.control[:, -1:]], axis=1)
     shifted = warm.solve(state, near.phase_rate)
-    given = cold.solve(state, near.phase_rate, guess)
-    easy = given.cost < P.poor * (P.stages + 1) * near.phase_rate**2
+    by_hand = cold.solve(state, near.phase_rate, guess)
+    easy = by_hand.cost < P.poor * (P.stages + 1) * near.phase_rate**2
     assert easy.sum() > 20
-    np.testing.assert_array_equal(shifted.control[easy], given.control[easy])
+    np.testing.assert_array_equal(shifted.control[easy], by_hand.control[easy])
     assert shifted.iterations.mean() < last.iterations.mean()
 
 
@@ -160,8 +160,8 @@ def test_parameters_of_a_robot():
     assert MpccParameters.of(Scenario(robot=Robot())).offset == 3.681
     p = MpccParameters.of(Scenario(robot=Robot(wheelbase=0.2, model_offset=3.804)), stages=7)
     assert (p.offset, p.wheelbase, p.stages) == (3.804, 0.2, 7)
-    for given, least in ((0.0, 0.1), (0.12, 0.12)):
-        assert MpccParameters.of(Scenario(robot=Robot(throttle_min=given))).throttle_min == pytest.approx(least)
+    for throttle, least in ((0.0, 0.1), (0.12, 0.12)):
+        assert MpccParameters.of(Scenario(robot=Robot(throttle_min=throttle))).throttle_min == pytest.approx(least)
 
 
 @pytest.mark.parametrize(("make", "message"), [

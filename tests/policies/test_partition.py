@@ -52,8 +52,8 @@ def test_a_loop_can_be_driven(size, lanes):
 def test_a_tour_goes_from_cell_to_cell_beside_it():
     """Oracle: a closed tour of an m x n grid exists exactly if m or n is even; else all but one step are possible."""
     for count, half, rows, gaps in ((12, (4.0, 3.0), 3, 0), (15, (5.0, 5.0), 3, 1), (5, (1.8, 0.8), 1, 1)):
-        grids = [each for each in divisions(count, half) if len(np.unique(each[:, 1].round(9))) == rows]
-        cells = min(grids, key=lambda each: np.ptp(each[:, 2:4], axis=0).sum())
+        grids = [grid for grid in divisions(count, half) if len(np.unique(grid[:, 1].round(9))) == rows]
+        cells = min(grids, key=lambda grid: np.ptp(grid[:, 2:4], axis=0).sum())
         order = tour(cells)
         assert sorted(order) == list(range(count))
         assert (~are_adjacent(cells)[order, np.roll(order, -1)]).sum() <= gaps + (count == 12)
@@ -68,9 +68,9 @@ def test_paths_of_bounded_curvature_lead_from_pose_to_pose():
     start, end = (np.column_stack([draw.uniform(-2, 2, (200, 2)), draw.uniform(-4, 4, 200)]) for _ in range(2))
     pieces = dubins_lengths(start, end, radius)
     i, k = np.nonzero(np.isfinite(pieces).all(axis=-1))
-    found = dubins_poses(start[i], pieces[i, k], TURNS[k], np.full(len(i), radius), pieces[i, k].sum(axis=-1)[:, None])
-    np.testing.assert_allclose(found[:, 0, :2], end[i, :2], atol=1e-6)
-    np.testing.assert_allclose(np.cos(found[:, 0, 2] - end[i, 2]), 1, atol=1e-9)
+    poses = dubins_poses(start[i], pieces[i, k], TURNS[k], np.full(len(i), radius), pieces[i, k].sum(axis=-1)[:, None])
+    np.testing.assert_allclose(poses[:, 0, :2], end[i, :2], atol=1e-6)
+    np.testing.assert_allclose(np.cos(poses[:, 0, 2] - end[i, 2]), 1, atol=1e-9)
     shortest = np.nanmin(pieces.sum(axis=-1), axis=1)
     distance = np.linalg.norm((start - end)[:, :2], axis=1)
     assert (shortest >= distance - 1e-9).all()
@@ -146,8 +146,8 @@ def test_ring_neighbours_have_neighbouring_cells():
     cell = in_ring_order(scenario, tour(plan.cells))
     assert sorted(cell) == list(range(15))
     side_by_side = are_adjacent(plan.cells)
-    kept = [side_by_side[cell[i], cell[j]] for i, pair in enumerate(scenario.neighbours) for j in pair]
-    assert sum(kept) >= 28
+    adjacent = [side_by_side[cell[i], cell[j]] for i, pair in enumerate(scenario.neighbours) for j in pair]
+    assert sum(adjacent) >= 28
 
 
 @pytest.mark.parametrize("fields", [{}, {"robot.radius": 0.1}, {"formation.start_noise": 0.06}])
@@ -163,14 +163,14 @@ def test_drives_plan_wider_loops_where_these_are_better():
     """Law: drives can drive the loops of cars of the same speed, so their plan is as good. Oracle: the ideal motion."""
     times, turns = [], []
     for kind in ("car", "differential"):
-        made = plain_of(like_cars(lissajous_env.scenario("hall", **{"robot.kind": kind})))
-        loop, half = partition_plans(made)[0].loop, (made.curve.half_width, made.curve.half_height)
-        times.append(worst_undetected_time(loop, half, made.sensing_radius, made.rogue_speed, made.task.step))
-        turns.append(radius_for_all_cars(made))
+        hall = plain_of(like_cars(lissajous_env.scenario("hall", **{"robot.kind": kind})))
+        loop, half = partition_plans(hall)[0].loop, (hall.curve.half_width, hall.curve.half_height)
+        times.append(worst_undetected_time(loop, half, hall.sensing_radius, hall.rogue_speed, hall.task.step))
+        turns.append(radius_for_all_cars(hall))
     assert turns[1] < turns[0]
     assert times[1] <= times[0]
-    given = partition_plans(made, PartitionParameters(turning=turns[0]))[0]
-    moved = np.diff(given.loop, axis=1)
+    plan = partition_plans(hall, PartitionParameters(turning=turns[0]))[0]
+    moved = np.diff(plan.loop, axis=1)
     bends = np.linalg.norm(np.diff(moved, axis=1), axis=2) / np.linalg.norm(moved, axis=2)[:, 1:] ** 2
     assert bends.max() < 1.1 / turns[0]
 
@@ -281,10 +281,10 @@ def test_loops_that_cross_do_not_lie_apart():
     ("evaders-failure", {}, False),  # the loops of evaders cross
 ])  # fmt: skip
 def test_a_team_whose_cells_may_stay_uncovered_is_warned(name, changes, warns):
-    made = lissajous_env.scenario(name, **changes)
+    scenario = lissajous_env.scenario(name, **changes)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        baselines.make("partition-repair", made)
+        baselines.make("partition-repair", scenario)
     assert any("only ring neighbours learn of a failure" in str(warning.message) for warning in caught) == warns
 
 

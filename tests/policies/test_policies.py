@@ -34,25 +34,25 @@ def test_kuramoto_acts_by_equation_1():
     np.testing.assert_allclose(action[..., 0] * simulation.scenario.robot.phase_rate_max, rates, atol=2e-6)
 
 
-@pytest.mark.parametrize(("scenario", "overrides"), [
+@pytest.mark.parametrize(("name", "overrides"), [
     ("experiment", {}), ("intruders", {}), ("intruders", {"targets.entry": "inside"}), ("evaders", {}),
     ("evaders", {"curve.half_width": 5.4, "curve.half_height": 1.0, "sensing.radius": 1.0}),
     ("evaders", {"curve.half_width": 1.0, "curve.half_height": 0.8, "sensing.radius": 0.1}),
 ])  # fmt: skip
-def test_the_patrol_loop_can_be_driven(scenario, overrides):
+def test_the_patrol_loop_can_be_driven(name, overrides):
     """Oracle: the loop's own curvature by finite differences, against the tightest turn of the car; a transposition."""
-    made = lissajous_env.scenario(scenario, **{"task.contamination": None, **overrides})
-    loop = patrol_loop(made)
+    scenario = lissajous_env.scenario(name, **{"task.contamination": None, **overrides})
+    loop = patrol_loop(scenario)
     sides = np.roll(loop, -1, axis=0) - loop
     turns = np.abs(np.angle(np.exp(1j * np.diff(np.unwrap(np.arctan2(sides[:, 1], sides[:, 0]))))))
     window = 40
     radius = window * np.linalg.norm(sides, axis=1).mean() / np.convolve(turns, np.ones(window), "valid").max()
-    tightest = made.robot.wheelbase / math.tan(made.robot.steering_max)
-    assert radius > 0.8 * min(corner_radius(made), tightest)
-    assert (np.abs(loop) <= [made.curve.half_width, made.curve.half_height]).all()
-    tall = {"curve.half_width": made.curve.half_height, "curve.half_height": made.curve.half_width}
-    same = SweepParameters(corner=corner_radius(made))
-    np.testing.assert_array_equal(patrol_loop(lissajous_env.scenario(made, **tall), same), loop[::-1, ::-1])
+    tightest = scenario.robot.wheelbase / math.tan(scenario.robot.steering_max)
+    assert radius > 0.8 * min(corner_radius(scenario), tightest)
+    assert (np.abs(loop) <= [scenario.curve.half_width, scenario.curve.half_height]).all()
+    tall = {"curve.half_width": scenario.curve.half_height, "curve.half_height": scenario.curve.half_width}
+    same = SweepParameters(corner=corner_radius(scenario))
+    np.testing.assert_array_equal(patrol_loop(lissajous_env.scenario(scenario, **tall), same), loop[::-1, ::-1])
 
 
 def test_still_cars_come_to_rest():

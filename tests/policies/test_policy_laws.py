@@ -31,25 +31,25 @@ CASES = [
 
 def episode(policy, scenario, worlds, seed, steps=STEPS):
     """Observations and actions (steps, W, N ...) of a policy that drives the worlds itself."""
-    simulation, seen, taken = Simulation(scenario, worlds, seed=seed), [], []
+    simulation, seen, actions = Simulation(scenario, worlds, seed=seed), [], []
     for _ in range(steps):
         seen.append(simulation.observation.numpy().copy())
-        taken.append(policy.act(seen[-1]))
-        simulation.step(taken[-1])
-    return np.array(seen), np.array(taken)
+        actions.append(policy.act(seen[-1]))
+        simulation.step(actions[-1])
+    return np.array(seen), np.array(actions)
 
 
 @pytest.mark.parametrize(("name", "scenario"), CASES)
 def test_a_row_is_the_same_in_any_batch_at_any_place(name, scenario):
     """Oracle: the batch of 6 worlds, for batches of 1 and 5 of them, in another order, of NumPy and of Warp."""
     draw = np.random.default_rng(3)
-    seen, taken = episode(baselines.make(name, scenario, 6), scenario, 6, seed=40)
+    seen, actions = episode(baselines.make(name, scenario, 6), scenario, 6, seed=40)
     for size in (1, 5):
         policy, worlds = baselines.make(name, scenario, size), draw.permutation(6)[:size]
-        for rows, action in zip(seen[:, worlds], taken[:, worlds], strict=True):
-            given = np.ascontiguousarray(rows)
-            given = given if size == 1 else wp.array(given, dtype=wp.float32, device="cpu")
-            np.testing.assert_array_equal(policy.act(given), action)
+        for rows, action in zip(seen[:, worlds], actions[:, worlds], strict=True):
+            batch = np.ascontiguousarray(rows)
+            batch = batch if size == 1 else wp.array(batch, dtype=wp.float32, device="cpu")
+            np.testing.assert_array_equal(policy.act(batch), action)
 
 
 @pytest.mark.parametrize(("name", "scenario"), [case for case in CASES if not case[0].endswith("-proved")])
@@ -79,16 +79,16 @@ def test_a_copy_goes_on_as_the_original(name, scenario):
     loaded = baselines.make(name, scenario, 3)
     loaded.load_state(policy.save_state())
     copies = [copy.deepcopy(policy), pickle.loads(pickle.dumps(policy)), loaded]
-    assert all(type(each) is type(policy) and each.name == name for each in copies)
+    assert all(type(clone) is type(policy) and clone.name == name for clone in copies)
     for step in range(STEPS):
         rows = simulation.observation.numpy().copy()
         action = policy.act(rows)
-        for each in copies:
-            np.testing.assert_array_equal(each.act(rows), action)
+        for clone in copies:
+            np.testing.assert_array_equal(clone.act(rows), action)
         simulation.step(action)
         if step == 3:
-            for each in (policy, *copies):
-                each.reset([1])
+            for clone in (policy, *copies):
+                clone.reset([1])
 
 
 class Remembering(Policy):
@@ -122,12 +122,12 @@ def test_a_users_policy_is_copied_with_all_that_it_keeps():
     for _ in range(7):
         simulation.step(policy.act(simulation.observation))
     policy.late = "set after it was made"
-    for each in (copy.deepcopy(policy), pickle.loads(pickle.dumps(policy))):
-        assert (each.late, each.steps, each.gain) == (policy.late, 7, 1e-3)
+    for clone in (copy.deepcopy(policy), pickle.loads(pickle.dumps(policy))):
+        assert (clone.late, clone.steps, clone.gain) == (policy.late, 7, 1e-3)
         expected = copy.deepcopy(policy)
         for _ in range(3):
             rows = simulation.observation.numpy().copy()
-            np.testing.assert_array_equal(each.act(rows), expected.act(rows))
+            np.testing.assert_array_equal(clone.act(rows), expected.act(rows))
     assert policy.steps == 7, "the original is left as it was"
     policy.reset([1])
     assert [memory.any() for memory in (*policy.sums, *policy.part._memory.numpy())] == [True, False, True, False]
@@ -216,11 +216,11 @@ def test_observations_by_agent_that_do_not_fit_are_refused(worlds, rows, words):
         policy.act({agent: np.zeros(size, np.float32) for agent, size in rows.items()})
 
 
-@pytest.mark.parametrize("given", [np.nan, 1e300])
-def test_numbers_that_are_none_are_refused_by_name(given):
+@pytest.mark.parametrize("number", [np.nan, 1e300])
+def test_numbers_that_are_none_are_refused_by_name(number):
     policy = baselines.make("sweep", "rough", 2)
     rows = np.zeros(policy.observation_shape)
-    rows[1, 2, 4] = given
+    rows[1, 2, 4] = number
     with pytest.raises(ValueError, match=r"observation must be finite, got .* for speed of robot_2 in world 1"):
         policy.act(rows)
 

@@ -65,19 +65,19 @@ def played(scenario, worlds, steps, adversary, seed=0, parameters=None, assumed=
         simulation.step(action)
 
 
-def driven(scenario, worlds, steps, adversary, each=None, **given):
+def driven(scenario, worlds, steps, adversary, on_step=None, **settings):
     """Play adversarial actions through the filter; return (W,) collisions after a proof, proofs, broken proofs.
 
     Also the least distance after a proof over twice the radius.
     """
     proved, broken = np.zeros((2, worlds), dtype=bool)
     collisions, least = np.zeros(worlds), np.inf
-    for step, (simulation, filter) in enumerate(played(scenario, worlds, steps, adversary, **given)):
+    for step, (simulation, filter) in enumerate(played(scenario, worlds, steps, adversary, **settings)):
         if step > 0:
             collisions += proved * simulation.latest.collisions.numpy().sum(axis=1) / 2
             least = min(least, least_distance(simulation, proved))
-            if each is not None:
-                each(simulation, filter)
+            if on_step is not None:
+                on_step(simulation, filter)
         broken |= proved & ~filter.tails_compatible
         proved |= filter.tails_compatible
     return collisions, proved, broken, least / (2 * simulation.scenario.robot.radius)
@@ -151,7 +151,7 @@ def test_who_hears_nothing_comes_to_rest():
     deaf = lissajous_env.scenario(FIVE, **{"noise.message_loss": 1.0})
     speeds = []
     collisions, *_ = driven(
-        deaf, 20, 80, towards_the_nearest, each=lambda s, _: speeds.append(s.robots.speed.numpy().copy())
+        deaf, 20, 80, towards_the_nearest, on_step=lambda s, _: speeds.append(s.robots.speed.numpy().copy())
     )
     assert collisions.sum() == 0
     assert speeds[0].max() > 0.5

@@ -40,11 +40,11 @@ def test_robots_that_stop_dead_before_others_are_not_hit():
     failing = lissajous_env.scenario(FIVE, **FAILING)
     stopped = []
 
-    def each(simulation, filter):
+    def on_step(simulation, filter):
         stopped.append((simulation.robots.status.numpy() == 1).mean())
         stop_before_others(simulation, filter)
 
-    collisions, proved, broken, least = driven(failing, 60, 100, towards_the_nearest, seed=3, each=each)
+    collisions, proved, broken, least = driven(failing, 60, 100, towards_the_nearest, seed=3, on_step=on_step)
     assert proved.mean() > 0.3
     assert np.mean(stopped) > 0.05
     assert collisions.sum() == 0
@@ -56,7 +56,7 @@ def test_robots_assumed_to_coast_are_hit_where_they_stop_dead():
     """Story: the same adversary collides with robots whose sudden stops the filter does not consider."""
     failing = lissajous_env.scenario(FIVE, **FAILING)
     assumed = lissajous_env.scenario(failing, **{"faults.stop": "coast"})
-    collisions, *_ = driven(failing, 60, 100, towards_the_nearest, seed=3, each=stop_before_others, assumed=assumed)
+    collisions, *_ = driven(failing, 60, 100, towards_the_nearest, seed=3, on_step=stop_before_others, assumed=assumed)
     assert collisions.sum() > 0
 
 
@@ -74,10 +74,10 @@ def test_distance_of_segments():
     ends[..., :2] = rng.uniform(-1, 1, (80, 4, 2))
     ends[:20, 1] = ends[:20, 0]  # a point
     ends[20:30, 2:] = ends[20:30, :2] + np.float32(0.5)  # parallel
-    found = wp.zeros(80, dtype=float, device="cpu")
-    wp.launch(measure_gaps, 80, [wp.array(ends, dtype=wp.vec3, device="cpu")], [found], device="cpu")
+    gaps = wp.zeros(80, dtype=float, device="cpu")
+    wp.launch(measure_gaps, 80, [wp.array(ends, dtype=wp.vec3, device="cpu")], [gaps], device="cpu")
     share = np.linspace(0, 1, 200)[:, None]
-    for (a, a_end, b, b_end), value in zip(ends[..., :2].astype(float), found.numpy(), strict=True):
+    for (a, a_end, b, b_end), value in zip(ends[..., :2].astype(float), gaps.numpy(), strict=True):
         one, other = a + share * (a_end - a), b + share * (b_end - b)
         least = np.linalg.norm(one[:, None] - other, axis=-1).min()
         assert least - 0.02 < value < least + 1e-5
@@ -98,14 +98,14 @@ def roll(tail: Tail, left: float, out: wp.array2d(dtype=float)):
 def test_the_rest_of_a_tail_is_on_the_tail():
     """Oracle: the arc and its bound in float64, at the shares of the whole tail."""
     x, y, heading, length, curvature, w = 0.3, -0.2, 0.7, 1.2, 1.5, (0.01, 0.05, 0.03)
-    tail, found = Tail(), wp.zeros((5, 4), dtype=float, device="cpu")
+    tail, points = Tail(), wp.zeros((5, 4), dtype=float, device="cpu")
     tail.begin, tail.length, tail.curvature, tail.w = wp.vec3(x, y, heading), length, curvature, wp.vec3(*w)
-    wp.launch(roll, 1, [tail, 0.6], [found], device="cpu")
+    wp.launch(roll, 1, [tail, 0.6], [points], device="cpu")
     q = 1 - 0.6 * (1 - np.linspace(0, 1, 5))
     turned = heading + curvature * length * q
     place = x + (np.sin(turned) - np.sin(heading)) / curvature, y - (np.cos(turned) - np.cos(heading)) / curvature
     expected = np.stack([*place, turned, w[0] + w[1] * q + w[2] * q**2], axis=-1)
-    np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
+    np.testing.assert_allclose(points.numpy(), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("repeats", [1, 3])

@@ -34,11 +34,11 @@ CORNERS = [(-18.0, -10.0), (18.0, -10.0), (-18.0, 10.0), (18.0, 10.0), (0.0, 0.0
 @pytest.mark.parametrize("scenario", POLICIES)
 def test_policies_play_alike_at_another_scale(scenario):
     # Law: in scaled units nothing changes; powers of two are exact.
-    made = lissajous_env.scenario(scenario)
+    base = lissajous_env.scenario(scenario)
     for name in POLICIES[scenario]:
         rows = []
-        for given in (made, made.scaled(2.0, 4.0)):
-            simulation, policy = lissajous_env.Simulation(given, 2, seed=1), baselines.make(name, given, num_worlds=2)
+        for task in (base, base.scaled(2.0, 4.0)):
+            simulation, policy = lissajous_env.Simulation(task, 2, seed=1), baselines.make(name, task, num_worlds=2)
             for _ in range(8):
                 simulation.step(policy.act(simulation.observation))
             rows.append(simulation.observation.numpy().copy())
@@ -230,8 +230,8 @@ def test_reacting_is_worth_a_factor(scenario, best, column, factor):
 def test_scenarios_of_all_splits_have_rows_of_one_length():
     for space in ("watch-v1", "intercept-v1", "hotspots-v1"):
         of = lissajous_env.scenario_space(space)
-        made = [each for split in ("test", *of.shifts) for each in itertools.islice(of.scenarios(split), 3)]
-        assert len({layout(scenario).size for scenario in made}) == 1
+        scenarios = [task for split in ("test", *of.shifts) for task in itertools.islice(of.scenarios(split), 3)]
+        assert len({layout(scenario).size for scenario in scenarios}) == 1
 
 
 def test_a_setting_that_is_none_is_refused():

@@ -31,16 +31,16 @@ def test_the_same_policy_may_be_registered_again():
         baselines.register("mine", "car", partial(Laps))
 
 
-@pytest.mark.parametrize(("given", "words"), [
+@pytest.mark.parametrize(("arguments", "words"), [
     (("", None, Still), "name of a policy must be a word, got ''"),
     ((None, None, Still), "name of a policy must be a word, got None"),
     (("mine", "boat", Still), "kind of mine must be one of car, differential, curve, velocity, or None, got 'boat'"),
     (("mine", None, "Still"), "factory of mine must be callable, got 'Still'"),
     (("mine-safe", None, Still), "name of a policy must not end in -safe, which adds a filter, got mine-safe"),
 ])  # fmt: skip
-def test_what_is_no_policy_is_refused(given, words):
+def test_what_is_no_policy_is_refused(arguments, words):
     with pytest.raises(ValueError, match=words):
-        baselines.register(*given)
+        baselines.register(*arguments)
 
 
 @pytest.mark.parametrize(("name", "scenario", "words"), [
@@ -76,7 +76,7 @@ def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch
     monkeypatch.setattr(registry.POLICIES, "_loaded", False)
     with pytest.warns(RuntimeWarning) as warned:
         names = baselines.names()
-    words = [str(each.message) for each in warned]
+    words = [str(warning.message) for warning in warned]
     assert words[0].startswith("the entry point broken (no_such_module:register) cannot be loaded: ")
     assert "ModuleNotFoundError: No module named 'no_such_module'" in words[0]
     assert "the entry point thief" in words[1]

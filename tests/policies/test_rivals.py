@@ -35,21 +35,21 @@ NO_FAULTS = {"faults.schedule": ()}
 BARE = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None}
 
 
-def played(name, scenario, worlds=8, **overrides):
+def played(name, base, worlds=8, **overrides):
     """Score rows of seeds 0, 1 ..., and the trace of the phase error (T, W) [rad]."""
-    made = lissajous_env.scenario(scenario, **overrides)
-    policy, errors = baselines.make(name, made, num_worlds=worlds), []
+    scenario = lissajous_env.scenario(base, **overrides)
+    policy, errors = baselines.make(name, scenario, num_worlds=worlds), []
     batches = episodes(
-        policy, made, range(worlds), on_step=lambda sim: errors.append(sim.tally.phase_error.numpy() * 1)
+        policy, scenario, range(worlds), on_step=lambda sim: errors.append(sim.tally.phase_error.numpy() * 1)
     )
     return [row for rows in batches for row in rows], np.array(errors)
 
 
-def scores(policy, scenario, worlds=6, **overrides):
+def scores(policy, base, worlds=6, **overrides):
     """Score rows of seeds 0, 1 ... without targets; the policy is a name, or a factory."""
-    made = lissajous_env.scenario(scenario, **BARE | overrides)
-    acting = baselines.make(policy, made, worlds) if isinstance(policy, str) else policy(made, worlds, "cpu")
-    return lissajous_env.evaluate(acting, made, range(worlds))
+    scenario = lissajous_env.scenario(base, **BARE | overrides)
+    acting = baselines.make(policy, scenario, worlds) if isinstance(policy, str) else policy(scenario, worlds, "cpu")
+    return lissajous_env.evaluate(acting, scenario, range(worlds))
 
 
 def mean(rows, column):
@@ -127,19 +127,19 @@ def test_the_coordinator_and_the_tracker_of_cars_are_distinguished():
 def test_reset_forgets_one_world_alone(name, scenario):
     """Oracle: a policy made anew, for the world that was reset; its own continuation, for the other."""
     overrides = {"noise.actuator": 0.2}  # else a point is where its reference is, and a new one changes nothing
-    made = lissajous_env.scenario(scenario, **overrides)
-    simulation = lissajous_env.Simulation(made, num_worlds=2, seed=3)
-    policy, untouched = (baselines.make(name, made, num_worlds=2) for _ in range(2))
+    noisy = lissajous_env.scenario(scenario, **overrides)
+    simulation = lissajous_env.Simulation(noisy, num_worlds=2, seed=3)
+    policy, untouched = (baselines.make(name, noisy, num_worlds=2) for _ in range(2))
     for _ in range(30):
         seen = simulation.observation.numpy().copy()
         simulation.step(policy.act(seen))
         untouched.act(seen)
     seen = simulation.observation.numpy().copy()
     policy.reset([1])
-    action, kept = policy.act(seen), untouched.act(seen)
-    np.testing.assert_array_equal(action[0], kept[0])
-    np.testing.assert_array_equal(action[1], baselines.make(name, made, num_worlds=2).act(seen)[1])
-    assert not np.array_equal(action[1], kept[1])
+    action, expected = policy.act(seen), untouched.act(seen)
+    np.testing.assert_array_equal(action[0], expected[0])
+    np.testing.assert_array_equal(action[1], baselines.make(name, noisy, num_worlds=2).act(seen)[1])
+    assert not np.array_equal(action[1], expected[1])
 
 
 def test_the_curve_is_followed():

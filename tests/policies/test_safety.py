@@ -91,7 +91,7 @@ def test_random_meetings_of_two_cars():
     heading[:, 1] = heading[:, 0] + rng.uniform(0.5, 2 * np.pi - 0.5, 100)
     away = 1.5 * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     cars = np.concatenate([-away + rng.normal(0, 0.03, away.shape), heading[..., None], speed[..., None]], axis=-1)
-    wanted = np.stack([np.array([cruising(v) for v in each]) for each in speed])
+    wanted = np.stack([np.array([cruising(v) for v in pair]) for pair in speed])
     assert touch(cars, wanted, filtered=False).mean() > 0.6
     assert touch(cars, wanted, filtered=True).mean() < 0.02
 
@@ -140,9 +140,9 @@ def test_programs_are_solved():
     rows = (rng.normal(0, 0.5, (count, 8, 3)) - [0, 0, 0.2]).astype(np.float32)
     sizes, tops = rng.integers(1, 9, count).astype(np.int32), rng.uniform(-0.5, 1.0, count).astype(np.float32)
     wanted, out = rng.uniform(-1.2, 1.2, (count, 2)).astype(np.float32), wp.zeros(count, dtype=wp.vec3, device="cpu")
-    given = [wp.array(rows, dtype=wp.vec3, device="cpu"), *(wp.array(each, device="cpu") for each in (sizes, tops))]
+    programs = [wp.array(rows, dtype=wp.vec3, device="cpu"), *(wp.array(part, device="cpu") for part in (sizes, tops))]
     with compile_quietly():
-        inputs = [*given, wp.array(wanted, dtype=wp.vec2, device="cpu"), WEIGHT]
+        inputs = [*programs, wp.array(wanted, dtype=wp.vec2, device="cpu"), WEIGHT]
         wp.launch(solve_programs, count, inputs, [out], device="cpu")
     feasible = 0
     for g, n, top, want, u in zip(rows.astype(float), sizes, tops, wanted, out.numpy()[:, :2], strict=True):
@@ -222,8 +222,8 @@ def test_ring_neighbours_beyond_the_disc_are_known_from_their_messages(seen):
                     checked += 1
         assert checked > 20 or len(places) == 1
     policy.reset([True, False, False])
-    kept = policy.filter._memory.numpy()[..., 0, 2]
-    assert (kept[0].max(), kept[1:].min()) == (0, 1)
+    remembered = policy.filter._memory.numpy()[..., 0, 2]
+    assert (remembered[0].max(), remembered[1:].min()) == (0, 1)
 
 
 def test_cars_that_leave_the_curve_for_a_patrol_do_not_meet():

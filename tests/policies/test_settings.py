@@ -28,24 +28,24 @@ def folder_of(path, settings, scenario=SHORT):
 
 
 def arc(scenario, num_worlds, device):
-    def coordinator(*given):
-        return KuramotoByArc(*given, parameters=ArcParameters(speed=1.1))
+    def coordinator(*args):
+        return KuramotoByArc(*args, parameters=ArcParameters(speed=1.1))
 
     return WithMpcc(coordinator, scenario, num_worlds, device)
 
 
-@pytest.mark.parametrize(("settings", "made"), [
+@pytest.mark.parametrize(("settings", "factory"), [
     (PolicySettings("sweep", {"lanes": 4, "cruise": 1.5}),
-     lambda *given: Sweep(*given, SweepParameters(lanes=4, cruise=1.5))),
+     lambda *args: Sweep(*args, SweepParameters(lanes=4, cruise=1.5))),
     (PolicySettings("arc-mpcc", {}, {"speed": 1.1}), arc),
-    (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *given: Filtered(arc(*given), Safe)),
-    (PolicySettings("kuramoto-mpcc"), lambda *given: baselines.make("kuramoto-mpcc", *given)),
+    (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *args: Filtered(arc(*args), Safe)),
+    (PolicySettings("kuramoto-mpcc"), lambda *args: baselines.make("kuramoto-mpcc", *args)),
 ])  # fmt: skip
-def test_a_folder_is_the_policy_with_its_parameters(settings, made, tmp_path):
+def test_a_folder_is_the_policy_with_its_parameters(settings, factory, tmp_path):
     """Oracle: the policy made by its class in Python, bit for bit."""
     folder = folder_of(tmp_path / "mine", settings)
     rows = lissajous_env.evaluate(baselines.make(folder, SHORT, 2), SHORT, range(2))
-    wanted = lissajous_env.evaluate(made(SHORT, 2, "cpu"), SHORT, range(2))
+    wanted = lissajous_env.evaluate(factory(SHORT, 2, "cpu"), SHORT, range(2))
     for row, other in zip(rows, wanted, strict=True):
         np.testing.assert_equal(row, {**other, "policy": folder})
 

@@ -77,10 +77,10 @@ def test_mirrored_drives_act_alike(axis):
     policy = Straight(lissajous_env.scenario("evaders", **(DRIVES | noise)), 400)
     rows = np.random.default_rng(0).uniform(-1, 1, policy.observation_shape)
     rows[..., 7] = 1
-    found = policy.act(rows)
+    action = policy.act(rows)
     policy.reset()
     rows[..., [axis, 2 + axis]] *= -1
-    np.testing.assert_allclose(policy.act(rows) * [1, -1], found, atol=1e-3)
+    np.testing.assert_allclose(policy.act(rows) * [1, -1], action, atol=1e-3)
 
 
 def test_ways_to_stop_end_at_rest():
@@ -89,10 +89,10 @@ def test_ways_to_stop_end_at_rest():
     policy = Straight(scenario, 4000)
     rows = np.random.default_rng(0).uniform(-1, 1, policy.observation_shape)
     rows[..., 4], rows[..., 7] = rows[..., 4] * (1 + 3 * 0.3 / scenario.robot.top_speed), 1
-    found = policy.act(rows)
+    action = policy.act(rows)
     policy.reset()
     policy._stay_inside._inputs[0].braking *= 10
-    np.testing.assert_array_equal(policy.act(rows), found)
+    np.testing.assert_array_equal(policy.act(rows), action)
 
 
 def test_a_drive_that_stands_at_a_wall_turns_on_the_spot_and_leaves_it():

@@ -43,11 +43,11 @@ def errors(scenario, tables, worlds=8, steps=200, seed=3):
     """(steps, W, N) distances from the reference [m]."""
     policy = following(tables)(scenario, worlds)
     simulation = lissajous_env.Simulation(scenario, worlds, seed=seed)
-    wanted, found = tables.places(steps), []
+    wanted, offsets = tables.places(steps), []
     for k in range(steps):
         simulation.step(policy.act(simulation.observation))
-        found.append(simulation.robots.position.numpy()[:, :, :2] - wanted[0, :, k + 1])
-    return np.linalg.norm(found, axis=-1)
+        offsets.append(simulation.robots.position.numpy()[:, :, :2] - wanted[0, :, k + 1])
+    return np.linalg.norm(offsets, axis=-1)
 
 
 def test_the_tables_of_a_circle_are_its_closed_form():
@@ -106,9 +106,9 @@ def test_an_independent_bicycle_follows(change):
             rows[0, 0, names.index(name)] = value
         steering, throttle = policy.act(rows)[0, 0]
         span = scenario.robot.full_throttle - scenario.robot.throttle_min
-        taken = steering * scenario.robot.steering_max, scenario.robot.throttle_min + (throttle + 1) / 2 * span
+        command = steering * scenario.robot.steering_max, scenario.robot.throttle_min + (throttle + 1) / 2 * span
         for _ in range(10):
-            state = car_runge_kutta(car, state, *taken, scenario.task.step / 10)
+            state = car_runge_kutta(car, state, *command, scenario.task.step / 10)
         missed.append(np.linalg.norm(state[:2] - tables.places(step + 1)[0, 0, -1]))
     assert max(missed[75:]) < 5e-3
 
@@ -122,8 +122,8 @@ def test_a_car_from_anywhere_gets_onto_its_path():
 def test_a_robot_that_resumes_catches_up():
     """Oracle: before and 12 s after a stop of 3.3 s the robot is where it is to be; right after, it is not."""
     scenario = lissajous_env.scenario("evaders", **{"faults.schedule": ((2, 10.0, 13.3),)})
-    found = errors(scenario, path_tables(scenario, circles(scenario)), steps=300)
-    assert found[99, :, 2].max() < 1e-3
-    assert found[134, :, 2].min() > 0.2
-    assert found[250:, :, 2].max() < 1e-3
-    assert found[100:, :, [0, 1, 3, 4]].max() < 1e-3, "the others do not react"
+    distances = errors(scenario, path_tables(scenario, circles(scenario)), steps=300)
+    assert distances[99, :, 2].max() < 1e-3
+    assert distances[134, :, 2].min() > 0.2
+    assert distances[250:, :, 2].max() < 1e-3
+    assert distances[100:, :, [0, 1, 3, 4]].max() < 1e-3, "the others do not react"

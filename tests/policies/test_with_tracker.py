@@ -52,9 +52,9 @@ class InWarp:
 ])  # fmt: skip
 def test_kuramoto_in_numpy_drives_as_the_kernel_does(tracker, scenario, name):
     # Oracle: the coordinator in Warp. Cars amplify the last digits, so the columns of their ways are compared.
-    made = lissajous_env.scenario(scenario, **SHORT)
-    in_warp = lissajous_env.evaluate(baselines.make(name, made, 2), made, range(2))
-    in_numpy = lissajous_env.evaluate(baselines.with_tracker(Again, tracker)(made, 2, "cpu"), made, range(2))
+    short = lissajous_env.scenario(scenario, **SHORT)
+    in_warp = lissajous_env.evaluate(baselines.make(name, short, 2), short, range(2))
+    in_numpy = lissajous_env.evaluate(baselines.with_tracker(Again, tracker)(short, 2, "cpu"), short, range(2))
     for column in ("distance_mean", "phase_error", "detection_time_mean", "spacing_factor"):
         expected = [row[column] for row in in_warp]
         np.testing.assert_allclose([row[column] for row in in_numpy], expected, rtol=1e-2, atol=1e-4)
@@ -62,9 +62,9 @@ def test_kuramoto_in_numpy_drives_as_the_kernel_does(tracker, scenario, name):
 
 def test_a_registered_coordinator_has_the_names_of_a_shipped_one():
     # Oracle: the names of `kuramoto`.
-    wanted = [each.replace("kuramoto", "my-method") for each in baselines.names() if each.startswith("kuramoto")]
+    wanted = [name.replace("kuramoto", "my-method") for name in baselines.names() if name.startswith("kuramoto")]
     assert baselines.register_coordinator("my-method")(Again) is Again
-    assert {each for each in baselines.names() if each.startswith("my-method")} == set(wanted)
+    assert {name for name in baselines.names() if name.startswith("my-method")} == set(wanted)
     for name in wanted:
         included = name.replace("my-method", "kuramoto")
         shipped, described = registry.describe(included), registry.describe(name)
@@ -129,7 +129,7 @@ def test_what_is_no_coordinator_or_tracker(call, words):
 @pytest.mark.parametrize("name", ["failure", "rough"])
 def test_rows_hold_what_is_true(name):
     """Oracle: the state of the world, where nothing is measured with noise."""
-    quiet = {f"noise.{each}": 0.0 for each in ("position", "heading", "speed", "message_loss", "message_delay")}
+    quiet = {f"noise.{field}": 0.0 for field in ("position", "heading", "speed", "message_loss", "message_delay")}
     scenario = lissajous_env.scenario(
         name, **quiet, **{"faults.schedule": ((1, 0.5, 5.0),), "targets.arrival_rate": 5.0}
     )

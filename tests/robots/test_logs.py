@@ -17,7 +17,7 @@ from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import score
 from lissajous_env.logs.writing import START, save_mcap
-from lissajous_env.world.columns import NAMES
+from lissajous_env.world.columns import COLUMNS
 
 SHORT = {"task.duration": 12.0, "faults.schedule": ((0, 4.0, 7.0), (4, 4.0, 8.0))}
 APPROXIMATE = {"distance_mean": 2e-3, "contact_time": 1e-9, "smoothness": 1e-5}
@@ -36,13 +36,10 @@ def logged(tmp_path_factory):
 def same(one, other):
     """Return the columns in which two score rows differ by more than the log resolves."""
     differing = []
-    for name in NAMES:
-        a, b = one[name], other[name]
-        if isinstance(a, str) or isinstance(b, str):
-            continue
+    for name in ("seed", *COLUMNS):
         tolerance, least = APPROXIMATE.get(name, 1e-4), 1e-3 if name == "min_separation" else 1e-4
-        if not (math.isnan(a) and math.isnan(b)) and not math.isclose(a, b, rel_tol=tolerance, abs_tol=least):
-            differing.append((name, a, b))
+        if one[name] != pytest.approx(other[name], rel=tolerance, abs=least, nan_ok=True):
+            differing.append((name, one[name], other[name]))
     return differing
 
 
@@ -74,6 +71,7 @@ HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, 
     ("evaders", "random", HIT | {"task.on_collision": "stop"}), ("evaders", "random", {"task.duration": 0.1}),
     ("hotspots", "index", {"task.duration": 3.0}),
     ("perturbation", "consensus", {"faults.removed": ((7, 1.0),), "task.duration": 3.0, "task.step": 0.6}),
+    ("failure", "random", {"formation.phase_rate": 6.0, "task.on_collision": "stop", "task.duration": 3.0}),
 ])  # fmt: skip
 def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_did(scenario, policy, fields, tmp_path):
     scenario = lissajous_env.scenario(scenario, **fields)
@@ -84,7 +82,7 @@ def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_di
         log = scored.log
         unknown = () if scenario.task.action == "control" else ("return_mean", "smoothness", "blocked_time")
         assert same(recording.score | dict.fromkeys(unknown, math.nan), scored.recording.score) == []
-        for name in ("status", "sensed_at", "found_at"):
+        for name in ("position", "status", "sensed_at", "found_at"):
             np.testing.assert_array_equal(getattr(scored.recording, name), getattr(recording, name))
 
 
@@ -93,7 +91,7 @@ def test_an_episode_goes_on_where_nodes_of_removed_robots_send_no_poses(tmp_path
     recording = record(baselines.make("consensus", "perturbation"), "perturbation", seed=2, **fields)
     save_mcap(recording, tmp_path / "log.mcap")
     log = read(tmp_path / "log.mcap")
-    tracks = tuple(Track(*(array[: 13 + k] for array in vars(each).values())) for k, each in enumerate(log.tracks))
+    tracks = tuple(Track(*(array[: 13 + k] for array in vars(track).values())) for k, track in enumerate(log.tracks))
     scored = score(dataclasses.replace(log, tracks=tracks))
     assert same(recording.score, scored.rows[0]) == []
     np.testing.assert_array_equal(scored.recording.status, recording.status)
@@ -112,20 +110,22 @@ def circle(count=101, robots=5):
     time = np.linspace(0, 10, count)
     gamma = 0.3 * time[None] + np.arange(robots)[:, None]
     place = np.stack([np.cos(gamma), 0.5 * np.sin(gamma), 0 * gamma], axis=-1)
-    return tuple(Track(time, each, 0 * time, 0.3 + 0 * time) for each in place)
+    return tuple(Track(time, path, 0 * time, 0.3 + 0 * time) for path in place)
 
 
 def test_virtual_targets_differ_by_their_seeds_and_everything_else_does_not():
-    scored = score(Log("circle", circle()), "experiment", seeds=range(3))
+    overlapping = {"formation.start": "random", "formation.start_headway": 1.0, "robot.radius": 0.5}
+    scored = score(Log("circle", circle()), lissajous_env.scenario("experiment", **overlapping), seeds=range(3))
     assert len({(row["targets"], row["detection_time_mean"]) for row in scored.rows}) > 1
     assert len({(row["idleness_mean"], row["min_separation"], row["distance_mean"]) for row in scored.rows}) == 1
+    np.testing.assert_allclose(scored.recording.position[0], [track.position[0] for track in circle()], rtol=1e-6)
 
 
 def test_another_number_of_robots_and_a_short_log_are_refused():
     with pytest.raises(ValueError, match="must have the 5 robots of experiment, got 4"):
         score(Log("few", circle(robots=4)), "experiment")
     with pytest.raises(ValueError, match="at least a control step of"):
-        score(Log("short", tuple(dataclasses.replace(each, time=each.time / 1e3) for each in circle())), "experiment")
+        score(Log("fast", tuple(dataclasses.replace(track, time=track.time / 1e3) for track in circle())), "experiment")
     track, nan = circle(3)[0], np.full((3, 3), np.nan)
     for field, wrong in {"time": track.time[::-1], "position": nan, "heading": nan, "speed": [0.3]}.items():
         with pytest.raises(ValueError, match=f"{field} of a track must "):
@@ -136,8 +136,8 @@ def test_interpolation_is_exact_for_a_cubic():
     # Oracle: Hermite interpolation reproduces cubics; here along x with its derivative as the speed.
     time = np.array([0.0, 1.0, 2.5])
     place = np.stack([time**3, 0 * time, 0 * time], axis=1)
-    found = motion_of(Track(time, place, 0 * time, 3 * time**2)).at(np.linspace(0, 2.5, 11))[0]
-    np.testing.assert_allclose(found[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
+    places = motion_of(Track(time, place, 0 * time, 3 * time**2)).at(np.linspace(0, 2.5, 11))[0]
+    np.testing.assert_allclose(places[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
     turning = motion_of(Track(time, 0 * place, time, 0 * time))
     np.testing.assert_allclose(turning.at(np.array([0.25, 2.0]))[1], [0.25, 2.0])
 
@@ -198,10 +198,11 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert same(recording.score, {name: math.nan if value is None else value for name, value in row.items()}) == []
     assert page.stat().st_size > 10_000
     assert "detection_time_mean" in table.read_text().partition("\n")[0]
+    assert "out must be another file than the log, got" in called(capsys, "score", path, "--out", path)[2]
     one, other = "/robot_0/odom", "/robot_3/odom"
     code, out, err = called(capsys, "identify", path, "--topics", one, other, "--out", tmp_path / "cars.toml")
     assert (code, err) == (0, "")
-    found = lissajous_env.scenario(str(tmp_path / "cars.toml"))
-    assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
+    scenario = lissajous_env.scenario(str(tmp_path / "cars.toml"))
+    assert scenario.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out

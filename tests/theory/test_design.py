@@ -34,9 +34,9 @@ def test_finds_the_experiment_of_the_paper():
 ])  # fmt: skip
 def test_a_condition_that_no_curve_meets_is_named(changed, words):
     # Oracle: with 5 robots (8) requires sin(pi / 5) hypot(1.8, 0.8) = 1.158 m; 6 robots always share places.
-    given = {"num_robots": 5, "robot_radius": 0.125, "sensor_radius": 1.3, "speed": 1.0} | changed
-    best = best_design(1.8, 0.8, **given)
-    assert words in "; ".join(best.violations(given["robot_radius"], given["sensor_radius"]))
+    team = {"num_robots": 5, "robot_radius": 0.125, "sensor_radius": 1.3, "speed": 1.0} | changed
+    best = best_design(1.8, 0.8, **team)
+    assert words in "; ".join(best.violations(team["robot_radius"], team["sensor_radius"]))
 
 
 @settings(max_examples=20)

@@ -54,11 +54,11 @@ def test_points_in_a_square_are_no_farther_apart_than_the_best_known():
     # problems" (SIAM J. Optim. 2005) and the proved optima before: largest least distances of M points.
     best = {3: math.sqrt(6) - math.sqrt(2), 4: 1, 5: math.sqrt(0.5), 6: math.sqrt(13) / 6, 8: 0.5176381, 9: 0.5}
     best |= {10: 0.4212795, 16: 1 / 3, 25: 0.25, 36: 0.2}
-    found = dict.fromkeys(best, 0.0)
+    widest = dict.fromkeys(best, 0.0)
     for robots in (2, 3, 8, 15):
         for points, apart in far_points(1.0, 1.0, robots):
-            found |= {m: max(found[m], d) for m, d in zip(points.tolist(), apart.tolist(), strict=True) if m in best}
-    share = {points: found[points] / best[points] for points in best}
+            widest |= {m: max(widest[m], d) for m, d in zip(points.tolist(), apart.tolist(), strict=True) if m in best}
+    share = {points: widest[points] / best[points] for points in best}
     assert max(share.values()) < 1 + 1e-6
     assert min(share.values()) > 0.96
     assert [points for points in best if share[points] > 0.9999] == [4, 5, 6, 9, 16, 25, 36]

@@ -57,7 +57,7 @@ def test_targets_and_robots_within_sight_are_observed_and_those_within_the_radiu
 @pytest.mark.parametrize(
     ("field_name", "value", "rule"),
     [
-        ("sensing.sight", 2.0, r"sensing.sight must be at least radius = 3.0 \[m\], got 2.0"),
+        ("sensing.sight", 2.0, r"sensing.sight must be at least the sensing radius, 3 \[m\], got 2.0"),
         ("targets.speed_min", 1.2, r"targets.speed_min must be at most speed = 1 \[m/s\], got 1.2"),
         ("targets.leave", False, "targets.respawn must be False if targets do not leave, got True"),
         ("task.contamination", (40, 25), r"targets.arrival_rate must be above 0 if targets appear anew .* got 0"),

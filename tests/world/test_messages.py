@@ -11,7 +11,7 @@ QUIET = {"targets.count": 4, "targets.arrival_rate": 0.0, "task.grid": None, "ta
 LOSSY = {"noise.message_loss": 0.4, "noise.message_delay": 0.2}
 
 
-def made(name="failure", k=2, **overrides):
+def speaking(name="failure", k=2, **overrides):
     return lissajous_env.scenario(name, **{**QUIET, "messages.size": k, **overrides})
 
 
@@ -77,14 +77,14 @@ class Ring:
 def test_the_layout_is_the_one_that_is_promised(robots, targets, k):
     # Oracle: names, places and ranges by hand; the entries before them are those without messages.
     counts = {"sensing.robots_seen": robots, "sensing.targets_seen": targets}
-    without, found = layout(made(k=0, **counts)), layout(made(k=k, **counts))
+    without, with_messages = layout(speaking(k=0, **counts)), layout(speaking(k=k, **counts))
     promised = [f"neighbour_{side}_message_{m}" for side in range(2) for m in range(k)]
-    assert found.names == (*without.names, *promised)
-    assert message_start(made(k=k, **counts)) == len(without.names)
-    assert (found.low[without.size :] == -1).all()
-    assert (found.high[without.size :] == 1).all()
-    extended = layout(made(k=k, extensions=[lissajous_env.observation_entry(size=2)(noughts)], **counts))
-    assert extended.names == (*found.names, "noughts_0", "noughts_1"), "those of extensions stay the last"
+    assert with_messages.names == (*without.names, *promised)
+    assert message_start(speaking(k=k, **counts)) == len(without.names)
+    assert (with_messages.low[without.size :] == -1).all()
+    assert (with_messages.high[without.size :] == 1).all()
+    extended = layout(speaking(k=k, extensions=[lissajous_env.observation_entry(size=2)(noughts)], **counts))
+    assert extended.names == (*with_messages.names, "noughts_0", "noughts_1"), "those of extensions stay the last"
 
 
 def noughts(world):
@@ -102,7 +102,7 @@ def noughts(world):
 )
 def test_the_ring_in_numpy_hears_the_same(name, overrides):
     # Oracle: `Ring`, bit for bit; that anything was lost, repeated or silenced is asserted of it.
-    simulation = lissajous_env.Simulation(made(name, 2, **overrides), 6, seed=3)
+    simulation = lissajous_env.Simulation(speaking(name, 2, **overrides), 6, seed=3)
     ring = Ring(simulation)
     stale = 0
     for action in draws(simulation, 60, seed=4, most=1.1):
@@ -134,7 +134,7 @@ def test_messages_change_nothing_else(name):
 
 
 def test_a_message_that_is_not_finite_zeroes_the_whole_action_and_flags_its_world():
-    simulation = lissajous_env.Simulation(made(k=2, **{"faults.schedule": ()}), 2, seed=1)
+    simulation = lissajous_env.Simulation(speaking(k=2, **{"faults.schedule": ()}), 2, seed=1)
     action = np.full(simulation.action_shape, 0.5, dtype=np.float32)
     action[1, 3, 2] = np.nan
     before = simulation.robots.position.numpy().copy()
@@ -149,7 +149,7 @@ def test_a_message_that_is_not_finite_zeroes_the_whole_action_and_flags_its_worl
 
 def test_the_table_of_discrete_actions_has_one_word_or_none():
     # Oracle: by hand, as MPE's communication: silence or one of k words, for each motion.
-    moves, table = action_table(made("rough", 0)), action_table(made("rough", 2))
+    moves, table = action_table(speaking("rough", 0)), action_table(speaking("rough", 2))
     assert table.shape == (3 * len(moves), 4)
     np.testing.assert_array_equal(table[:, :2], np.concatenate([moves] * 3))
     said = np.repeat([[0, 0], [1, 0], [0, 1]], len(moves), axis=0)

@@ -35,7 +35,7 @@ class PlayedEpisode:
     """(T + 1, N) bool: robots that sense in that step."""
     action: np.ndarray
     """(T + 1, N, A) float32 actions of that step, zero at the reset."""
-    introduced_at: np.ndarray
+    oldest: np.ndarray
     """(T + 1,) earliest introduction of any target that can be undetected [step], NEVER if there is none."""
 
     @property
@@ -43,9 +43,9 @@ class PlayedEpisode:
         """T."""
         return len(self.works) - 1
 
-    def oldest_rogues(self) -> list[tuple[int, int]]:
+    def longest_rogues(self) -> list[tuple[int, int]]:
         """Return (introduction, last step at which it is undetected) of the stage's rogues, the longest first."""
-        last = {int(since): now for now, since in enumerate(self.introduced_at) if since < NEVER}
+        last = {int(since): now for now, since in enumerate(self.oldest) if since < NEVER}
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
@@ -96,7 +96,7 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
     return PlayedEpisode(scenario, seed, simulation.score([0])[0], *arrays)
 
 
-def resolution(scenario: Scenario) -> int:
+def crossing_steps(scenario: Scenario) -> int:
     """Return the time in which a rogue crosses a cell of the contamination grid, at least a step [step]."""
     columns, rows = scenario.task.contamination or (1, 1)
     side = 2 * max(scenario.curve.half_width / columns, scenario.curve.half_height / rows)
