@@ -105,7 +105,7 @@ class Simulation(Copyable):
 
     @property
     def stages(self) -> Program:
-        """Stages of a step; `print(simulation.stages)` lists each with its description and its arguments."""
+        """Stages of a step; `print(simulation.stages)` lists each with its arguments and what it writes."""
         return self._step
 
     @property
@@ -232,7 +232,6 @@ class Simulation(Copyable):
         self.speed_unit = constants["speed_unit"]
         values = constants | self._structs | {"seeds": self._seeds, "limited_action": self._limited_action}
         values |= {name: getattr(self, name) for name in ("action", "command", "observation", "final_observation")}
-        values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         values["initial"] = initial_of(self._structs, self.device)
         shape = self.num_worlds, self.num_robots, self.scenario.sensing.most_seen
         # Squared distance and index of the objects that a robot observes, the nearest first.
