@@ -60,6 +60,7 @@ LONG = (
     ("rough-lost", "kuramoto-mpcc-safe"), ("evaders-lost", "partition-repair"), ("failure", "kuramoto"),
     ("knot", "open-loop"), ("hall", "sweep"), ("evaders-failure", "line-abreast"),
 )  # fmt: skip
+PAIRS = {"robot.count": 6, "formation.alpha": 2, "task.on_collision": "remove", "task.duration": 3.0}
 HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, "task.duration": 3.0})
 
 
@@ -71,6 +72,7 @@ HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, 
     ("evaders", "random", HIT | {"task.on_collision": "stop"}), ("evaders", "random", {"task.duration": 0.1}),
     ("hotspots", "index", {"task.duration": 3.0}),
     ("perturbation", "consensus", {"faults.removed": ((7, 1.0),), "task.duration": 3.0, "task.step": 0.6}),
+    ("failure", "kuramoto", PAIRS | {"faults.removed": ((0, 1.0),), "faults.schedule": ()}),
     ("failure", "random", {"formation.phase_rate": 6.0, "task.on_collision": "stop", "task.duration": 3.0}),
 ])  # fmt: skip
 def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_did(scenario, policy, fields, tmp_path):
