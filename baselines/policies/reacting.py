@@ -17,6 +17,7 @@ import numpy as np
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.loops import lane_corners
 from baselines.policies.own_row import Rows
+from lissajous_env.device.copies import Copyable
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.selection import Remembering
 
@@ -75,7 +76,7 @@ def known_places(rows: Rows) -> np.ndarray:
     return rows.position[:, :, None] + np.concatenate(offsets, axis=2)
 
 
-class SentPlaces(Remembering):
+class SentPlaces(Copyable, Remembering):
     """Places of robots when the messages that arrive now were sent, for rules that divide work by them.
 
     Robots that divide it each for themselves agree if all use places of one time, and so their own place of that time.

@@ -37,13 +37,13 @@ from baselines.policies.own_row import Actions, Observation, own_heading, own_po
 from baselines.policies.path_tables import FINE, PathTables
 from baselines.policies.safety.safe import Safe, SafetyParameters
 from baselines.similarity import manoeuvring_length, motion_scale
-from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults
+from lissajous_env.world.robots.car import car_action
 
 wp.set_module_options(OPTIONS)
 

@@ -57,7 +57,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.car_input import action_of_throttle, steering_angle, throttle, throttle_towards
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, stage
@@ -66,7 +65,14 @@ from lissajous_env.device.trig import PI, TWO_PI, cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Robot
 from lissajous_env.theory.geometry import turning_radius
-from lissajous_env.world.robots.car import car_step, motor_acceleration
+from lissajous_env.world.robots.car import (
+    action_of_throttle,
+    car_step,
+    motor_acceleration,
+    steering_angle,
+    throttle,
+    throttle_towards,
+)
 from lissajous_env.world.robots.placing import way_within
 from lissajous_env.world.state import WORKING
 
