@@ -17,7 +17,7 @@ import numpy as np
 import baselines
 import lissajous_env
 from lissajous_env.episodes.missed import play
-from lissajous_env.episodes.missed.played import replay, resolution
+from lissajous_env.episodes.missed.played import crossing_steps, replay
 from lissajous_env.episodes.missed.search import longest_path
 from lissajous_env.world.columns import WORST_CASE
 
@@ -43,7 +43,7 @@ class Result(NamedTuple):
 def measured(name: str, policy: str, seeds: Sequence[int]) -> list[Result]:
     """Search the rogue that a policy misses in some episodes, one after the other."""
     results, scenario = [], lissajous_env.scenario(name)
-    cell = (resolution(scenario) + 1) * scenario.task.step
+    cell = (crossing_steps(scenario) + 1) * scenario.task.step
     acting = baselines.make(policy, scenario, 1)
     for seed in seeds:
         played = play(acting, scenario, seed)

@@ -21,6 +21,8 @@ ROGUE = wp.constant(12)
 SPEED = wp.constant(14)
 HOTSPOT = wp.constant(15)
 _PURPOSES = wp.constant(16)
+"""Purposes of draws, and a number above all of them. In the simulation, each purpose uses either `uniform` or
+`stream`, which begin with the same hash."""
 
 
 @wp.func

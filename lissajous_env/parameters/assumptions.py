@@ -89,7 +89,7 @@ def _of_robots(scenario: Scenario) -> Iterator[str]:
     fastest, slowest = rate * float(speed.max()), rate * float(speed.min())
     if fastest > robot.top_speed * more:
         share = float(speed[speed * rate > robot.top_speed].sum() / speed.sum())
-        reached = f"the cars reach {robot.top_speed:.3g} m/s (robot.speed_max)"
+        reached = f"the cars reach {robot.top_speed:.3g} m/s (robot.speed_max, formation.phase_rate)"
         yield f"the curve requires up to {fastest:.3g} m/s, {reached}; {share:.1%} of the arc is faster"
     observed = _OBSERVED * robot.top_speed
     if scenario.top_speed_bound > observed * more:

@@ -38,7 +38,8 @@ from lissajous_env.world.tracks import observe_tracks, record_sightings, update_
 def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> list[Stage]:
     """Return the stages of a control step, or of the reset that `begins` an episode, which is a step without motion.
 
-    `rogues` is the struct `Rogues` of the state; None for targets that are no rogues.
+    Extensions, and robots on given paths (`lissajous_env.logs.prescribed`), add their stages to these by name. `rogues`
+    is the struct `Rogues` of the state; None for targets that are no rogues.
     """
     many, tracks, model = has_bins(scenario), scenario.sensing.has_tracks, model_of(scenario.robot.kind)
     task, targets, speak, are_rogues = scenario.task, scenario.targets, scenario.messages.size > 0, rogues is not None
@@ -48,7 +49,7 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("measurement", measure),
         Stage("sending", send),
         Stage("messages", send_messages, when=speak),
-        Stage("targets", reset_targets, when=begins),
+        Stage("initial targets", reset_targets, when=begins),
         Stage("arrivals", reset_arrivals, when=begins and targets.arrival_rate > 0),
         Stage("bins", clear_bins, when=many),
         Stage("listing", list_robots, when=many),
@@ -57,7 +58,7 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("rogues", move_rogues, when=moves and are_rogues),
         Stage("respawn", respawn, when=targets.respawn),
         Stage("entry", place_unseen, when=targets.entry == "unseen"),
-        Stage("detection" if begins else "targets", move_and_detect),
+        Stage("targets", move_and_detect),
         Stage("coverage", cover, when=task.grid is not None),
         Stage("labels", reset_labels, when=begins and task.contamination is not None),
         Stage("bounds", reset_bounds, when=begins and task.conservative),

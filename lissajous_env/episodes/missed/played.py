@@ -11,7 +11,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
-from lissajous_env.world.selection import fold_seed, of_world
+from lissajous_env.world.selection import of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import HIDDEN, NEVER, NOWHERE, PRESENT
 
@@ -35,7 +35,7 @@ class PlayedEpisode:
     """(T + 1, N) bool: robots that sense in that step."""
     action: np.ndarray
     """(T + 1, N, A) float32 actions of that step, zero at the reset."""
-    introduced_at: np.ndarray
+    oldest: np.ndarray
     """(T + 1,) earliest introduction of any target that can be undetected [step], NEVER if there is none."""
 
     @property
@@ -43,9 +43,9 @@ class PlayedEpisode:
         """T."""
         return len(self.works) - 1
 
-    def oldest_rogues(self) -> list[tuple[int, int]]:
+    def longest_rogues(self) -> list[tuple[int, int]]:
         """Return (introduction, last step at which it is undetected) of the stage's rogues, the longest first."""
-        last = {int(since): now for now, since in enumerate(self.introduced_at) if since < NEVER}
+        last = {int(since): now for now, since in enumerate(self.oldest) if since < NEVER}
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
@@ -77,11 +77,11 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
     """Play an episode and copy the tracks of the sensors; a policy for several worlds plays it in each of them.
 
     Raises:
-        ValueError: `task.contamination` of the scenario is None.
+        ValueError: `task.contamination` of the scenario is None, or the seed is invalid.
     """
     scenario = named.build(scenario)
     check_contamination(scenario)
-    scenario, seed = replace(scenario, task=replace(scenario.task, conservative=False)), fold_seed(seed)
+    scenario = replace(scenario, task=replace(scenario.task, conservative=False))
     simulation, sensing = Simulation(scenario, policy.num_worlds, device=device), SensingRobots()
     moments: list[tuple[np.ndarray, ...]] = []
 
@@ -96,7 +96,7 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
     return PlayedEpisode(scenario, seed, simulation.score([0])[0], *arrays)
 
 
-def resolution(scenario: Scenario) -> int:
+def crossing_steps(scenario: Scenario) -> int:
     """Return the time in which a rogue crosses a cell of the contamination grid, at least a step [step]."""
     columns, rows = scenario.task.contamination or (1, 1)
     side = 2 * max(scenario.curve.half_width / columns, scenario.curve.half_height / rows)

@@ -15,7 +15,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
-from lissajous_env.episodes.missed.played import Path, PlayedEpisode, resolution
+from lissajous_env.episodes.missed.played import Path, PlayedEpisode, crossing_steps
 
 wp.set_module_options(OPTIONS)
 
@@ -23,7 +23,7 @@ LATTICES = (2, 8), (4, 8), (8, 6), (16, 4)
 """Nodes of the lattices along a cell of the contamination grid, and the least number of them in the distance of a move.
 Finer lattices are searched where coarser ones have no path that is undetected for as long as the stage reports."""
 _ROGUES = 3
-"""Number of rogues of the contamination stage that are searched, the oldest first."""
+"""Number of rogues of the contamination stage that are searched, those that are undetected for longest first."""
 _MOST = 2**29
 """Limit on the nodes of all moves of a search, each of which takes a bit; only the coarsest lattice may have more."""
 _MARGIN = 4e-6
@@ -148,11 +148,11 @@ def trace_back(
 def longest_path(played: PlayedEpisode) -> Path | None:
     """Return the longest path of an episode on which a rogue stays undetected; None if no rogue ever is.
 
-    The oldest rogues of the contamination stage state when the rogue appears. For each of them, finer lattices are
+    The rogues of the contamination stage state when the rogue appears. For each of them, finer lattices are
     searched until the path lasts as long as the stage reports, to the time in which a rogue crosses a cell. If no path
     does, rogues that appear at other steps are searched on the coarsest lattice, to the same tolerance.
     """
-    longest, enough, rogues = None, resolution(played.scenario) - 1, played.oldest_rogues()
+    longest, enough, rogues = None, crossing_steps(played.scenario) - 1, played.longest_rogues()
     with compile_quietly():
         wp.load_module(__name__, device="cpu")
     with wp.ScopedDevice("cpu"):
@@ -183,9 +183,9 @@ def _with_later(
     begins at the second. (Where targets appear on the edges alone, some may be longer, and are not found.)
 
     Args:
-        longest: The longest path of the oldest rogues.
+        longest: The longest path of the first of these rogues.
         played: The episode.
-        rogues: The rogues of the contamination stage, the oldest first.
+        rogues: The rogues of the contamination stage, the longest undetected first.
         enough: Tolerance [step].
     """
     search, ends = None, {played.steps: played.steps}

@@ -122,10 +122,8 @@ def compute_deviations(block, curve, formation, curve_points, equilibrium, clock
     cos_offset = Floats()
     sin_offset = Floats()
     tracking = Floats()
-    i = int(block.start % robots.status.shape[1])
     for k in range(block.count):
-        phase_offset[k] = float(phase[k] - equilibrium[i])
-        i = wp.where(i + 1 == robots.status.shape[1], 0, i + 1)
+        phase_offset[k] = float(phase[k] - equilibrium[(block.start + k) % robots.status.shape[1]])
     if curve.harmonics.shape[0] == 0:
         for k in range(abreast.ABREAST):
             if k < abreast.width():

@@ -18,7 +18,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import Layout, layout_of
 from lissajous_env.world.observing import FARTHEST, clip_coordinate, comes_before, velocity_of
-from lissajous_env.world.robots.signals import LARGEST, flag_invalid
+from lissajous_env.world.robots.signals import flag_invalid
 from lissajous_env.world.state import DETECTED, ENDED, HIDDEN, IDLE, PRESENT, REMOVED, RUNNING, WORKING, planar
 
 wp.set_module_options(OPTIONS)
@@ -83,7 +83,7 @@ def move_rogues(w, t, curve, target, task, clock, targets, rogues):
         x = rogues.action[w, t, 0]
         y = rogues.action[w, t, 1]
         place = targets.position[w, t]
-        if wp.abs(x) <= LARGEST and wp.abs(y) <= LARGEST:
+        if wp.isfinite(x) and wp.isfinite(y):
             after = into_rectangle(place + target.speed_limit * task.step * commanded(x, y), curve)
             moved = after - place
             targets.position[w, t] = after
@@ -124,8 +124,8 @@ def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.ve
     for i in range(robots.status.shape[1]):
         away = planar(robots.position[w, i]) - place
         key = wp.vec2(wp.dot(away, away), float(i))
-        is_seen = robots.status[w, i] != REMOVED and (sight == 0.0 or key[0] < sight * sight)
-        if is_seen and comes_before(after, key) and key[0] < best[0]:
+        is_in_sight = robots.status[w, i] != REMOVED and (sight == 0.0 or key[0] < sight * sight)
+        if is_in_sight and comes_before(after, key) and key[0] < best[0]:
             best = key
     return best
 
