@@ -51,7 +51,7 @@ class Batch(Stateful):
         sides: The sides whose actions `step` requires.
         simulations: The simulation of each group.
         robot_policy: Policy that drives the robots if only the rogues act, or None.
-        space: Space of scenarios, or None.
+        space, split: Space of scenarios and the name of its split or shift, or None.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`; a space of scenarios, its file, or SPACE:SPLIT, where SPLIT is a
