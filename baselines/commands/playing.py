@@ -24,8 +24,6 @@ from lissajous_env.storage.files import check_writable_file
 from lissajous_env.wording import few_of, nearest, require, where_raised
 
 T = TypeVar("T")
-_MOST_PICTURES = 20_000
-"""Limit on the pictures of a GIF or a film."""
 FORMATS = (".html", ".mp4", ".gif", ".npz", ".mcap")
 """Endings of the files that show or store one episode."""
 
@@ -168,28 +166,20 @@ def show(
     fps: float = 10.0,
     against: Recording | None = None,
 ) -> None:
-    """Show a recording in a window or, if a file is given, write it in the format of its suffix.
-
-    Raises:
-        ValueError: a GIF or film would have more than 20,000 pictures.
-    """
-    suffix = "" if out is None else out.suffix.lower()
-    if suffix in film.FILMS and (pictures := recording.duration * fps / speed) > _MOST_PICTURES:
-        raise ValueError(
-            f"speed must be such that a film has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
-            f"{math.ceil(pictures):,}"
-        )
+    """Show a recording in a window or, if a file is given, write it in the format of its suffix."""
     if out is None:
         film.play(recording, speed=speed)
         return
-    with bar(output.progress()) as progress:
-        task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
-        if suffix == ".html":
-            Replay(recording, against).save(out)
-        elif suffix in film.FILMS:
+    suffix = out.suffix.lower()
+    if suffix in film.FILMS:
+        with bar(output.progress()) as progress:
+            pictures = math.ceil(len(recording) / film.paced(recording, fps, speed)[0])
+            task = progress.add_task("drawing", total=pictures)
             film.save_film(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
-        elif suffix == ".mcap":
-            save_mcap(recording, out)
-        else:
-            recording.save(out)
+    elif suffix == ".html":
+        Replay(recording, against).save(out)
+    elif suffix == ".mcap":
+        save_mcap(recording, out)
+    else:
+        recording.save(out)
     output.print(f"wrote {out}")

@@ -102,7 +102,7 @@ class Loader(NamedTuple):
     own_scenario: Callable[[str], Scenario]
     """`own_scenario(folder)` returns the scenario of the policy."""
     fingerprint: Callable[[str], dict[str, str]]
-    """`fingerprint(folder)` returns what identifies the policy, as the function `fingerprint` does."""
+    """`fingerprint(folder)` returns what identifies the policy, as `policy_fingerprint` does."""
 
 
 POLICIES = Registry(
