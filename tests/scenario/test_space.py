@@ -175,7 +175,7 @@ def test_a_shift_changes_its_draws_alone():
         ({"curve": {"half_height": "__import__('os')"}}, "formula must be an expression of .*, uniform, log_uniform"),
         ({"curve": {"half_height": "robot.nothing"}}, "no number of a scenario"),
         ({"curve": {"half_height": "uniform(1, 2) + uniform(1, 2)"}}, "draw.curve.half_height must call at most one"),
-        ({"robot": {"radius": "robot.wheelbase", "wheelbase": "robot.radius"}}, "robot.radius, which depends on"),
+        ({"noise": {"speed": "noise.position", "position": "noise.speed"}}, "noise.speed, which depends on itself"),
         ({"curve": 3}, "draw.curve must be a mapping from fields to draws, got 3"),
         ({"scale": {"depth": 2.0}}, "draw.scale must contain length or time, got 'depth'"),
     ],
