@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import tyro
 
 from baselines.policies import registry
-from baselines.policies.factories import as_factory
+from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain
@@ -82,8 +82,8 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     """Size of the hidden layers."""
     memory: int = whole(0, 0, 65_536)
     """Size of the memory of a robot, a gated recurrent unit; 0 for none."""
-    rollout: int = whole(25, 1, 1_000_000)
-    """Steps of each world between updates."""
+    rollout: int = whole(25, 2, 1_000_000)
+    """Steps of each world between updates; a minibatch needs two rows for the deviation of its advantages."""
     minibatch: int = whole(512, 2, 10**9)
     """Rows per minibatch."""
     epochs: int = whole(4, 1, 10_000)

@@ -119,12 +119,12 @@ def box_step(h11: float, h12: float, h22: float, g: wp.vec2, low: wp.vec2, high:
     """
     inverse = 1.0 / (h11 * h22 - h12 * h12)
     free = wp.vec2((h12 * g[1] - h22 * g[0]) * inverse, (h12 * g[0] - h11 * g[1]) * inverse)
-    held = wp.vec2(wp.clamp(free[0], low[0], high[0]), wp.clamp(free[1], low[1], high[1]))
-    if held[0] == free[0] and held[1] == free[1]:
+    clamped = wp.vec2(wp.clamp(free[0], low[0], high[0]), wp.clamp(free[1], low[1], high[1]))
+    if clamped[0] == free[0] and clamped[1] == free[1]:
         return free
-    on0 = wp.vec2(held[0], wp.clamp(-(g[1] + h12 * held[0]) / h22, low[1], high[1]))
-    on1 = wp.vec2(wp.clamp(-(g[0] + h12 * held[1]) / h11, low[0], high[0]), held[1])
+    on0 = wp.vec2(clamped[0], wp.clamp(-(g[1] + h12 * clamped[0]) / h22, low[1], high[1]))
+    on1 = wp.vec2(wp.clamp(-(g[0] + h12 * clamped[1]) / h11, low[0], high[0]), clamped[1])
     q0 = wp.dot(g, on0) + 0.5 * (h11 * on0[0] * on0[0] + h22 * on0[1] * on0[1]) + h12 * on0[0] * on0[1]
     q1 = wp.dot(g, on1) + 0.5 * (h11 * on1[0] * on1[0] + h22 * on1[1] * on1[1]) + h12 * on1[0] * on1[1]
-    take0 = held[0] != free[0] and (held[1] == free[1] or q0 <= q1)
+    take0 = clamped[0] != free[0] and (clamped[1] == free[1] or q0 <= q1)
     return wp.where(take0, on0, on1)

@@ -48,7 +48,7 @@ class Row:
         state["clock"].step.fill_(_NOW)
         nearest = wp.zeros((1, 1, sensing.most_seen), dtype=wp.vec2, device=device)
         row = wp.zeros((1, 1, size), dtype=wp.float32, device=device)
-        values = constants_of(scenario, device) | state | {"nearest": nearest, "observation_out": row}
+        values = constants_of(scenario, device) | state | {"nearest": nearest, "observation": row}
         values |= {"noise": NoiseStruct(), "bins": Bins(), "age_per_step": values["age_per_step"] / _TICKS}
         with compile_quietly():
             self._follow, self._measure, self._observe = (

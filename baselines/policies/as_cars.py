@@ -9,13 +9,12 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.own_row import Actions, Observation, own_heading, own_speed
-from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Robot, Scenario
-from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleration
+from lissajous_env.world.robots.car import car_rate, car_step, motor_acceleration, steering_and_throttle
 
 wp.set_module_options(OPTIONS)
 

@@ -258,6 +258,11 @@ class Policy(Copyable, Remembering):
         return wp.ScopedStream(stream, sync_enter=True, sync_exit=True)
 
 
+def both_contents(one: str, other: str) -> str:
+    """Return the content of the messages of two parts of a policy, in the words of `Policy.communicates`."""
+    return " and ".join(content for content in dict.fromkeys((one, other)) if content != "nothing") or "nothing"
+
+
 class Filtered(Policy):
     """A policy whose actions pass through a filter: the filter decides last.
 
@@ -277,7 +282,7 @@ class Filtered(Policy):
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
         self.policy = policy
         self.filter = filter(self.scenario, self.num_worlds, self.device, parameters)
-        self.kind, self.communicates = "car", filter.communicates
+        self.kind, self.communicates = "car", both_contents(policy.communicates, filter.communicates)
         self.name = policy.name + filter.suffix
 
     def decide(self, observation: wp.array) -> None:

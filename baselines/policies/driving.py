@@ -3,10 +3,10 @@
 import warp as wp
 
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed
-from lissajous_env.device.car_input import car_action, throttle_towards
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.robots.car import car_action, throttle_towards
 
 
 def weakest_top_speed(scenario: Scenario, factor: float = 1.0) -> float:

@@ -17,6 +17,7 @@ import numpy as np
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.loops import lane_corners
 from baselines.policies.own_row import Rows
+from lissajous_env.device.copies import Copyable
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.selection import Remembering
 
@@ -75,7 +76,7 @@ def known_places(rows: Rows) -> np.ndarray:
     return rows.position[:, :, None] + np.concatenate(offsets, axis=2)
 
 
-class SentPlaces(Remembering):
+class SentPlaces(Copyable, Remembering):
     """Places of robots when the messages that arrive now were sent, for rules that divide work by them.
 
     Robots that divide it each for themselves agree if all use places of one time, and so their own place of that time.
@@ -110,23 +111,23 @@ def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def greedy_division(
     scores: Callable[[np.ndarray], np.ndarray], take: Callable[[np.ndarray], None], shape: tuple, least: float = 0.0
 ) -> np.ndarray:
-    """Return the thing (W, N) of each robot, -1 for none, in a greedy division among the robots in its row.
+    """Return the choice (W, N) of each robot, -1 for none, in a greedy division among the robots in its row.
 
-    The pair of a robot and a thing with the highest score is chosen, and then one for each of the other robots.
+    The pair of a robot and a choice with the highest score is chosen, and then one for each of the other robots.
 
     Args:
-        scores: Function of (W, N, R, 1), 1 for robots without a thing and 0 for others, that returns (W, N, R, K).
-        take: Function of the things (W, N) that were chosen, after which the scores are computed anew.
+        scores: Function of (W, N, R, 1), 1 for robots without a choice and 0 for others, that returns (W, N, R, K).
+        take: Function of the choices (W, N) that were chosen, after which the scores are computed anew.
         shape: (W, N, R), for R robots in each row, its own first.
         least: Score that a pair must exceed to be chosen.
     """
     own, free = np.full(shape[:2], -1), np.ones((*shape, 1))
     for _ in range(shape[2]):
         score = scores(free)
-        robot, thing = np.divmod(score.reshape(*shape[:2], -1).argmax(axis=-1), score.shape[3])
-        own = np.where((robot == 0) & (score.max(axis=(2, 3)) > least), thing, own)
+        robot, choice = np.divmod(score.reshape(*shape[:2], -1).argmax(axis=-1), score.shape[3])
+        own = np.where((robot == 0) & (score.max(axis=(2, 3)) > least), choice, own)
         np.put_along_axis(free, robot[..., None, None], 0.0, axis=2)
-        take(thing)
+        take(choice)
     return own
 
 

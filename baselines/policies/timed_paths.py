@@ -30,20 +30,20 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.base import Policy
+from baselines.policies.base import Policy, both_contents
 from baselines.policies.driving import steady_speed
 from baselines.policies.inside import Inside
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from baselines.policies.path_tables import FINE, PathTables
 from baselines.policies.safety.safe import Safe, SafetyParameters
 from baselines.similarity import manoeuvring_length, motion_scale
-from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, wrap
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults
+from lissajous_env.world.robots.car import car_action
 
 wp.set_module_options(OPTIONS)
 
@@ -348,8 +348,7 @@ class TimedPaths(Policy):
         """Use the collision filter as `take_filtered` does; `tolerance` [m] is its argument."""
         self._tolerance = tolerance
         self._filter = Safe(self.scenario, self.num_worlds, self.device, ARRIVING.of(self.scenario))
-        if self.communicates == "nothing":
-            self.communicates = self._filter.communicates
+        self.communicates = both_contents(self.communicates, self._filter.communicates)
 
     def decide(self, observation: wp.array) -> None:
         """Write the `action` that follows the paths of `variant`, or that of the collision filter."""

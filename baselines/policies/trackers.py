@@ -32,7 +32,6 @@ from baselines.policies.coordinators import (
 from baselines.policies.driving import steady_speed
 from baselines.policies.own_row import Actions, Observation, own_heading, own_phase, own_position, own_speed, own_works
 from baselines.similarity import motion_scale
-from lissajous_env.device.car_input import car_action, throttle_towards
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2, tangent2, wrap
 from lissajous_env.device.structs import RobotStruct, to_struct
@@ -42,6 +41,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number
 from lissajous_env.theory.geometry import curve_length
 from lissajous_env.wording import require
+from lissajous_env.world.robots.car import car_action, throttle_towards
 from lissajous_env.world.robots.inside import scaled_gain
 
 wp.set_module_options(OPTIONS)

@@ -45,7 +45,9 @@ class RobotSettings(Limits, part="node"):
     the speed is computed."""
     frame: str = word("map", "must be the name of a frame")
     """Frame of the poses; a pose in another frame stops the robot."""
-    origin: tuple[float, float, float] = rows((0.0, 0.0, 0.0), "must be x, y [m] and heading [rad]", _coordinate)
+    origin: tuple[float, float, float] = rows(
+        (0.0, 0.0, 0.0), "must be x, y [m] and heading [rad]", _coordinate, least=3, most=3
+    )
     """x, y [m] and heading [rad] of the middle of the rectangle in this frame."""
     rate: float = number(20.0, 1.0, 1000.0, "1/s")
     """Rate at which the command is published [1/s]."""
@@ -56,9 +58,6 @@ class RobotSettings(Limits, part="node"):
     """Fraction of the neighbours' messages that are ignored at random, to try a bad network."""
     autostart: Annotated[bool, _Flag] = flag(False)
     """Drive from the first pose on, without a call of the service `start`."""
-
-    def _check_together(self) -> None:
-        self._require(len(self.origin) == 3, "origin", "must be x, y [m] and heading [rad]")
 
 
 @dataclass(frozen=True)

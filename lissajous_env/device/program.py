@@ -120,7 +120,12 @@ class Program:
     def __str__(self) -> str:
         rows = [(stage.name, stage.over, stage.about, ", ".join(stage.parameters)) for stage in self.stages]
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
-        return "\n".join("  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows)
+        lines = ["  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows]
+        indent = " " * (widths[0] + 2)
+        return "\n".join(
+            f"{line}\n{indent}writes {', '.join(stage.writes) or 'unknown'}"
+            for line, stage in zip(lines, self.stages, strict=True)
+        )
 
     def _lanes(self, stage: Stage) -> int:
         """Return the number of threads that share the entities of a world."""

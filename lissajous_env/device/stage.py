@@ -89,7 +89,7 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
     Args:
         over: Its entities: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination), BIN or ARRAY (of the
             state).
-        writes: All that it changes, arrays and structs with their fields, as in `robots: position, phase; command_out`;
+        writes: All that it changes, arrays and structs with their fields, as in `robots: position, phase; command`;
             empty for a stage that changes the whole state.
         idle: True for a function that is called for worlds that are not active, too.
         module: Warp module of the kernel; by default that of the function.
@@ -115,7 +115,7 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
 
 
 def _written(writes: str) -> tuple[str, ...]:
-    """Return the names of what is written, as `robots.phase` and `command_out`."""
+    """Return the names of what is written, as `robots.phase` and `command`."""
     names = []
     for entry in filter(None, writes.split(";")):
         name, _, fields = entry.partition(":")

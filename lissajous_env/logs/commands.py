@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.car_input import action_of_input, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.log import Series
 from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import few_of
+from lissajous_env.world.robots.car import action_of_input, steering_and_throttle
 from lissajous_env.world.robots.differential import commanded_speed, drive_action
 
 wp.set_module_options(OPTIONS)

@@ -16,6 +16,8 @@ from lissajous_env.wording import few_of, require
 
 AGENTS = "agents"
 """Value of `targets.rogues` where the caller of each step gives the rogues' actions."""
+_SCRIPTS = "lissajous_env.world.rogues.scripted"
+"""Module of the included scripts."""
 CHECKPOINT = "checkpoint.json"
 """File that marks the folder of a learned rogue."""
 
@@ -40,7 +42,7 @@ class Rogue:
 ROGUES = Registry(
     "rogue",
     (rf"(?!{AGENTS}$)[a-z][a-z0-9-]{{0,62}}", f"of small letters, digits and -, and not {AGENTS}"),
-    lambda rogue: isinstance(rogue, Path) or rogue.name in ("wander", "flee", "shadow", "follow-gap"),
+    lambda rogue: isinstance(rogue, Path) or getattr(rogue.decide, "func", rogue.decide).__module__ == _SCRIPTS,
 )
 """Rogues by name, of included learned ones the folder; `lissajous_env.world.rogues` registers the included scripts."""
 ROGUES.update({

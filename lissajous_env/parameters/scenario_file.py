@@ -42,7 +42,7 @@ TEXTS = dict.fromkeys(("name", "description", "base"), str)
 _OF_SCENARIO = {**TEXTS, "extensions": list, **dict.fromkeys(PARTS, dict)}
 """Kinds of the values of a scenario's file."""
 _LARGEST = 1 << 16
-"""Size of a file [bytes]."""
+"""Largest size of a file [bytes]."""
 _OF_TEAM_SIZE = "ring", "p", "alpha"
 """Fields of the formation that are valid only for the number of robots for which they were set, else derived."""
 _SHORT = {"rogues": "targets.rogues"}
@@ -122,12 +122,10 @@ def _limits_to_derive(robot: Robot, fields: Mapping[str, Any]) -> dict[str, None
 
 def _nearest_field(name: str) -> str:
     """Return "; did you mean task.duration?" for `duration`, `tasks.duration` or a similar name."""
-    if "." in name and (hint := nearest(name, _FIELDS)):
-        return hint
     last = name.rpartition(".")[2]
     if same := [dotted for dotted in _FIELDS if dotted.endswith(f".{last}")]:
         return f"; did you mean {' or '.join(same)}?"
-    return nearest(last, PARTS) or nearest(last, (dotted.partition(".")[2] for dotted in _FIELDS))
+    return nearest(name, _FIELDS) or nearest(last, [*PARTS, *(dotted.partition(".")[2] for dotted in _FIELDS)])
 
 
 def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:

@@ -139,27 +139,27 @@ def copy_term(w, i, term: int, weight: float, value: wp.array2d(dtype=float), cl
     latest.terms[w, i, term] = or_zero(weight * value[w, i])
 
 
-@stage(ROBOT, writes="observation_out")
-def copy_observation(w, i, start: int, low: float, high: float, value: wp.array3d(dtype=float), clock, observation_out):
+@stage(ROBOT, writes="observation")
+def copy_observation(w, i, start: int, low: float, high: float, value: wp.array3d(dtype=float), clock, observation):
     """Copy an extension's entries into the rows, from index `start` on."""
     for k in range(value.shape[2]):
-        observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
+        observation[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
 
 
-@stage(WORLD, writes="reduced_out")
-def reduce_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, reduced_out: wp.array(dtype=wp.float64)):
+@stage(WORLD, writes="reduced")
+def reduce_column(w, reduction: int, value: wp.array(dtype=wp.float64), clock, reduced: wp.array(dtype=wp.float64)):
     """Update the sum, maximum, minimum or last value of an extension's score column; NaN before the first step."""
     latest = wp.where(wp.abs(value[w]) <= wp.float64(_LARGEST), value[w], wp.float64(0.0))
     if clock.step[w] == 0:
         latest = wp.float64(wp.nan)
     elif clock.step[w] > 1:
         if reduction == _MAX:
-            latest = wp.max(reduced_out[w], latest)
+            latest = wp.max(reduced[w], latest)
         elif reduction == _MIN:
-            latest = wp.min(reduced_out[w], latest)
+            latest = wp.min(reduced[w], latest)
         elif reduction != _LAST:
-            latest += reduced_out[w]
-    reduced_out[w] = latest
+            latest += reduced[w]
+    reduced[w] = latest
 
 
 @stage(TARGET, writes="targets: heading, position")
@@ -226,7 +226,7 @@ class ExtensionStages:
                 own, entry = {"start": entry, "low": extension.low, "high": extension.high}, entry + extension.size
             elif isinstance(extension, ScoreColumn):
                 follows, copies, value = "reward", reduce_column, self._zeros(shape[:1], wp.float64)
-                self.remembered[extension.name] = own["reduced_out"] = self._zeros(shape[:1], wp.float64)
+                self.remembered[extension.name] = own["reduced"] = self._zeros(shape[:1], wp.float64)
                 own["reduction"] = REDUCTIONS.index(extension.reduce)
             elif isinstance(extension, (TargetMotion, TargetEntry)):
                 is_motion = isinstance(extension, TargetMotion)
@@ -235,8 +235,10 @@ class ExtensionStages:
             else:
                 continue
             state = self._state_of(extension, shape[0])
+            if state:
+                self._after_reset.setdefault("arrays", []).append(self._beginning(extension, state))
             run = self._run(extension, value, state)
-            copy = Stage(f"{extension.name} taken", copies, own=own | {"value": value})
+            copy = Stage(f"{extension.name} copied", copies, own=own | {"value": value})
             # The kernel of a target motion writes the positions itself.
             is_complete = isinstance(extension, TargetMotion) and run[0].is_kernel
             self._after.setdefault(follows, []).extend(run if is_complete else [*run, copy])
@@ -260,11 +262,15 @@ class ExtensionStages:
         return wp.zeros(shape, dtype=dtype, device=self.device)
 
     def _state_of(self, extension: Extension, worlds: int) -> dict[str, wp.array]:
-        """Make the arrays of an extension's state and the stage that fills them; those of a function are on the CPU."""
+        """Make the arrays of an extension's state; those of a function are on the CPU."""
         device = self.device if isinstance(extension.run, wp.Kernel) else "cpu"
         shapes = {name: (worlds, *shape) for name, shape in extension.state.items()}
         state = {name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in shapes.items()}
         self.remembered |= {f"{extension.name}.{name}": array for name, array in state.items()}
+        return state
+
+    def _beginning(self, extension: Extension, state: dict[str, wp.array]) -> Stage:
+        """Return the stage that fills the arrays of an extension's state in the worlds that begin an episode."""
         fresh = self._world[0]["clock"].fresh
 
         def begin() -> None:
@@ -275,9 +281,7 @@ class ExtensionStages:
             for name, array in state.items():
                 array.assign(np.where(begins.reshape(-1, *[1] * (array.ndim - 1)), filled[name], array.numpy()))
 
-        if state:
-            self._after_reset.setdefault("arrays", []).append(Stage(f"{extension.name} begins", begin))
-        return state
+        return Stage(f"{extension.name} begins", begin)
 
     def _run(self, extension: Extension, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
         """Return the stages of an extension's own kernel or function, which writes into `value`."""
@@ -318,8 +322,8 @@ def _check_numbers(extension: Extension, numbers: np.ndarray) -> None:
     if numbers.size == 0 or max(float(numbers.max()), -float(numbers.min())) * weight <= _LARGEST_ROUNDED:
         return  # NaN, which is the largest, compares as False
     place = np.argwhere(~(np.abs(numbers).astype(float) * weight <= _LARGEST_ROUNDED))[0]
-    thing = "target" if isinstance(extension, (TargetMotion, TargetEntry)) else "robot"
-    where = f"{thing}_{place[1]} in world {place[0]}" if len(place) > 1 else f"world {place[0]}"
+    entity = "target" if isinstance(extension, (TargetMotion, TargetEntry)) else "robot"
+    where = f"{entity}_{place[1]} in world {place[0]}" if len(place) > 1 else f"world {place[0]}"
     largest = f"of at most {LARGEST:g}{', weight included' if isinstance(extension, RewardTerm) else ''}"
     rule = f"must return finite numbers {largest}"
     raise ValueError(f"{extension.kind} {extension.name} {rule}, got {numbers[tuple(place)]:.7g} for {where}")

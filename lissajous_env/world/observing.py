@@ -19,19 +19,19 @@ FARTHEST = wp.constant(4.0)
 
 
 @part
-def clear_entries(w, i, start: int, stop: int, observation_out):
+def clear_entries(w, i, start: int, stop: int, observation):
     """Zero the entries from `start` to before `stop` of a row."""
     for k in range(start, stop):
-        observation_out[w, i, k] = 0.0
+        observation[w, i, k] = 0.0
 
 
 @part
-def clear_slots(w, i, start: int, width: int, count: int, observation_out):
+def clear_slots(w, i, start: int, width: int, count: int, observation):
     """Zero `count` slots of `width` entries from `start` on, up to the first empty one; those after it are empty."""
     for entry in range(start, start + count * width, width):
-        if observation_out[w, i, entry] == 0.0:
+        if observation[w, i, entry] == 0.0:
             break
-        clear_entries(w, i, entry, entry + width, observation_out)
+        clear_entries(w, i, entry, entry + width, observation)
 
 
 @part
@@ -47,22 +47,22 @@ def clip_coordinate(value: float) -> float:
 
 
 @part
-def observe_self(w, i, curve, speed_unit, robots, observation_out):
+def observe_self(w, i, curve, speed_unit, robots, observation):
     """Fill `OWN_ENTRIES`."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
-    observation_out[w, i, 0] = clip_coordinate(own[0] / curve.half_width)
-    observation_out[w, i, 1] = clip_coordinate(own[1] / curve.half_height)
-    observation_out[w, i, 2] = turn[2]
-    observation_out[w, i, 3] = turn[3]
-    observation_out[w, i, 4] = clip_coordinate(own[3] / speed_unit)
-    observation_out[w, i, 5] = turn[0]
-    observation_out[w, i, 6] = turn[1]
-    observation_out[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
+    observation[w, i, 0] = clip_coordinate(own[0] / curve.half_width)
+    observation[w, i, 1] = clip_coordinate(own[1] / curve.half_height)
+    observation[w, i, 2] = turn[2]
+    observation[w, i, 3] = turn[3]
+    observation[w, i, 4] = clip_coordinate(own[3] / speed_unit)
+    observation[w, i, 5] = turn[0]
+    observation[w, i, 6] = turn[1]
+    observation[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
 
 
 @part
-def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, messages, observation_out):
+def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, messages, observation):
     """Fill `NEIGHBOUR_ENTRIES` of both ring neighbours, and the entries of their policies' messages."""
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
@@ -71,21 +71,21 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
         start = OWN_SIZE + LINK_SIZE * side
         heard_at = links.heard_at[w, i, side]
         if heard_at < 0 or removed:
-            clear_entries(w, i, start, start + LINK_SIZE, observation_out)
+            clear_entries(w, i, start, start + LINK_SIZE, observation)
         else:
             message = links.heard[w, i, side]
-            observation_out[w, i, start] = 1.0
-            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * age_per_step, 1.0)
-            observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
-            observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
-            observation_out[w, i, start + 4] = clip_coordinate(0.5 * (message[2] - own[0]) / curve.half_width)
-            observation_out[w, i, start + 5] = clip_coordinate(0.5 * (message[3] - own[1]) / curve.half_height)
+            observation[w, i, start] = 1.0
+            observation[w, i, start + 1] = wp.min(float(now - heard_at) * age_per_step, 1.0)
+            observation[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
+            observation[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
+            observation[w, i, start + 4] = clip_coordinate(0.5 * (message[2] - own[0]) / curve.half_width)
+            observation[w, i, start + 5] = clip_coordinate(0.5 * (message[3] - own[1]) / curve.half_height)
     size = messages.heard.shape[3]
     if size > 0:
         for side in range(2):
             for m in range(size):
                 heard = wp.where(removed, 0.0, messages.heard[w, i, side, m])
-                observation_out[w, i, message_start + side * size + m] = heard
+                observation[w, i, message_start + side * size + m] = heard
 
 
 @wp.func
@@ -199,36 +199,36 @@ def nearest_targets(w, i, room: int, radius: float, robots, targets, bins, neare
 
 
 @part
-def observe_robots(w, i, filled: int, sensing, speed_unit, robots, nearest, observation_out):
+def observe_robots(w, i, filled: int, sensing, speed_unit, robots, nearest, observation):
     """Fill the entries of the robots in `nearest`, and clear those of the other slots."""
     entry = OWN_SIZE + 2 * LINK_SIZE
     for k in range(filled):
         j = int(nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.sight
         relative = (velocity_of(w, j, robots) - velocity_of(w, i, robots)) / (2.0 * speed_unit)
-        observation_out[w, i, entry] = 1.0
-        observation_out[w, i, entry + 1] = offset[0]
-        observation_out[w, i, entry + 2] = offset[1]
-        observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
-        observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+        observation[w, i, entry] = 1.0
+        observation[w, i, entry + 1] = offset[0]
+        observation[w, i, entry + 2] = offset[1]
+        observation[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
+        observation[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
         entry += ROBOT_SIZE
-    clear_slots(w, i, entry, ROBOT_SIZE, sensing.robots_seen - filled, observation_out)
+    clear_slots(w, i, entry, ROBOT_SIZE, sensing.robots_seen - filled, observation)
 
 
 @part
-def observe_targets(w, i, filled: int, sensing, robots, targets, nearest, observation_out):
+def observe_targets(w, i, filled: int, sensing, robots, targets, nearest, observation):
     """Fill the entries of the targets in `nearest`, and clear those of the other slots."""
     entry = OWN_SIZE + 2 * LINK_SIZE + ROBOT_SIZE * sensing.robots_seen
     for k in range(filled):
         offset = (targets.position[w, int(nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.sight
-        observation_out[w, i, entry] = 1.0
-        observation_out[w, i, entry + 1] = offset[0]
-        observation_out[w, i, entry + 2] = offset[1]
+        observation[w, i, entry] = 1.0
+        observation[w, i, entry + 1] = offset[0]
+        observation[w, i, entry + 2] = offset[1]
         entry += TARGET_SIZE
-    clear_slots(w, i, entry, TARGET_SIZE, sensing.targets_seen - filled, observation_out)
+    clear_slots(w, i, entry, TARGET_SIZE, sensing.targets_seen - filled, observation)
 
 
-@stage(ROBOT, writes="nearest; observation_out")
+@stage(ROBOT, writes="nearest; observation")
 def observe(
     w,
     i,
@@ -244,24 +244,24 @@ def observe(
     targets,
     nearest,
     latest,
-    observation_out,
+    observation,
     bins,
 ):
     """Fill the row of each robot."""
-    observe_self(w, i, curve, speed_unit, robots, observation_out)
-    observe_ring(w, i, clock.step[w], curve, age_per_step, message_start, robots, links, messages, observation_out)
+    observe_self(w, i, curve, speed_unit, robots, observation)
+    observe_ring(w, i, clock.step[w], curve, age_per_step, message_start, robots, links, messages, observation)
     filled = int(0)
     if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
         filled = nearest_robots(w, i, sensing.robots_seen, sensing.sight, robots, bins, nearest)
-    observe_robots(w, i, filled, sensing, speed_unit, robots, nearest, observation_out)
+    observe_robots(w, i, filled, sensing, speed_unit, robots, nearest, observation)
     filled = 0
     if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
         filled = nearest_targets(w, i, sensing.targets_seen, sensing.sight, robots, targets, bins, nearest)
-    observe_targets(w, i, filled, sensing, robots, targets, nearest, observation_out)
+    observe_targets(w, i, filled, sensing, robots, targets, nearest, observation)
 
 
-@stage(ROBOT, writes="final_observation_out")
-def store_final_rows(w, i, clock, observation, final_observation_out):
+@stage(ROBOT, writes="final_observation")
+def store_final_rows(w, i, clock, observation, final_observation):
     """Store the rows with which the previous episode ended."""
     for k in range(observation.shape[2]):
-        final_observation_out[w, i, k] = observation[w, i, k]
+        final_observation[w, i, k] = observation[w, i, k]

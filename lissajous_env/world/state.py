@@ -378,8 +378,8 @@ named(
     action_speeds=wp.array2d(dtype=float),
     equilibrium=wp.array(dtype=wp.float64),
     # Arrays of a simulation, which `lissajous_env.world.simulation` documents.
-    **dict.fromkeys(("action", "limited_action", "command", "command_out"), wp.array3d(dtype=float)),
-    **dict.fromkeys(("observation", "observation_out", "final_observation_out"), wp.array3d(dtype=float)),
+    **dict.fromkeys(("action", "limited_action", "command"), wp.array3d(dtype=float)),
+    **dict.fromkeys(("observation", "final_observation"), wp.array3d(dtype=float)),
     nearest=wp.array3d(dtype=wp.vec2),
     seeds=wp.array(dtype=int),
 )

@@ -128,18 +128,16 @@ def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
 
 
 @part
-def write_position(w, i, entry: int, offset: wp.vec2, age: float, curve, observation_out):
+def write_position(w, i, entry: int, offset: wp.vec2, age: float, curve, observation):
     """Fill the first four entries of a track or teammate: present, relative x, y at an offset [m], and age [memory]."""
-    observation_out[w, i, entry] = 1.0
-    observation_out[w, i, entry + 1] = clip_coordinate(0.5 * offset[0] / curve.half_width)
-    observation_out[w, i, entry + 2] = clip_coordinate(0.5 * offset[1] / curve.half_height)
-    observation_out[w, i, entry + 3] = wp.min(age, 1.0)
+    observation[w, i, entry] = 1.0
+    observation[w, i, entry + 1] = clip_coordinate(0.5 * offset[0] / curve.half_width)
+    observation[w, i, entry + 2] = clip_coordinate(0.5 * offset[1] / curve.half_height)
+    observation[w, i, entry + 3] = wp.min(age, 1.0)
 
 
 @part
-def fill_tracks(
-    w, i, now, entry: int, here: wp.vec2, curve, sensing, task, speed_unit, tracks, nearest, observation_out
-):
+def fill_tracks(w, i, now, entry: int, here: wp.vec2, curve, sensing, task, speed_unit, tracks, nearest, observation):
     """Fill the entries of a robot's tracks from `entry` on, nearest first; the robot is at `here` [m]."""
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
     count = int(0)
@@ -153,18 +151,18 @@ def fill_tracks(
         t = int(nearest[w, i, k][1])
         start = entry + k * TRACK_SIZE
         age = float(now - tracks.sighted_at[w, i, t]) * task.step / sensing.memory
-        write_position(w, i, start, tracks.position[w, i, t] - here, age, curve, observation_out)
+        write_position(w, i, start, tracks.position[w, i, t] - here, age, curve, observation)
         velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
-        observation_out[w, i, start + 4] = wp.clamp(velocity[0], -1.0, 1.0)
-        observation_out[w, i, start + 5] = wp.clamp(velocity[1], -1.0, 1.0)
-        observation_out[w, i, start + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
-        observation_out[w, i, start + 7] = wp.where(tracks.other_sighted_at[w, i, t] == sent_at, 1.0, 0.0)
-        observation_out[w, i, start + 8] = float(tracks.leaves[w, i, t])
-    clear_slots(w, i, entry + count * TRACK_SIZE, TRACK_SIZE, sensing.tracks_seen - count, observation_out)
+        observation[w, i, start + 4] = wp.clamp(velocity[0], -1.0, 1.0)
+        observation[w, i, start + 5] = wp.clamp(velocity[1], -1.0, 1.0)
+        observation[w, i, start + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
+        observation[w, i, start + 7] = wp.where(tracks.other_sighted_at[w, i, t] == sent_at, 1.0, 0.0)
+        observation[w, i, start + 8] = float(tracks.leaves[w, i, t])
+    clear_slots(w, i, entry + count * TRACK_SIZE, TRACK_SIZE, sensing.tracks_seen - count, observation)
 
 
 @part
-def fill_teammates(w, i, now, entry: int, here: wp.vec2, curve, sensing, task, tracks, nearest, observation_out):
+def fill_teammates(w, i, now, entry: int, here: wp.vec2, curve, sensing, task, tracks, nearest, observation):
     """Fill the entries of the teammates that a robot knows, as `fill_tracks` does."""
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
     count = int(0)
@@ -177,23 +175,21 @@ def fill_teammates(w, i, now, entry: int, here: wp.vec2, curve, sensing, task, t
         j = int(nearest[w, i, k][1])
         age = float(now - tracks.mate_sent_at[w, i, j]) * task.step / sensing.memory
         start = entry + k * TEAMMATE_SIZE
-        write_position(w, i, start, tracks.mate_position[w, i, j] - here, age, curve, observation_out)
-    clear_slots(w, i, entry + count * TEAMMATE_SIZE, TEAMMATE_SIZE, sensing.teammates_seen - count, observation_out)
+        write_position(w, i, start, tracks.mate_position[w, i, j] - here, age, curve, observation)
+    clear_slots(w, i, entry + count * TEAMMATE_SIZE, TEAMMATE_SIZE, sensing.teammates_seen - count, observation)
 
 
-@stage(ROBOT, writes="nearest; observation_out")
-def observe_tracks(
-    w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, nearest, observation_out
-):
+@stage(ROBOT, writes="nearest; observation")
+def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, robots, tracks, nearest, observation):
     """Fill the entries of each robot's tracks, then of its teammates; those of a removed robot are zeros."""
     mate_start = track_start + TRACK_SIZE * sensing.tracks_seen
     if robots.status[w, i] == REMOVED:
-        clear_entries(w, i, track_start, mate_start + TEAMMATE_SIZE * sensing.teammates_seen, observation_out)
+        clear_entries(w, i, track_start, mate_start + TEAMMATE_SIZE * sensing.teammates_seen, observation)
     else:
         now = clock.step[w]
         here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
-        fill_tracks(w, i, now, track_start, here, curve, sensing, task, speed_unit, tracks, nearest, observation_out)
-        fill_teammates(w, i, now, mate_start, here, curve, sensing, task, tracks, nearest, observation_out)
+        fill_tracks(w, i, now, track_start, here, curve, sensing, task, speed_unit, tracks, nearest, observation)
+        fill_teammates(w, i, now, mate_start, here, curve, sensing, task, tracks, nearest, observation)
 
 
 @part
@@ -209,9 +205,9 @@ def mark_covered(w, i, place: wp.vec2, covered_at: int, curve, sensing, tracks):
             tracks.covered_at[w, i, row, column] = wp.max(covered_at, tracks.covered_at[w, i, row, column])
 
 
-@stage(ROBOT, writes="tracks: covered_at, sensor_position; observation_out")
+@stage(ROBOT, writes="tracks: covered_at, sensor_position; observation")
 def update_known_cells(
-    w, i, cell_start, curve, sensing, noise, task, neighbours, clock, robots, links, tracks, observation_out
+    w, i, cell_start, curve, sensing, noise, task, neighbours, clock, robots, links, tracks, observation
 ):
     """Update the cells that each robot knows to be covered, by its messages and its own sensor, and fill their ages."""
     now = clock.step[w]
@@ -232,4 +228,4 @@ def update_known_cells(
         age = float(1.0)
         if covered_at >= 0:
             age = wp.min(float(now - covered_at) * task.step / sensing.memory, 1.0)
-        observation_out[w, i, cell_start + k] = wp.where(robots.status[w, i] == REMOVED, 0.0, age)
+        observation[w, i, cell_start + k] = wp.where(robots.status[w, i] == REMOVED, 0.0, age)

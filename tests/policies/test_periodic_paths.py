@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+import baselines
 import lissajous_env
 from baselines.policies.periodic_paths import PathParameters, PeriodicPaths, places_of
 
@@ -44,7 +45,8 @@ def test_wrong_parameters_are_refused(changed, message):
 
 
 def test_cars_that_do_not_know_the_starts_of_others_drive_to_their_paths_under_the_filter():
-    """Oracle: the filter communicates, and paths on a timetable do not."""
+    """Oracle: the filter sends positions, paths on a timetable nothing, and the paper's controller phases."""
     unknown = lissajous_env.scenario("evaders", **{"formation.start": "random"})
-    assert PeriodicPaths(EVADERS).communicates == "nothing"
-    assert PeriodicPaths(unknown).communicates != "nothing"
+    policies = PeriodicPaths(EVADERS), PeriodicPaths(unknown), baselines.make("kuramoto-mpcc-safe", EVADERS)
+    positions = "positions of ring neighbours"
+    assert [of.communicates for of in policies] == ["nothing", positions, f"phases of ring neighbours and {positions}"]

@@ -72,6 +72,7 @@ def test_a_robots_action_depends_on_its_own_row_alone(name, scenario):
 @pytest.mark.parametrize(("name", "scenario"), CASES)
 def test_a_copy_goes_on_as_the_original(name, scenario):
     """Oracle: the original itself, over the steps that follow, one of its worlds forgotten on the way."""
+    scenario = lissajous_env.scenario(scenario, **{"noise.message_delay": 0.8})  # so that messages are remembered
     policy, simulation = baselines.make(name, scenario, 3), Simulation(scenario, 3, seed=7)
     for _ in range(10):
         simulation.step(policy.act(simulation.observation))

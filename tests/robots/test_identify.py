@@ -18,31 +18,31 @@ NOISE = {"noise.position": 0.01, "noise.heading": 0.02, "noise.speed": 0.02, "fa
 
 def logs(robots, late=0, seed=1, same=4, share=1.0, scale=(1.0, 1.0), **fields):
     """Log of simulated robots under random commands, the same for some steps, which are received `late` steps later."""
-    made = lissajous_env.scenario("experiment", **(NOISE | fields)).scaled(*scale).resolve()
-    simulation, random = lissajous_env.Simulation(made, seed=seed), np.random.default_rng(seed)
-    wanted = np.repeat(random.uniform(-share, share, (-(-made.task.steps // same), 5, 2)), same, axis=0)
+    scenario = lissajous_env.scenario("experiment", **(NOISE | fields)).scaled(*scale).resolve()
+    simulation, random = lissajous_env.Simulation(scenario, seed=seed), np.random.default_rng(seed)
+    wanted = np.repeat(random.uniform(-share, share, (-(-scenario.task.steps // same), 5, 2)), same, axis=0)
     poses = [simulation.robots.measured.numpy()[0].copy()]
-    for k in range(made.task.steps):
+    for k in range(scenario.task.steps):
         simulation.step(wanted[max(k - late, 0)][None].astype(np.float32))
         poses.append(simulation.robots.measured.numpy()[0].copy())
-    poses, time = np.array(poses, dtype=float), np.arange(made.task.steps + 1) * made.task.step
-    given = commands_of_actions(made.robot, wanted[: made.task.steps].astype(np.float32))
+    poses, time = np.array(poses, dtype=float), np.arange(scenario.task.steps + 1) * scenario.task.step
+    inputs = commands_of_actions(scenario.robot, wanted[: scenario.task.steps].astype(np.float32))
     for i in robots:
         x, y, heading, speed = poses[:, i].T
         track = Track(time, np.stack([x, y, 0 * x], axis=1), np.unwrap(heading), speed)
-        yield track, Series(time[:-1], given[:, i]), constants_of(simulation, i) | {"delay": late * made.task.step}
+        yield track, Series(time[:-1], inputs[:, i]), constants_of(simulation, i) | {"delay": late * scenario.task.step}
 
 
 def constants_of(simulation, robot):
     """True constants of a robot, those of its own body included."""
-    made, wheelbase, drive = simulation.scenario.robot, simulation.robots.wheelbase, simulation.robots.drive
+    body, wheelbase, drive = simulation.scenario.robot, simulation.robots.wheelbase, simulation.robots.drive
     wheelbase, drive = float(wheelbase.numpy()[0, robot]), float(drive.numpy()[0, robot])
-    if made.kind == "car":
-        constants = {"wheelbase": wheelbase, "drag": made.drag, "drive": drive}
-        return constants | {"offset": made.offset, "dead_zone": made.dead_zone}
-    factors = {"speed_factor": 1.0, "yaw_factor": made.wheelbase / wheelbase}
-    limits = {"acceleration_max": made.acceleration_max * drive / made.drive}
-    return factors | limits | {"yaw_acceleration_max": made.yaw_acceleration_max}
+    if body.kind == "car":
+        constants = {"wheelbase": wheelbase, "drag": body.drag, "drive": drive}
+        return constants | {"offset": body.offset, "dead_zone": body.dead_zone}
+    factors = {"speed_factor": 1.0, "yaw_factor": body.wheelbase / wheelbase}
+    limits = {"acceleration_max": body.acceleration_max * drive / body.drive}
+    return factors | limits | {"yaw_acceleration_max": body.yaw_acceleration_max}
 
 
 def without_speeds(track, speed):
@@ -50,9 +50,9 @@ def without_speeds(track, speed):
     return Track(track.time, track.position, track.heading, speed)
 
 
-def check(found, true, rel, names=CONSTANTS[:4]):
+def check(fit, true, rel, names=CONSTANTS[:4]):
     for name in names:
-        assert found.values[name] == pytest.approx(true[name], rel=rel), name
+        assert fit.values[name] == pytest.approx(true[name], rel=rel), name
 
 
 @pytest.fixture(scope="module")
@@ -64,15 +64,15 @@ def minute():
 
 def test_the_constants_of_a_car_are_recovered_within_two_percent_from_a_minute_of_noisy_odometry(minute):
     # Oracle: the constants with which the car was simulated, those of its own body included.
-    _, _, true, found = minute
-    check(found, true, 0.02)
+    _, _, true, fit = minute
+    check(fit, true, 0.02)
     for name in CONSTANTS[:4]:
-        assert abs(found.values[name] - true[name]) < 5 * found.errors[name], name
-    assert found.values["delay"] < 0.005
-    assert found.residual["position"] == pytest.approx(0.01, rel=0.15)
-    assert found.residual["speed"] == pytest.approx(0.02, rel=0.15)
-    assert np.isnan(found.errors["dead_zone"])  # no throttle lies below it
-    assert found.misfits == ()
+        assert abs(fit.values[name] - true[name]) < 5 * fit.errors[name], name
+    assert fit.values["delay"] < 0.005
+    assert fit.residual["position"] == pytest.approx(0.01, rel=0.15)
+    assert fit.residual["speed"] == pytest.approx(0.02, rel=0.15)
+    assert np.isnan(fit.errors["dead_zone"])  # no throttle lies below it
+    assert fit.misfits == ()
 
 
 def test_the_constants_of_a_car_of_another_size_and_pace_than_the_guess_are_recovered():
@@ -86,12 +86,12 @@ def test_poses_without_speeds_are_enough(noisy):
     # Oracle: the constants with which the car was simulated. Differences of positions are no speeds.
     fields = {} if noisy else dict.fromkeys((name for name in NOISE if name.startswith("noise")), 0.0)
     ((track, commands, true),) = logs([2], **fields, **{"task.duration": 61.0 if noisy else 21.0})
-    found = identify(without_speeds(track, 0 * track.speed if noisy else np.nan * track.speed), commands, Robot())
-    check(found, true, 0.02 if noisy else 1e-3)
+    fit = identify(without_speeds(track, 0 * track.speed if noisy else np.nan * track.speed), commands, Robot())
+    check(fit, true, 0.02 if noisy else 1e-3)
     for name in CONSTANTS[:4]:
-        assert abs(found.values[name] - true[name]) < 5 * found.errors[name] + 1e-4 * true[name], name
-    assert np.isnan(found.residual["speed"])
-    assert found.misfits == ()
+        assert abs(fit.values[name] - true[name]) < 5 * fit.errors[name] + 1e-4 * true[name], name
+    assert np.isnan(fit.residual["speed"])
+    assert fit.misfits == ()
 
 
 def test_poses_that_are_most_of_a_second_apart_are_enough():
@@ -147,8 +147,8 @@ def test_a_log_that_shows_nothing_is_refused(change, words):
 @pytest.mark.filterwarnings("error")
 def test_a_motor_that_no_throttle_drives_is_given():
     ((track, commands, _),) = logs([3], **{"task.duration": 12.0})
-    found = identify(track, Series(commands.time, commands.value * (1, -1)))
-    assert np.isnan([found.errors[name] for name in ("drive", "offset", "dead_zone")]).all()
+    fit = identify(track, Series(commands.time, commands.value * (1, -1)))
+    assert np.isnan([fit.errors[name] for name in ("drive", "offset", "dead_zone")]).all()
 
 
 @pytest.mark.parametrize(("seed", "noise"), [(1, 0.0), (5, 1.0)])
@@ -172,20 +172,20 @@ def test_the_constants_of_a_drive_are_recovered_from_half_a_minute_of_noisy_odom
     # Oracle: the constants with which the drive was simulated, those of its own body included; others are given.
     fields = dict(zip(("robot.acceleration_max", "robot.yaw_acceleration_max"), limits, strict=True)) | LIMITS
     ((track, commands, true),) = logs([3], seed=3, late=late, same=8, **fields, **{"task.duration": 30.0})
-    found = identify(track, commands, Robot(kind="differential", acceleration_max=0.1, yaw_acceleration_max=0.5))
+    fit = identify(track, commands, Robot(kind="differential", acceleration_max=0.1, yaw_acceleration_max=0.5))
     for name in DRIVE_CONSTANTS:
-        assert found.values[name] == pytest.approx(true[name], rel=0.02, abs=0.01), name
-    assert found.residual["heading"] == pytest.approx(0.02, rel=0.2)
-    assert found.misfits == ()
+        assert fit.values[name] == pytest.approx(true[name], rel=0.02, abs=0.01), name
+    assert fit.residual["heading"] == pytest.approx(0.02, rel=0.2)
+    assert fit.misfits == ()
 
 
 def test_a_limit_that_no_command_reaches_is_given():
     # Story: with steps of 0.1 m/s and 0.3 rad/s, a tenth of a second is long enough for any acceleration.
     fast = LIMITS | {"robot.acceleration_max": 50.0, "robot.yaw_acceleration_max": 500.0}
     ((track, commands, _),) = logs([1], same=8, share=0.1, **fast, **{"task.duration": 20.0})
-    found = identify(track, commands, DRIVE)
-    assert np.isnan(found.errors["acceleration_max"])
-    assert np.isfinite(found.errors["speed_factor"])
+    fit = identify(track, commands, DRIVE)
+    assert np.isnan(fit.errors["acceleration_max"])
+    assert np.isfinite(fit.errors["speed_factor"])
 
 
 @pytest.mark.parametrize("stamps", [False, True])

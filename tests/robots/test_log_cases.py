@@ -248,7 +248,7 @@ def test_a_robot_whose_clock_differs_is_named(tmp_path):
     for n, ahead, words, now in ((5, (3,), "3 is 1.5 s ahead of", 0), (4, (0, 1), "2 is 1.5 s behind", 1.5)):
         poses = of_robots(lambda k, t, ahead=ahead: odometry(EPOCH + t + 1.5 * (k in ahead), *circle(k, t)))
         phases = extra("/robot_{}/phase", lambda t: plain("Float64", t))
-        log = read(write(tmp_path / str(n), [each for each in poses if int(each[0][7]) < n] + phases))
+        log = read(write(tmp_path / str(n), [record for record in poses if int(record[0][7]) < n] + phases))
         assert any(f"the clock of robot {words} those of the others" in note for note in log.notes)
         np.testing.assert_allclose(log.phases[0].time - EPOCH, TIMES + now, atol=1e-6)
 
@@ -264,8 +264,8 @@ def test_a_jump_is_named(tmp_path):
 
 def test_a_log_ends_with_the_first_robot_unless_that_one_has_failed(tmp_path):
     def shortened(left, more=()):
-        kept = [each for each in shrunk() if "robot_1" not in each[0] or each[2] < EPOCH + LASTS - left]
-        return scored(tmp_path / str(left), kept + list(more))
+        poses = [record for record in shrunk() if "robot_1" not in record[0] or record[2] < EPOCH + LASTS - left]
+        return scored(tmp_path / str(left), poses + list(more))
 
     assert shortened(0.25).recording.duration == pytest.approx(LASTS - 0.3)
     assert any("robot 1: no pose after" in note for note in shortened(2.0).notes)
@@ -297,7 +297,7 @@ REFUSED = {
         "must be in one frame, got robot 0: odom; robots 1, 2, 3 and 4: map",
     ),
     "an hour": (of_robots(shifted), {}, "got those of robot 3 from 1700003600.000"),
-    "a missing robot": ([each for each in shrunk() if each[0][7] != "2"], {}, "got 4: robots 0, 1, 3 and 4"),
+    "a missing robot": ([record for record in shrunk() if record[0][7] != "2"], {}, "got 4: robots 0, 1, 3 and 4"),
     "twice": (shrunk(), {"topics": ["/robot_0/odom"] * 2}, "at least one topic, each of them once, got"),
     "braces": (shrunk(), {"topics": ["/robot_{}/{}"]}, "stands once for a number"),
     "unknown": (shrunk(), {"topics": ["/car_{}/odom"]}, "got /car_0/odom"),
@@ -309,8 +309,8 @@ REFUSED = {
         "got 0; 41 messages of /robot_0/odom are ignored",
     ),
     "too long": (
-        [each for k in range(5) for t in (0.0, 1.0, 50_000.0)
-         for each in [(f"/robot_{k}/odom", odometry(t, *circle(k, t)), t)]],
+        [record for k in range(5) for t in (0.0, 1.0, 50_000.0)
+         for record in [(f"/robot_{k}/odom", odometry(t, *circle(k, t)), t)]],
         {}, "longest time without a pose is 49999 s, of robot 4",
     ),
     "array": (

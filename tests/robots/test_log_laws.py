@@ -126,8 +126,8 @@ def poses_that_are_recorded_late_or_in_bursts(folder, story):
         for topic, message, time in story.messages()
     ]  # fmt: skip
     # The status is recorded on a clock that the poses give only roughly, so it is left out on both sides.
-    late = [each for each in late if "odom" in each[0]]
-    wanted = scored(folder, [each for each in story.messages() if "odom" in each[0]])
+    late = [record for record in late if "odom" in record[0]]
+    wanted = scored(folder, [record for record in story.messages() if "odom" in record[0]])
     assert differences(wanted.rows[0], scored(folder, late).rows[0]) == []
 
 
@@ -174,10 +174,10 @@ def less_is_known(whole, got):
 
 
 def channels_and_files(folder, story):
-    parts = [(*each, int(story.random.integers(0, 3))) for each in story.messages()]
+    parts = [(*record, int(story.random.integers(0, 3))) for record in story.messages()]
     equal(folder, story, parts)
-    equal(folder, story, *([each for each in parts if each[3] == k] for k in range(3)))
-    equal(folder, story, *([each for each in parts if f"robot_{k}" in each[0]] for k in (1, 0)))
+    equal(folder, story, *([record for record in parts if record[3] == k] for k in range(3)))
+    equal(folder, story, *([record for record in parts if f"robot_{k}" in record[0]] for k in (1, 0)))
 
 
 def numbers_in_any_order(folder, story):

@@ -60,6 +60,7 @@ LONG = (
     ("rough-lost", "kuramoto-mpcc-safe"), ("evaders-lost", "partition-repair"), ("failure", "kuramoto"),
     ("knot", "open-loop"), ("hall", "sweep"), ("evaders-failure", "line-abreast"),
 )  # fmt: skip
+PAIRS = {"robot.count": 6, "formation.alpha": 2, "task.on_collision": "remove", "task.duration": 3.0}
 HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, "task.duration": 3.0})
 
 
@@ -71,6 +72,7 @@ HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, 
     ("evaders", "random", HIT | {"task.on_collision": "stop"}), ("evaders", "random", {"task.duration": 0.1}),
     ("hotspots", "index", {"task.duration": 3.0}),
     ("perturbation", "consensus", {"faults.removed": ((7, 1.0),), "task.duration": 3.0, "task.step": 0.6}),
+    ("failure", "kuramoto", PAIRS | {"faults.removed": ((0, 1.0),), "faults.schedule": ()}),
     ("failure", "random", {"formation.phase_rate": 6.0, "task.on_collision": "stop", "task.duration": 3.0}),
 ])  # fmt: skip
 def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_did(scenario, policy, fields, tmp_path):
@@ -91,7 +93,7 @@ def test_an_episode_goes_on_where_nodes_of_removed_robots_send_no_poses(tmp_path
     recording = record(baselines.make("consensus", "perturbation"), "perturbation", seed=2, **fields)
     save_mcap(recording, tmp_path / "log.mcap")
     log = read(tmp_path / "log.mcap")
-    tracks = tuple(Track(*(array[: 13 + k] for array in vars(each).values())) for k, each in enumerate(log.tracks))
+    tracks = tuple(Track(*(array[: 13 + k] for array in vars(track).values())) for k, track in enumerate(log.tracks))
     scored = score(dataclasses.replace(log, tracks=tracks))
     assert same(recording.score, scored.rows[0]) == []
     np.testing.assert_array_equal(scored.recording.status, recording.status)
@@ -110,7 +112,7 @@ def circle(count=101, robots=5):
     time = np.linspace(0, 10, count)
     gamma = 0.3 * time[None] + np.arange(robots)[:, None]
     place = np.stack([np.cos(gamma), 0.5 * np.sin(gamma), 0 * gamma], axis=-1)
-    return tuple(Track(time, each, 0 * time, 0.3 + 0 * time) for each in place)
+    return tuple(Track(time, path, 0 * time, 0.3 + 0 * time) for path in place)
 
 
 def test_virtual_targets_differ_by_their_seeds_and_everything_else_does_not():
@@ -125,7 +127,7 @@ def test_another_number_of_robots_and_a_short_log_are_refused():
     with pytest.raises(ValueError, match="must have the 5 robots of experiment, got 4"):
         score(Log("few", circle(robots=4)), "experiment")
     with pytest.raises(ValueError, match="at least a control step of"):
-        score(Log("short", tuple(dataclasses.replace(each, time=each.time / 1e3) for each in circle())), "experiment")
+        score(Log("fast", tuple(dataclasses.replace(track, time=track.time / 1e3) for track in circle())), "experiment")
     track, nan = circle(3)[0], np.full((3, 3), np.nan)
     for field, wrong in {"time": track.time[::-1], "position": nan, "heading": nan, "speed": [0.3]}.items():
         with pytest.raises(ValueError, match=f"{field} of a track must "):
@@ -136,10 +138,9 @@ def test_interpolation_is_exact_for_a_cubic():
     # Oracle: Hermite interpolation reproduces cubics; here along x with its derivative as the speed.
     time = np.array([0.0, 1.0, 2.5])
     place = np.stack([time**3, 0 * time, 0 * time], axis=1)
-    found = motion_of(Track(time, place, 0 * time, 3 * time**2)).at(np.linspace(0, 2.5, 11))[0]
-    np.testing.assert_allclose(found[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
-    turning = motion_of(Track(time, 0 * place, time, 0 * time))
-    np.testing.assert_allclose(turning.at(np.array([0.25, 2.0]))[1], [0.25, 2.0])
+    places = motion_of(Track(time, place, 0 * time, 3 * time**2)).at(np.linspace(0, 2.5, 11))[0]
+    np.testing.assert_allclose(places[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
+    np.testing.assert_allclose(motion_of(Track(time, 0 * place, time, 0 * time)).at(time[1:] / 2)[1], time[1:] / 2)
 
 
 @pytest.mark.parametrize("turn", [1.0, 3.0])
@@ -199,10 +200,9 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert page.stat().st_size > 10_000
     assert "detection_time_mean" in table.read_text().partition("\n")[0]
     assert "out must be another file than the log, got" in called(capsys, "score", path, "--out", path)[2]
-    one, other = "/robot_0/odom", "/robot_3/odom"
-    code, out, err = called(capsys, "identify", path, "--topics", one, other, "--out", tmp_path / "cars.toml")
+    cars, topics = tmp_path / "cars.toml", ("/robot_0/odom", "/robot_3/odom")
+    code, out, err = called(capsys, "identify", path, "--topics", *topics, "--out", cars)
     assert (code, err) == (0, "")
-    found = lissajous_env.scenario(str(tmp_path / "cars.toml"))
-    assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
+    assert lissajous_env.scenario(cars).robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out

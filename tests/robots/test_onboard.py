@@ -29,23 +29,23 @@ PAIRS = [
 ]
 
 
-def play(scenario, policy, steps=None, seed=3):
+def play(name, policy, steps=None, seed=3):
     """Compare rows and actions of every robot with those of the simulation; return the number of decisions.
 
     All bits must be equal, except those of the velocities of robots in sight, which a filter uses.
     """
-    made = lissajous_env.scenario(scenario).resolve()
-    exact = [k for k, name in enumerate(layout(made).names) if "velocity" not in name]
+    scenario = lissajous_env.scenario(name).resolve()
+    exact = [k for k, name in enumerate(layout(scenario).names) if "velocity" not in name]
     tolerance = 1e-5 if "-safe" in policy else 0
-    simulation = lissajous_env.Simulation(made, seed=seed)
-    together = baselines.make(policy, made)
-    alone = [baselines.Onboard(policy, made, i, Limits(*[np.inf] * 4)) for i in range(made.num_robots)]
+    simulation = lissajous_env.Simulation(scenario, seed=seed)
+    together = baselines.make(policy, scenario)
+    alone = [baselines.Onboard(policy, scenario, i, Limits(*[np.inf] * 4)) for i in range(scenario.num_robots)]
     decisions = 0
-    for k in range(steps or made.task.steps):
+    for k in range(steps or scenario.task.steps):
         observed = simulation.observation.numpy()[0].copy()
         action = together.act(simulation.observation).numpy().copy()
         status = simulation.robots.status.numpy()[0]
-        for i in range(made.num_robots):
+        for i in range(scenario.num_robots):
             if status[i] != int(REMOVED):
                 inputs = inputs_of(simulation, i)
                 output = alone[i].act(*inputs)
@@ -76,8 +76,8 @@ def test_a_robot_is_commanded_the_input_of_its_action_and_its_base_understands_i
     onboard = baselines.Onboard("random", scenario, 0)
     assert onboard.command_at(0.0) == pytest.approx((0.0, 0.1 if not fields else 0.0))
     actions = np.random.default_rng(0).uniform(-1, 1, (7, 3, 2)).astype(np.float32)
-    found = actions_of_commands(scenario.robot, commands_of_actions(scenario.robot, actions))
-    np.testing.assert_allclose(found, actions, atol=1e-6)
+    restored = actions_of_commands(scenario.robot, commands_of_actions(scenario.robot, actions))
+    np.testing.assert_allclose(restored, actions, atol=1e-6)
     assert actions_of_commands(scenario.robot, np.array([9.0, -9.0])).tolist() == [1, -1]
 
 
@@ -102,9 +102,9 @@ def test_actions_of_every_policy_are_those_of_the_simulation(scenario):
 def test_the_phase_follows_the_curve_without_being_given():
     # Oracle: the phase of the simulation. The first is found by the pose: the others follow by the same Newton steps.
     agile = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start_noise": 0.0}  # on the whole curve
-    made = lissajous_env.scenario("experiment", **agile).resolve()
-    simulation, policy = lissajous_env.Simulation(made), baselines.make("kuramoto-mpcc", made)
-    onboard = baselines.Onboard("kuramoto-mpcc", made, 2)
+    scenario = lissajous_env.scenario("experiment", **agile).resolve()
+    simulation, policy = lissajous_env.Simulation(scenario), baselines.make("kuramoto-mpcc", scenario)
+    onboard = baselines.Onboard("kuramoto-mpcc", scenario, 2)
     for _ in range(300):
         inputs = inputs_of(simulation, 2)
         output = onboard.act(*inputs[:5])
@@ -114,15 +114,15 @@ def test_the_phase_follows_the_curve_without_being_given():
     np.testing.assert_allclose(own, inputs.phase, atol=1e-5)
 
 
-@pytest.mark.parametrize("scenario", ["experiment", "team", "hall"])
-def test_the_phase_is_found_from_any_pose_on_the_curve(scenario):
+@pytest.mark.parametrize("name", ["experiment", "team", "hall"])
+def test_the_phase_is_found_from_any_pose_on_the_curve(name):
     # Oracle: the phases from which the poses were made, crossings of the curve among them.
-    made = lissajous_env.scenario(scenario).resolve()
+    scenario = lissajous_env.scenario(name).resolve()
     for theta in np.linspace(0, 2 * np.pi, 97):
-        ahead, here = (curve_point(made.curve, made.alpha * np.array(theta + d)) for d in (1e-5, 0))
+        ahead, here = (curve_point(scenario.curve, scenario.alpha * np.array(theta + d)) for d in (1e-5, 0))
         heading = np.arctan2(*(ahead - here)[::-1])
-        found = locate(made.curve, made.alpha, *here, heading, theta)
-        assert np.cos(found - theta) > np.cos(2e-3)
+        phase = locate(scenario.curve, scenario.alpha, *here, heading, theta)
+        assert np.cos(phase - theta) > np.cos(2e-3)
 
 
 def test_a_function_and_a_factory_are_policies():
@@ -132,7 +132,7 @@ def test_a_function_and_a_factory_are_policies():
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("changes", "words"),
     [
         ({"robot": 5}, "robot must be a whole number from 0 to 4, got 5"),
         ({"scenario": "failure", "policy": "kuramoto"}, "kind car or differential, got 'curve'"),
@@ -145,8 +145,8 @@ def test_a_function_and_a_factory_are_policies():
         ),
     ],
 )
-def test_what_does_not_fit_is_refused(given, words):
-    settings = {"policy": "kuramoto-mpcc", "scenario": "experiment", "robot": 0} | given
+def test_what_does_not_fit_is_refused(changes, words):
+    settings = {"policy": "kuramoto-mpcc", "scenario": "experiment", "robot": 0} | changes
     with pytest.raises(ValueError, match=words):
         baselines.Onboard(**settings)
 
@@ -181,24 +181,24 @@ def test_messages_that_are_no_messages_are_ignored():
 @pytest.mark.parametrize("policy", ["sweep", "tracked-reference-mpcc"])
 def test_the_steps_of_a_policy_follow_the_clock(policy):
     # Oracle: the same robot, called at every step. Calls are left out or made twice, or the first pose comes late.
-    made = lissajous_env.scenario("experiment").resolve()
-    simulation, together = lissajous_env.Simulation(made), baselines.make(policy, made)
+    scenario = lissajous_env.scenario("experiment").resolve()
+    simulation, together = lissajous_env.Simulation(scenario), baselines.make(policy, scenario)
     limits, calls = Limits(*[np.inf] * 5), []
-    steady, uneven = (baselines.Onboard(policy, made, 0, limits) for _ in range(2))
-    late = baselines.Onboard(lambda rows: calls.append(1) or np.zeros((1, 5, 2)), made, 0, limits)
+    steady, uneven = (baselines.Onboard(policy, scenario, 0, limits) for _ in range(2))
+    late = baselines.Onboard(lambda rows: calls.append(1) or np.zeros((1, 5, 2)), scenario, 0, limits)
     for k in range(60):
         inputs = inputs_of(simulation, 0)
         action = steady.act(*inputs).action
         if k != 20:
-            found = uneven.act(*inputs).action
+            uneven_action = uneven.act(*inputs).action
             if policy == "sweep" or k < 20:  # the other keeps a warm start besides the time
-                np.testing.assert_array_equal(found, action)
-            np.testing.assert_allclose(found, action, atol=0.02)
+                np.testing.assert_array_equal(uneven_action, action)
+            np.testing.assert_allclose(uneven_action, action, atol=0.02)
         before = len(calls)
         stopped = late.act(*inputs if k > 14 else inputs._replace(odometry=None)).stopped
         assert len(calls) - before == {15: 10, 16: 7}.get(k, k > 16), "it makes up for ten steps a call at most"
         assert ("16 steps behind" in stopped) == (k == 15)
         if k > 40:
             early = inputs._replace(now=inputs.now + 0.02)
-            np.testing.assert_array_equal(uneven.act(*early).action, found)
+            np.testing.assert_array_equal(uneven.act(*early).action, uneven_action)
         simulation.step(together.act(simulation.observation))

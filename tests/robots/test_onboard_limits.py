@@ -154,12 +154,12 @@ def test_no_command_outlives_the_watchdog(moves):
 ROBOT = Robot(watchdog=0.2, clock_jump=10.0)
 
 
-@pytest.mark.parametrize("scenario", ["intruders", "rough"])
-def test_the_limits_let_the_shipped_robots_drive(scenario):
+@pytest.mark.parametrize("name", ["intruders", "rough"])
+def test_the_limits_let_the_shipped_robots_drive(name):
     # With the limits of a scenario, robots stop only where the simulated ones fail.
-    made = lissajous_env.scenario(scenario).resolve()
-    simulation, policy = lissajous_env.Simulation(made, seed=1), baselines.make("kuramoto-mpcc", made)
-    onboard = [baselines.Onboard("kuramoto-mpcc", made, i) for i in range(made.num_robots)]
+    scenario = lissajous_env.scenario(name).resolve()
+    simulation, policy = lissajous_env.Simulation(scenario, seed=1), baselines.make("kuramoto-mpcc", scenario)
+    onboard = [baselines.Onboard("kuramoto-mpcc", scenario, i) for i in range(scenario.num_robots)]
     for _ in range(120):
         for i, robot in enumerate(onboard):
             inputs = inputs_of(simulation, i)

@@ -110,10 +110,10 @@ def test_headings_stamps_and_rows_survive_messages():
 )
 def test_the_run_is_the_simulation(changes, policy, more):
     # Oracle: the simulation without ROS, with messages of policies; commands in physical units round.
-    made = lissajous_env.scenario("experiment", **AGILE | {"task.duration": 2.0} | changes)
-    with Team(made, policy, world={"seed": 2} | more, **more) as team:
+    scenario = lissajous_env.scenario("experiment", **AGILE | {"task.duration": 2.0} | changes)
+    with Team(scenario, policy, world={"seed": 2} | more, **more) as team:
         played = team.world.play()
-    wanted = record(baselines.make(policy, made), made, seed=2)
+    wanted = record(baselines.make(policy, scenario), scenario, seed=2)
     np.testing.assert_array_equal(played.status, wanted.status)
     np.testing.assert_allclose(played.position, wanted.position, atol=1e-3)
     np.testing.assert_allclose(played.action[1:, :, :2], wanted.action[1:, :, :2], atol=1e-2)
@@ -124,19 +124,19 @@ def test_the_run_is_the_simulation(changes, policy, more):
 
 def test_cars_whose_speeds_come_from_motion_capture_follow_the_curve():
     # A physical story: with poses alone and commands of another type, five robots keep their distance.
-    made = lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 2.5})
-    with Team(made, "kuramoto-mpcc", world={"command": "dart"}, command="dart", pose="pose") as team:
+    scenario = lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 2.5})
+    with Team(scenario, "kuramoto-mpcc", world={"command": "dart"}, command="dart", pose="pose") as team:
         played = team.world.play()
     assert played.speed[-1].min() > 0.3
     assert played.score["lateral_error_max"] < 0.2
-    assert played.score["min_separation"] > 2 * made.robot.radius
+    assert played.score["min_separation"] > 2 * scenario.robot.radius
 
 
 def test_services_stop_and_resume_a_robot_which_reports_it():
     # A physical story: one robot is stopped by a person, and then told to continue.
-    seen, made = {}, lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 4.0})
+    seen, scenario = {}, lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 4.0})
     stopped, drives = "the robot was requested to stop", "drives"
-    with Team(made, "open-loop-mpcc", fence=2.0) as team:
+    with Team(scenario, "open-loop-mpcc", fence=2.0) as team:
         listener = team.add(ros.Node("listener"))
         listener.create_subscription(
             ros.DiagnosticArray, "/diagnostics", lambda m: seen.update({m.status[0].name: m.status[0]}), 10
@@ -179,20 +179,20 @@ def test_parameters_namespaces_and_remapping():
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("argument", "words"),
     [
         ("robot:=two", "node.robot must be of type int"),
         ("command:=twist", "command must be car or dart for robots of kind car, got 'twist'"),
     ],
 )
-def test_wrong_parameters_are_refused(given, words):
+def test_wrong_parameters_are_refused(argument, words):
     with pytest.raises(ValueError, match=words):
-        node_of(RobotSettings(), cli_args=["--ros-args", "-p", given])
+        node_of(RobotSettings(), cli_args=["--ros-args", "-p", argument])
 
 
 def test_robots_that_are_missing_or_in_another_frame_are_named():
-    made = lissajous_env.scenario("experiment", **{"task.duration": 0.6})
-    with Team(made, "open-loop-mpcc", robots=[0, 2], world={"wait": 1.0}, frame="map") as team:
+    scenario = lissajous_env.scenario("experiment", **{"task.duration": 0.6})
+    with Team(scenario, "open-loop-mpcc", robots=[0, 2], world={"wait": 1.0}, frame="map") as team:
         lost = team.add(node_of(RobotSettings(robot=1, policy="open-loop-mpcc", frame="lab")))
         wait_until(
             lambda: lost.reason == "the pose is in frame map, it must be lab",

@@ -33,8 +33,8 @@ class EnoughError(Exception):
 
 def team_scenario(duration, **changes):
     """Cars at the speeds of a first run in a laboratory, 0.2 to 0.7 m/s."""
-    given = {"task.duration": duration, "formation.phase_rate": RATE, **changes}
-    return lissajous_env.scenario("experiment", **AGILE, **given)
+    fields = {"task.duration": duration, "formation.phase_rate": RATE, **changes}
+    return lissajous_env.scenario("experiment", **AGILE, **fields)
 
 
 class Watch:
@@ -62,8 +62,8 @@ class Watch:
 def test_a_robot_whose_node_ends_stops_and_joins_again():
     # A physical story: a node ends at 1 s without a word; it is started again, while the others wait for it.
     # At twice real time a command of 0.1 s later is in time also on a slow machine.
-    made = team_scenario(200.0)
-    with Team(made, "kuramoto-mpcc", message_wait=0.02, world={"patience": 1.0, "pace": 2.0}) as team:
+    scenario = team_scenario(200.0)
+    with Team(scenario, "kuramoto-mpcc", message_wait=0.02, world={"patience": 1.0, "pace": 2.0}) as team:
         watch, joined_at = Watch(team.world), []
 
         def follow():
@@ -92,8 +92,8 @@ def test_a_robot_whose_node_ends_stops_and_joins_again():
 
 
 def test_the_others_drive_on_without_a_removed_robot():
-    made = team_scenario(3.0, **{"faults.removed": ((0, 1.0),)})
-    with Team(made, "kuramoto-mpcc", message_wait=0.02, silence=1e6) as team:
+    scenario = team_scenario(3.0, **{"faults.removed": ((0, 1.0),)})
+    with Team(scenario, "kuramoto-mpcc", message_wait=0.02, silence=1e6) as team:
         watch = Watch(team.world)
         played = team.world.play(watch.look)
         assert team.world.awaited[0], "it was never waited for in vain"
@@ -164,9 +164,9 @@ def drain(team):
 
 def test_robots_stop_while_the_network_is_silent_and_go_on_after():
     # A physical story: nothing arrives anywhere from 1.5 s to 3.5 s.
-    made = team_scenario(6.0)
+    cars = team_scenario(6.0)
     world = {"patience": 5.0, "pace": 10.0}
-    with Team(made, "kuramoto-mpcc", options_of=through_radio, world=world, clock_jump=1e3, message_wait=0.02) as team:
+    with Team(cars, "kuramoto-mpcc", options_of=through_radio, world=world, clock_jump=1e3, message_wait=0.02) as team:
         radio, watch, reasons = team.add(Radio(5)), Watch(team.world), []
 
         def follow():

@@ -87,11 +87,11 @@ def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
     clock = [0.0]
     loop = ControlLoop(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.02, lambda: clock[0])
     loop.start(0.0)
-    acts, stamps, taken = [], [], 0
+    acts, stamps, count = [], [], 0
     for k in range(1000):
         now = clock[0] = 0.005 * k
-        if now >= 0.3 + offset + taken / rate:
-            taken += 1
+        if now >= 0.3 + offset + count / rate:
+            count += 1
             loop.take(Odometry(1.7, 0.0, 1.5, 0.4, now))
         if (announced := loop.announce(now)) is not None:
             stamps.append(announced.sent_at)
@@ -204,16 +204,16 @@ def test_a_robot_that_announces_decides_as_one_that_does_not():
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("settings", "words"),
     [
         ({"robot": -1}, "node.robot must be a whole number from 0 to 1023, got -1"),
         ({"command": "boat"}, "node.command must be one of car, dart, twist, twist_stamped, got 'boat'"),
         ({"origin": (0.0, 1.0)}, r"node.origin must be x, y \[m\] and heading \[rad\], got"),
     ],
 )
-def test_wrong_settings_are_refused(given, words):
+def test_wrong_settings_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):
-        RobotSettings(**given)
+        RobotSettings(**settings)
 
 
 @pytest.mark.parametrize("command", ["robot", "world", "launch"])

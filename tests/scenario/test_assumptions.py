@@ -32,7 +32,7 @@ def said(make):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         make()
-    return [str(each.message) for each in caught if issubclass(each.category, AssumptionWarning)]
+    return [str(warning.message) for warning in caught if issubclass(warning.category, AssumptionWarning)]
 
 
 POINTS = Scenario(curve=Curve(5.0, 5.0, 7, 8), robot=Robot(kind="curve", radius=0.09))
@@ -61,19 +61,19 @@ def with_(base=POINTS, **parts):
     ],
 )  # fmt: skip
 def test_a_formation_says_what_it_violates(scenario, words):
-    found = violations(scenario)
-    assert len(found) == len(words)
-    assert all(each.startswith(wanted) for each, wanted in zip(found, words, strict=True))
+    sentences = violations(scenario)
+    assert len(sentences) == len(words)
+    assert all(sentence.startswith(wanted) for sentence, wanted in zip(sentences, words, strict=True))
     assert scenario.detection_time_is_bounded == (not any(w.split()[0] in ("12", "p", "sensors") for w in words))
 
 
 def test_cars_say_what_they_cannot_do():
     # Oracle: speed, radius and lateral acceleration along the curve by dense sampling.
     robot = Robot(speed_max=1.5, wheelbase=0.175, lateral_acceleration_max=2.0)
-    made = Scenario(curve=Curve(20.0, 12.5, 3, 10), formation=Formation(phase_rate=0.3), robot=robot)
-    fast, tight, grip = violations(made)
+    scenario = Scenario(curve=Curve(20.0, 12.5, 3, 10), formation=Formation(phase_rate=0.3), robot=robot)
+    fast, tight, grip = violations(scenario)
     gamma = np.linspace(0, 2 * np.pi, 1_000_001)
-    speed, radius = closed_forms.curve_speed(made.curve, gamma), geometry.curvature_radius(made.curve, gamma)
+    speed, radius = closed_forms.curve_speed(scenario.curve, gamma), geometry.curvature_radius(scenario.curve, gamma)
     turning = 0.175 / math.tan(math.pi / 9)
     assert f"requires up to {0.3 * speed.max():.3g} m/s, the cars reach 1.5 m/s (robot.speed_max, " in fast
     assert "41.6 m/s" in fast
@@ -109,10 +109,10 @@ def test_one_of_ones_own_warns_once(tmp_path):
     assert caught[0].filename == __file__, "the place is the line of the caller, not one within the package"
     assert str(caught[0].message).startswith("scenario failure: bodies of 0.2 m, bound (6) allows 0.1503 m")
     assert said(lambda: lissajous_env.vector_env("failure", 2, **changed)) == []
-    made = Scenario(name="hand", curve=Curve(2.0, 1.0), sensing=Sensing(radius=0.4), robot=Robot(kind="curve"))
-    (words,) = said(lambda: lissajous_env.parallel_env(made))
+    scenario = Scenario(name="hand", curve=Curve(2.0, 1.0), sensing=Sensing(radius=0.4), robot=Robot(kind="curve"))
+    (words,) = said(lambda: lissajous_env.parallel_env(scenario))
     assert words.startswith("scenario hand: sensors reach 0.4 m, (8) requires ")
-    assert said(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), made, [0])) == []
+    assert said(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), scenario, [0])) == []
 
 
 @pytest.fixture
@@ -130,12 +130,12 @@ def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
     """Story: a plan of a partition from Python; then the paper's method on its scenario, which does use a formation."""
     path = plan_of_partition / "scenario.toml"
     assert said(lambda: lissajous_env.evaluate(baselines.make(plan_of_partition, path), path, [0])) == []
-    made = lissajous_env.scenario(path)
-    assert violations(made)
-    assert said(lambda: [lissajous_env.parallel_env(made), lissajous_env.scenario(path)]) == []
-    (words,) = said(lambda: baselines.make("consensus-mpcc", made))
+    scenario = lissajous_env.scenario(path)
+    assert violations(scenario)
+    assert said(lambda: [lissajous_env.parallel_env(scenario), lissajous_env.scenario(path)]) == []
+    (words,) = said(lambda: baselines.make("consensus-mpcc", scenario))
     assert words.startswith("scenario plan: p = 1 of 4 robots is not a stable equilibrium")
-    assert said(lambda: baselines.make("consensus-gvf", made)) == []
+    assert said(lambda: baselines.make("consensus-gvf", scenario)) == []
 
 
 def test_the_command_scenarios_lists_all(capsys):

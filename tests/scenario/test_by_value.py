@@ -100,9 +100,9 @@ def test_a_cell_that_is_run_again_replaces_what_it_registered(monkeypatch):
 def test_a_cell_that_is_run_again_replaces_its_scenario_and_its_space(monkeypatch):
     # Story: a cell is edited and run again; a script, and a name of the package, are refused.
     def register(name, duration):
-        made = dataclasses.replace(lissajous_env.scenario("failure", **{"task.duration": duration}), name=name)
-        lissajous_env.register_scenario(made)
-        space = lissajous_env.ScenarioSpace("of-a-cell", made, {"targets": {"count": "choice(1, 2)"}})
+        scenario = dataclasses.replace(lissajous_env.scenario("failure", **{"task.duration": duration}), name=name)
+        lissajous_env.register_scenario(scenario)
+        space = lissajous_env.ScenarioSpace("of-a-cell", scenario, {"targets": {"count": "choice(1, 2)"}})
         lissajous_env.register_scenario(space)
 
     register("mine", 2.0)

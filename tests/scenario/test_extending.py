@@ -73,7 +73,7 @@ def test_the_docs_keep_what_they_promise():
     assert {name: len(body.splitlines()) for name, body in FILES.items() if len(body.splitlines()) > 30} == {}
     for name in set(FILES) - {"pyproject.toml", "use_corridor.py"}:
         module = name.removesuffix(".py")
-        assert any(each in line for line in COMMANDS for each in (name, f"{module}:", f"--import {module}")), name
+        assert any(form in line for line in COMMANDS for form in (name, f"{module}:", f"--import {module}")), name
     assert not subprocess.run(["bash", "-n", "-c", "\n".join(COMMANDS)]).returncode  # the shell can read them
 
 
@@ -130,27 +130,27 @@ def test_the_programs_of_the_docs_run(here, capsys, monkeypatch):
 CORRIDOR = {"curve.half_width": 2.4, "faults.schedule": ((0, 5.0, float("inf")),), "task.duration": 10.0}
 
 
-@pytest.mark.parametrize("given", ["my_scenarios:corridor", "corridor.toml", Path("corridor.toml"), "corridor"])
-def test_a_scenario_is_the_same_by_every_door(given, here):
+@pytest.mark.parametrize("door", ["my_scenarios:corridor", "corridor.toml", Path("corridor.toml"), "corridor"])
+def test_a_scenario_is_the_same_by_every_door(door, here):
     # Oracle: the included scenario with overrides. The name alone is there once something has registered it.
-    if given == "corridor":
+    if door == "corridor":
         named.scenario("my_scenarios:corridor")
     oracle = lissajous_env.scenario("failure", **CORRIDOR)
-    made = lissajous_env.scenario(given)
-    assert (made.name, made.digest()) == ("corridor", oracle.digest())
-    rows = [evaluate(baselines.make("kuramoto", each, 2), each, range(2)) for each in (made, oracle)]
+    scenario = lissajous_env.scenario(door)
+    assert (scenario.name, scenario.digest()) == ("corridor", oracle.digest())
+    rows = [evaluate(baselines.make("kuramoto", task, 2), task, range(2)) for task in (scenario, oracle)]
     assert str(rows[0]) == str([row | {"scenario": "corridor"} for row in rows[1]])
-    assert lissajous_env.scenario(given, **{"curve.half_width": 3.0}).curve.half_width == 3.0
-    assert lissajous_env.parallel_env(given).scenario.digest() == oracle.resolve().digest()
-    assert baselines.names(given) == baselines.names("failure")
+    assert lissajous_env.scenario(door, **{"curve.half_width": 3.0}).curve.half_width == 3.0
+    assert lissajous_env.parallel_env(door).scenario.digest() == oracle.resolve().digest()
+    assert baselines.names(door) == baselines.names("failure")
 
 
 def test_a_file_lists_extensions_with_their_settings(here):
     # Oracle: the same scenario made in Python, and the reward, which is the term at five times its weight.
-    made = lissajous_env.scenario("walls.toml")
-    fastest, near_wall = made.extensions
+    scenario = lissajous_env.scenario("walls.toml")
+    fastest, near_wall = scenario.extensions
     assert (fastest, near_wall.weight) == (brought("my_extras:fastest"), -0.5)
-    assert pickle.loads(pickle.dumps(made)) == made
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
     plain = lissajous_env.scenario("experiment", extensions="my_extras:near_wall", **{"task.duration": 5.0})
     assert brought("my_extras:near_wall").weight == plain.extensions[0].weight == -0.1
     env, other = lissajous_env.parallel_env("walls.toml"), lissajous_env.parallel_env(plain)
@@ -158,8 +158,8 @@ def test_a_file_lists_extensions_with_their_settings(here):
     actions = {agent: np.array([0.1, 0.9], np.float32) for agent in env.agents}
     terms = np.zeros((2, 5))
     for _ in range(30):
-        for row, each in enumerate((env, other)):
-            terms[row] += [info["reward_terms"][-1] for info in each.step(actions)[-1].values()]
+        for row, environment in enumerate((env, other)):
+            terms[row] += [info["reward_terms"][-1] for info in environment.step(actions)[-1].values()]
     assert terms[1].min() < 0
     np.testing.assert_allclose(terms[0], 5 * terms[1], rtol=1e-5)
     assert "fastest" in env.score()
@@ -177,19 +177,19 @@ def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):
     assert ["curve.half_width", "2.4", "1.8"] in lines
     with pytest.raises(SystemExit):
         cli.main(["scenarios", "corridor.toml", "knot", "--json"])
-    found = json.loads(capsys.readouterr().out)
-    assert [(each["name"], each["curve"]["half_width"]) for each in found] == [("corridor", 2.4), ("knot", 1.8)]
+    entries = json.loads(capsys.readouterr().out)
+    assert [(entry["name"], entry["curve"]["half_width"]) for entry in entries] == [("corridor", 2.4), ("knot", 1.8)]
 
 
 def test_a_policy_of_ones_own_is_the_paper_s(here):
     # Oracle: the included policy, in Warp. Both round in float32, each in its own order.
-    theirs = baselines.make("kuramoto", "failure", 2)
+    included = baselines.make("kuramoto", "failure", 2)
     mine = brought("my_policies:MyKuramoto")("failure", 2)
     simulation = lissajous_env.Simulation("failure", 2)
     for _ in range(150):
         observation = simulation.observation.numpy().copy()
         action = mine.act(observation)
-        np.testing.assert_allclose(action, theirs.act(observation), atol=2e-6)
+        np.testing.assert_allclose(action, included.act(observation), atol=2e-6)
         simulation.step(action)
     assert type(baselines.make("my-kuramoto", "failure")) is type(mine)
     assert registry.describe("my-kuramoto")["description"].endswith("equation (1).")
@@ -219,17 +219,17 @@ def test_news_of_a_stopped_robot_goes_around_the_ring(here):
     fails = {"formation.ring": (0, 1, 2, 3, 4), "faults.schedule": ((0, 5.0, float("inf")),)}
     scenario = lissajous_env.scenario("failure", **{"messages.size": 6, **fails})
     policy, simulation = brought("my_messages:News")(scenario, 2), lissajous_env.Simulation(scenario, 2)
-    told = []
+    messages = []
     for _ in range(60):
         action = policy.act(simulation.observation.numpy())
-        told.append(np.clip(action[..., 2:], -1, 1))
+        messages.append(np.clip(action[..., 2:], -1, 1))
         simulation.step(action)
-    told = np.array(told)
-    assert not told[:, :, :, 1:].any(), "nobody else has stopped"
-    heard_at = np.argmax(told[:, 0, :, 0] > 0, axis=0)
+    messages = np.array(messages)
+    assert not messages[:, :, :, 1:].any(), "nobody else has stopped"
+    heard_at = np.argmax(messages[:, 0, :, 0] > 0, axis=0)
     # Its last number was sent in step 50 and is heard again after step 51, by the robots that act in step 52.
     assert heard_at[1:].tolist() == [51, 52, 52, 51]
-    assert told[-1, :, 1:, 0].min() >= 0.8
+    assert messages[-1, :, 1:, 0].min() >= 0.8
 
 
 @pytest.mark.long
@@ -250,7 +250,7 @@ def test_a_package_brings_both_by_name(home, tmp_path):
     )
     elsewhere.mkdir()
     ended = call("lissajous scenarios --json", elsewhere, PYTHONPATH=str(site))
-    names = [each["name"] for each in json.loads(ended.stdout)]
+    names = [entry["name"] for entry in json.loads(ended.stdout)]
     assert (ended.returncode, names) == (0, [*lissajous_env.scenarios(), "corridor"])
     assert "the entry point broken (my_scenarios:gone) cannot be loaded: Attribute" in ended.stderr
     assert "entry point thief (my_thief:take) cannot be loaded: ValueError: name of a scenario must be" in ended.stderr

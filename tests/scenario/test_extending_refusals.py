@@ -59,7 +59,7 @@ def here(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
-@pytest.mark.parametrize(("given", "words"), [
+@pytest.mark.parametrize(("place", "words"), [
     ("no_such_module:mine", "scenario must be module:attribute that can be loaded, got 'no_such_module:mine': Module"),
     ("broken:mine", r"ZeroDivisionError: division by zero \(broken.py, line 1\)"),
     ("theirs:gone", "has no attribute 'gone'"),
@@ -70,10 +70,10 @@ def here(tmp_path, monkeypatch):
     ("theirs:fails", r"theirs:fails must be .*, got RuntimeError: boom \(theirs.py, line 11\)"),
     ("theirs:leaves", "theirs:leaves must be .*, got SystemExit: 0"),
 ])  # fmt: skip
-def test_a_module_without_a_scenario(given, words, capsys):
+def test_a_module_without_a_scenario(place, words, capsys):
     with pytest.raises(ValueError, match=words):
-        lissajous_env.scenario(given)
-    code, _, error = called(capsys, "evaluate", given, "kuramoto")
+        lissajous_env.scenario(place)
+    code, _, error = called(capsys, "evaluate", place, "kuramoto")
     assert (code, len(error.splitlines())) == (2, 1), error
 
 
@@ -153,7 +153,7 @@ def test_what_is_no_file(here, capsys):
 
 values = st.recursive(
     st.sampled_from(["1", "-3", "2.5", "inf", "nan", "true", "'word'", "1979-05-27", "9" * 400, "1e999"]),
-    lambda inside: st.lists(inside, max_size=3).map(lambda each: f"[{', '.join(each)}]"),
+    lambda inside: st.lists(inside, max_size=3).map(lambda texts: f"[{', '.join(texts)}]"),
 )
 keys = st.sampled_from([
     "name", "base", "curve.a", "curve.half_width", "robot.kind", "robot.count", "formation.ring", "formation.displaced",
@@ -171,10 +171,10 @@ def test_no_file_ends_in_anything_but_a_scenario_or_a_clear_error(tmp_path_facto
     lines = [key if key[0] == "[" else f"{key} = {drawn[key]}" for key in drawn] if type(drawn) is dict else [drawn]
     path.write_text("\n".join(lines), encoding="utf-8", errors="replace")
     try:
-        found = lissajous_env.scenario(path)
+        outcome = lissajous_env.scenario(path)
     except ValueError as error:
-        found = error
-    assert isinstance(found, lissajous_env.Scenario) or "drawn.toml" in str(found)
+        outcome = error
+    assert isinstance(outcome, lissajous_env.Scenario) or "drawn.toml" in str(outcome)
 
 
 def test_a_name_that_is_taken():
@@ -237,8 +237,8 @@ def test_the_decorator_returns_what_it_is_given_and_refuses_what_is_taken():
         return type("Points", (Mine,), {"kind": "curve"})(scenario, num_worlds, device)
 
     about = [registry.describe(name) for name in ("mine", "made")]
-    assert [(each["kind"], each["made_for"]) for each in about] == [("car", []), ("curve", ["failure"])]
-    assert [each["description"] for each in about] == ["Cars that do nothing.", "Points that do nothing."]
+    assert [(policy["kind"], policy["made_for"]) for policy in about] == [("car", []), ("curve", ["failure"])]
+    assert [policy["description"] for policy in about] == ["Cars that do nothing.", "Points that do nothing."]
     assert isinstance(baselines.make("made", "failure"), Mine)
     assert "mine-safe" in baselines.names("rough"), "the filter goes over it too"
     for name, rule in (("mine", "be new"), ("still", "be new"), ("mine-safe", "not end in -safe")):

@@ -63,17 +63,17 @@ def test_an_array_that_does_not_exist_is_named():
 
 
 def test_what_an_extension_reads_is_of_this_step_and_may_be_copied():
-    kept = []
+    history = []
 
     @lissajous_env.score_column()
     def keeps(world):
         changed = world.robots.position.copy()
         changed += 1.0
-        kept.append(world.clock.step.copy())
+        history.append(world.clock.step.copy())
         return changed[:, 0, 0]
 
     stepped(keeps)
-    assert [steps.tolist() for steps in kept] == [[1, 1], [2, 2], [3, 3]]
+    assert [steps.tolist() for steps in history] == [[1, 1], [2, 2], [3, 3]]
 
 
 def test_a_policy_of_a_function_and_a_coordinator_cannot_change_what_the_world_shows():
@@ -160,11 +160,11 @@ def test_a_removed_robot_gets_no_term_of_a_kernel_whatever_that_brings():
         "experiment", extensions=[lissajous_env.reward_term()(wild_kernel)], **{"faults.removed": ((4, 0.1),)}, **SHORT
     )
     simulation = lissajous_env.Simulation(scenario)
-    kept = [stage for stage in simulation.stages.stages if stage.name != "wild_kernel checked"]
-    assert len(kept) == len(simulation.stages.stages) - 1
+    stages = [stage for stage in simulation.stages.stages if stage.name != "wild_kernel checked"]
+    assert len(stages) == len(simulation.stages.stages) - 1
     program = type(simulation.stages)
     settings = simulation.stages._values, simulation.stages._sizes, 1, simulation.device
-    simulation._step = program(kept, *settings)
+    simulation._step = program(stages, *settings)
     for _ in range(5):
         simulation.step(np.zeros(simulation.action_shape))
         assert np.isfinite(simulation.reward.numpy()).all()

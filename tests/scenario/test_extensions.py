@@ -61,7 +61,7 @@ def march(world):
 CUSTOM = {"targets.custom": 0.5, "targets.wandering": 0.5, "targets.leave": False, "targets.arrival_rate": 0.0}
 
 
-def made(*extensions, name="experiment", **overrides):
+def scenario_with(*extensions, name="experiment", **overrides):
     return lissajous_env.scenario(name, extensions=extensions, **SHORT | overrides)
 
 
@@ -78,8 +78,8 @@ def played(scenario, worlds=2, steps=30):
 @pytest.mark.parametrize("term", [near_wall, near_wall_kernel], ids=["function", "kernel"])
 def test_a_term_adds_to_the_reward_and_nothing_else_changes(term):
     # Oracle: the same episode without it, plus -2 wherever a robot is near a wall.
-    plain, without = played(made())
-    simulation, rewards = played(made(term))
+    plain, without = played(scenario_with())
+    simulation, rewards = played(scenario_with(term))
     np.testing.assert_array_equal(simulation.robots.position.numpy(), plain.robots.position.numpy())
     assert simulation.reward_term_names[-1] == term.name
     near = np.abs(simulation.robots.position.numpy()[..., 0]) > 1.6
@@ -91,7 +91,7 @@ def test_a_term_adds_to_the_reward_and_nothing_else_changes(term):
 
 def test_a_column_is_reduced_over_the_episode_and_starts_anew_with_it():
     # Oracle: the speeds of each step.
-    scenario = made(mean_speed, last_speed, steps_max)
+    scenario = scenario_with(mean_speed, last_speed, steps_max)
     simulation, speeds = lissajous_env.Simulation(scenario, 2, seed=3), []
     assert np.isnan(simulation.score()[0]["mean_speed"])
     for _ in range(5):
@@ -108,7 +108,7 @@ def test_a_column_is_reduced_over_the_episode_and_starts_anew_with_it():
 
 def test_entries_stand_at_the_end_of_the_row_from_the_reset_on():
     # Oracle: the places themselves, clipped.
-    simulation, _ = played(made(place), steps=7)
+    simulation, _ = played(scenario_with(place), steps=7)
     assert simulation.layout.names[-2:] == ("place_0", "place_1")
     assert (simulation.layout.low[-2:], simulation.layout.high[-2:]) == (pytest.approx(-0.5), pytest.approx(0.5))
     for _ in range(2):
@@ -121,7 +121,7 @@ def test_entries_stand_at_the_end_of_the_row_from_the_reset_on():
 @pytest.mark.parametrize("leave", [False, True])
 def test_targets_move_as_they_are_told_and_stay_in_the_rectangle(leave):
     # Oracle: 0.05 m to the right in each step, up to the edge; the others wander as before. Those that left stay there.
-    simulation = lissajous_env.Simulation(made(march, **CUSTOM | {"targets.leave": leave}), 2, seed=3)
+    simulation = lissajous_env.Simulation(scenario_with(march, **CUSTOM | {"targets.leave": leave}), 2, seed=3)
     for _ in range(60):
         before, motion = simulation.targets.position.numpy().copy(), simulation.targets.motion.numpy()
         simulation.step(np.zeros(simulation.action_shape, np.float32))
@@ -139,7 +139,7 @@ def test_targets_move_as_they_are_told_and_stay_in_the_rectangle(leave):
 
 
 def test_every_adapter_and_score_row_has_them():
-    scenario = made(near_wall, mean_speed, place)
+    scenario = scenario_with(near_wall, mean_speed, place)
     env = lissajous_env.parallel_env(scenario)
     observations, infos = env.reset(seed=1)
     assert observations["robot_0"].shape == env.observation_space("robot_0").shape == (44,)
@@ -185,16 +185,16 @@ def numbered(name, size=1, door=lissajous_env.observation_entry):
 def test_what_a_function_returns_is_checked(door, value, message):
     extension = door(returning(value))
     with pytest.raises(ValueError, match=message):
-        played(made(extension, **(CUSTOM if door is lissajous_env.target_motion else {})))
+        played(scenario_with(extension, **(CUSTOM if door is lissajous_env.target_motion else {})))
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: made("no_module:x"), "extension must be module:name that can be loaded, got 'no_module:x'"),
-        (lambda: made("os:getcwd"), "extension os:getcwd must be made by reward_term, score_column"),
-        (lambda: made(near_wall, near_wall), "extensions must have different names, got near_wall twice"),
-        (lambda: made(5), "extensions must be objects or module:name, got 5"),
+        (lambda: scenario_with("no_module:x"), "extension must be module:name that can be loaded, got 'no_module:x'"),
+        (lambda: scenario_with("os:getcwd"), "extension os:getcwd must be made by reward_term, score_column"),
+        (lambda: scenario_with(near_wall, near_wall), "extensions must have different names, got near_wall twice"),
+        (lambda: scenario_with(5), "extensions must be objects or module:name, got 5"),
         (
             lambda: lissajous_env.score_column(reduce="median")(returning(1)),
             "wrong.reduce must be one of mean, sum",
@@ -204,15 +204,15 @@ def test_what_a_function_returns_is_checked(door, value, message):
         (lambda: lissajous_env.reward_term()(5), "reward term must be a function or a Warp kernel, got 5"),
         (lambda: lissajous_env.reward_term(weight=np.nan)(returning(1)), "wrong.weight must be from .*, got nan"),
         (lambda: lissajous_env.observation_entry(low=-np.inf)(returning(1)), "wrong.low must be from .*, got -inf"),
-        (lambda: made(gates), "targets.entry must be custom with the law of entry gates, got 'inside'"),
-        (lambda: made(**AT_GATES), "targets.entry must not be custom without a target_entry, got 'custom'"),
-        (lambda: made(**CUSTOM), "targets.custom must be 0 without a target_motion, got 0.5"),
-        (lambda: made(march), "targets.custom must be above 0 with the target motion march, got 0"),
+        (lambda: scenario_with(gates), "targets.entry must be custom with the law of entry gates, got 'inside'"),
+        (lambda: scenario_with(**AT_GATES), "targets.entry must not be custom without a target_entry, got 'custom'"),
+        (lambda: scenario_with(**CUSTOM), "targets.custom must be 0 without a target_motion, got 0.5"),
+        (lambda: scenario_with(march), "targets.custom must be above 0 with the target motion march, got 0"),
         (lambda: lissajous_env.target_entry(draw_gates, state={"a b": (2,)}), "state of the target entry draw_gates"),
         (lambda: lissajous_env.reward_term(state={"a": 2})(draw_gates), "must map names to tuples of whole numbers"),
         (lambda: lissajous_env.reward_term(reset=3)(draw_gates), "reset of the reward term draw_gates must be a func"),
         (
-            lambda: made(numbered("a", 2), numbered("a_0", 1)),
+            lambda: scenario_with(numbered("a", 2), numbered("a_0", 1)),
             "entries of the observation must have different names, got a_0",
         ),
     ],
@@ -223,11 +223,11 @@ def test_what_is_no_extension_is_refused_by_name(make, message):
 
 
 def test_names_of_ours_are_taken():
-    assert len(made(numbered("a", 2), numbered("a_2")).extensions) == 2  # which are no entries of each other
-    for taken in (numbered("detection", door=lissajous_env.reward_term),
-                  numbered("collisions", door=lissajous_env.score_column), numbered("x")):  # fmt: skip
-        with pytest.raises(ValueError, match=f"name of an extension must be new, got {taken.name}"):
-            lissajous_env.Simulation(made(taken))
+    assert len(scenario_with(numbered("a", 2), numbered("a_2")).extensions) == 2  # which are no entries of each other
+    for extension in (numbered("detection", door=lissajous_env.reward_term),
+                      numbered("collisions", door=lissajous_env.score_column), numbered("x")):  # fmt: skip
+        with pytest.raises(ValueError, match=f"name of an extension must be new, got {extension.name}"):
+            lissajous_env.Simulation(scenario_with(extension))
 
 
 # Models of robots.
@@ -292,7 +292,7 @@ def entered(simulation):
 
 
 def test_targets_enter_where_an_extension_says_which_remembers_its_draws():
-    simulation, _ = played(made(gates, **AT_GATES), worlds=3)
+    simulation, _ = played(scenario_with(gates, **AT_GATES), worlds=3)
     there, gate = entered(simulation)
     places = simulation.targets.position.numpy()
     assert there.sum(axis=1).min() > 3
@@ -304,7 +304,7 @@ def test_targets_enter_where_an_extension_says_which_remembers_its_draws():
 
 
 def test_the_state_of_an_extension_begins_anew_with_an_episode_and_depends_on_the_seed_alone():
-    scenario = made(gates, **AT_GATES)
+    scenario = scenario_with(gates, **AT_GATES)
     simulation, _ = played(scenario, worlds=3)
     before = entered(simulation)[1].copy()
     simulation.reset([1], seeds=[77])
@@ -317,15 +317,15 @@ def test_the_state_of_an_extension_begins_anew_with_an_episode_and_depends_on_th
 
 
 def test_the_state_of_an_extension_is_saved_copied_and_pickled():
-    simulation, _ = played(made(gates, **AT_GATES), worlds=2, steps=5)
+    simulation, _ = played(scenario_with(gates, **AT_GATES), worlds=2, steps=5)
     copies = [pickle.loads(pickle.dumps(simulation)), lissajous_env.Simulation(simulation.scenario, 2)]
     copies[1].load_state(simulation.save_state())
-    for each in (simulation, *copies):
+    for clone in (simulation, *copies):
         for _ in range(20):
-            each.step(np.zeros(each.action_shape, np.float32))
-    for each in copies:
-        np.testing.assert_array_equal(each.targets.position.numpy(), simulation.targets.position.numpy())
-        np.testing.assert_array_equal(entered(each)[1], entered(simulation)[1])
+            clone.step(np.zeros(clone.action_shape, np.float32))
+    for clone in copies:
+        np.testing.assert_array_equal(clone.targets.position.numpy(), simulation.targets.position.numpy())
+        np.testing.assert_array_equal(entered(clone)[1], entered(simulation)[1])
 
 
 def test_random_numbers_of_an_extension_are_uniform_and_independent():
@@ -338,7 +338,7 @@ def test_random_numbers_of_an_extension_are_uniform_and_independent():
         assert world.random(0, 2).shape == (8, 0, 2)  # of no targets
         return world.random()
 
-    played(made(draws), worlds=8, steps=20)
+    played(scenario_with(draws), worlds=8, steps=20)
     numbers = np.array(drawn)
     assert numbers.shape == (20, 2, 8, 50)
     assert (numbers.min() >= 0, numbers.max() < 1) == (True, True)

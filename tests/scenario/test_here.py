@@ -94,7 +94,7 @@ def test_a_module_that_cannot_be_imported_says_why(module, words, folder, capsys
     (["evaluate", "failure", "my_policy:MyStill"], "No module named 'my_policy'; did you mean my_policies?"),
     (["evaluate", "failure", "still", "--set", "duration=3"], "did you mean task.duration?"),
     (["run", "failure", "still", "--out", "a.gfi"], "got a.gfi; did you mean .gif?"),
-], ids=lambda each: " ".join(each) if isinstance(each, list) else "")  # fmt: skip
+], ids=lambda parameter: " ".join(parameter) if isinstance(parameter, list) else "")  # fmt: skip
 def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     (folder / "episode.npz").touch()
     (folder / "trained").mkdir()

@@ -27,10 +27,10 @@ SHORT = {"task.duration": 1.0}
 ])  # fmt: skip
 def test_another_number_of_robots_has_a_formation_of_its_own(name, overrides, count):
     # Story: `robot.count=7` on `experiment` requested a ring, which the user had never set. Oracle: the defaults of N.
-    made = lissajous_env.scenario(name, **overrides)
-    assert made.num_robots == count
-    assert made.ring == tuple(range(count))
-    assert made.p == closed_forms.default_p(count)
+    scenario = lissajous_env.scenario(name, **overrides)
+    assert scenario.num_robots == count
+    assert scenario.ring == tuple(range(count))
+    assert scenario.p == closed_forms.default_p(count)
     env = lissajous_env.parallel_env(name, **overrides, **SHORT)
     observations, _ = env.reset(seed=0)
     assert len(observations) == count
@@ -39,9 +39,9 @@ def test_another_number_of_robots_has_a_formation_of_its_own(name, overrides, co
 def test_the_same_number_keeps_the_formation_and_what_is_given_stays():
     base = lissajous_env.scenario("experiment")
     assert lissajous_env.scenario("experiment", **{"robot.count": 5}).ring == base.ring
-    given = {"robot.count": 7, "formation.ring": (6, 5, 4, 3, 2, 1, 0), "formation.p": 2}
-    made = lissajous_env.scenario("experiment", **given)
-    assert (made.ring, made.p) == ((6, 5, 4, 3, 2, 1, 0), 2)
+    fields = {"robot.count": 7, "formation.ring": (6, 5, 4, 3, 2, 1, 0), "formation.p": 2}
+    scenario = lissajous_env.scenario("experiment", **fields)
+    assert (scenario.ring, scenario.p) == ((6, 5, 4, 3, 2, 1, 0), 2)
     whole = lissajous_env.Formation(p=2)
     assert lissajous_env.scenario("experiment", formation=whole, **{"robot.count": 7}).p == 2
     with pytest.raises(ValueError, match=r"^formation.ring must contain each of the 7 robots once, got \(0, 1\)$"):
@@ -50,13 +50,13 @@ def test_the_same_number_keeps_the_formation_and_what_is_given_stays():
 
 TAKES_A_SCENARIO = {
     "state_names": state_names,
-    "layout": lambda given: layout(given).names,
-    "action_table": lambda given: action_table(given).tolist(),
-    "IdealFormation": lambda given: guarantee.IdealFormation(given).against(0.1).to_dict(),
+    "layout": lambda scenario: layout(scenario).names,
+    "action_table": lambda scenario: action_table(scenario).tolist(),
+    "IdealFormation": lambda scenario: guarantee.IdealFormation(scenario).against(0.1).to_dict(),
     "check_contamination": check_contamination,
-    "Simulation": lambda given: lissajous_env.Simulation(given).observation.numpy().tolist(),
+    "Simulation": lambda scenario: lissajous_env.Simulation(scenario).observation.numpy().tolist(),
     "names": baselines.names,
-    "Rows": lambda given: baselines.Rows(np.zeros((1, 5, 42)), given).scenario.to_dict(),
+    "Rows": lambda scenario: baselines.Rows(np.zeros((1, 5, 42)), scenario).scenario.to_dict(),
 }
 
 
@@ -73,9 +73,9 @@ def test_overrides_wherever_worlds_are_made():
     # Story: `RobotVecEnv("failure", **{"task.duration": 5.0})` was a TypeError. Oracle: the length of the episode.
     assert lissajous_env.Simulation("failure", 2, **SHORT).scenario.task.steps == 10
     policy = baselines.make("kuramoto", "failure")
-    made = lissajous_env.scenario("failure", **SHORT)
+    scenario = lissajous_env.scenario("failure", **SHORT)
     rows = lissajous_env.evaluate(policy, "failure", seeds=[3], **SHORT)
-    assert str(rows) == str(lissajous_env.evaluate(policy, made, seeds=[3]))
+    assert str(rows) == str(lissajous_env.evaluate(policy, scenario, seeds=[3]))
     assert len(recording.record(policy, "failure", 3, **SHORT)) == 11
 
 
@@ -83,8 +83,8 @@ def test_overrides_wherever_worlds_are_made():
 
 
 def test_overrides_are_literals_words_and_infinity():
-    given = [["curve.a=5", "task.grid=(4, 2)"], ["formation.start=random", "task.duration=inf", "robot.count=None"]]
-    assert parse_overrides(given) == {
+    words = [["curve.a=5", "task.grid=(4, 2)"], ["formation.start=random", "task.duration=inf", "robot.count=None"]]
+    assert parse_overrides(words) == {
         "curve.a": 5, "task.grid": (4, 2), "formation.start": "random", "task.duration": float("inf"),
         "robot.count": None,
     }  # fmt: skip

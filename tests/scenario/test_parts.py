@@ -68,10 +68,10 @@ def test_help_includes_the_fields_of_a_base_class():
 
 def test_a_top_speed_can_be_given():
     # Oracle: (drag speed_max + offset) / drive by hand, 0.1385 for 1.5 m/s; the steady speed of a simulated car.
-    made = lissajous_env.scenario("experiment", **{"robot.speed_max": 1.5}).resolve()
-    assert made.robot.throttle_max == (0.945 * 1.5 + 3.681) / 36.81 == pytest.approx(0.1385, abs=1e-4)
+    scenario = lissajous_env.scenario("experiment", **{"robot.speed_max": 1.5}).resolve()
+    assert scenario.robot.throttle_max == (0.945 * 1.5 + 3.681) / 36.81 == pytest.approx(0.1385, abs=1e-4)
     still = {"noise.drive_spread": 0.0, "noise.wheelbase_spread": 0.0, "faults.schedule": ()}
-    simulation = lissajous_env.Simulation(lissajous_env.scenario(made, **still))
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(scenario, **still))
     for _ in range(150):
         simulation.step(np.tile(np.float32([1.0, 1.0]), (1, 5, 1)))
     assert simulation.robots.speed.numpy() == pytest.approx(1.5, abs=1e-4)
@@ -79,13 +79,13 @@ def test_a_top_speed_can_be_given():
 
 def test_overriding_one_limit_derives_the_other():
     for base in ("intruders", lissajous_env.scenario("intruders").resolve()):  # has a throttle of its own
-        made = lissajous_env.scenario(base, **{"robot.speed_max": 1.5})
-        assert made.robot.top_speed == 1.5
-        assert lissajous_env.scenario(made, **{"robot.throttle_max": 0.25}).robot.top_speed == Robot().top_speed
-        assert lissajous_env.scenario(made, robot={"speed_max": 3.0}).robot.top_speed == 3.0
+        scenario = lissajous_env.scenario(base, **{"robot.speed_max": 1.5})
+        assert scenario.robot.top_speed == 1.5
+        assert lissajous_env.scenario(scenario, **{"robot.throttle_max": 0.25}).robot.top_speed == Robot().top_speed
+        assert lissajous_env.scenario(scenario, robot={"speed_max": 3.0}).robot.top_speed == 3.0
     # Another motor keeps the speed that was given, and the throttle where that was.
-    given = lissajous_env.scenario("failure", **{"robot.speed_max": 1.5, "robot.drag": 2.0}).robot
-    assert (given.top_speed, given.full_throttle) == (1.5, (2.0 * 1.5 + 3.681) / 36.81)
+    robot = lissajous_env.scenario("failure", **{"robot.speed_max": 1.5, "robot.drag": 2.0}).robot
+    assert (robot.top_speed, robot.full_throttle) == (1.5, (2.0 * 1.5 + 3.681) / 36.81)
     resolved = lissajous_env.scenario("failure").resolve()
     assert lissajous_env.scenario(resolved, **{"robot.drag": 2.0}) == lissajous_env.scenario(
         resolved, **{"robot.drag": 2.0, "robot.throttle_max": 0.25}

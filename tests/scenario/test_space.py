@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from baselines.policies.factories import split_scenarios_and_policy
+from baselines.commands.playing import split_scenarios_and_policy
 from lissajous_env import ScenarioSpace, register_scenario, scenario, scenario_space
 from lissajous_env.identity import digest_of
 from lissajous_env.parameters.named import expanded
@@ -50,30 +50,30 @@ def first(of, split, count):
 
 
 def test_a_seed_gives_the_same_scenario_always_and_other_seeds_others():
-    made = [space().sample(seed) for seed in range(50)]
-    assert made == [pickle.loads(pickle.dumps(space())).sample(seed) for seed in range(50)]
-    assert len({each.digest() for each in made}) == 50
-    assert made[7].name == "space-7"
+    samples = [space().sample(seed) for seed in range(50)]
+    assert samples == [pickle.loads(pickle.dumps(space())).sample(seed) for seed in range(50)]
+    assert len({sample.digest() for sample in samples}) == 50
+    assert samples[7].name == "space-7"
 
 
 def test_values_are_in_their_ranges_and_spread_over_them():
-    made = [space().sample(seed) for seed in range(200)]
-    heights = np.array([each.curve.half_height for each in made])
-    shares = np.array([each.sensing.radius for each in made]) / heights
+    samples = [space().sample(seed) for seed in range(200)]
+    heights = np.array([sample.curve.half_height for sample in samples])
+    shares = np.array([sample.sensing.radius for sample in samples]) / heights
     assert 0.8 <= heights.min() <= heights.max() <= 3.2
     assert 0.5 <= shares.min() <= shares.max() <= 1.0
     assert abs((heights < 1.6).mean() - 0.5) < 0.08  # the middle of the logarithms
     assert abs((shares < 0.75).mean() - 0.5) < 0.08
-    assert abs(np.mean([each.curve.a == 5 for each in made]) - 0.5) < 0.08
+    assert abs(np.mean([sample.curve.a == 5 for sample in samples]) - 0.5) < 0.08
     assert abs(np.corrcoef(heights, shares)[0, 1]) < 0.15
 
 
 def test_a_draw_that_is_added_changes_no_other_value():
     more = {**DRAW, "targets": {"count": "whole(1, 9)"}}
     for seed in range(20):
-        made = space(draw=more).sample(seed)
-        assert 1 <= made.targets.count <= 9
-        assert made.curve == space().sample(seed).curve
+        sample = space(draw=more).sample(seed)
+        assert 1 <= sample.targets.count <= 9
+        assert sample.curve == space().sample(seed).curve
 
 
 def test_splits_share_no_scenario_and_have_their_shares():
@@ -90,18 +90,17 @@ def test_weights_and_whole_numbers():
         "task": {"choices": [{"substeps": 1}, {"substeps": 2}, {"substeps": 3}], "weights": [3, 0, 1]},
         "targets": {"count": "whole(2, 4)", "entry": "choice('inside', 'boundary')"},
     }
-    made = [space(draw=draw).sample(seed) for seed in range(400)]
-    assert abs(np.mean([each.task.substeps == 1 for each in made]) - 0.75) < 0.08
-    assert {each.task.substeps for each in made} == {1, 3}
-    counts = [each.targets.count for each in made]
-    assert abs(np.mean([each.targets.entry == "inside" for each in made]) - 0.5) < 0.08
-    assert {counts.count(k) > 90 for k in (2, 3, 4)} == {True}
-    assert set(counts) == {2, 3, 4}
+    samples = [space(draw=draw).sample(seed) for seed in range(400)]
+    assert abs(np.mean([sample.task.substeps == 1 for sample in samples]) - 0.75) < 0.08
+    assert {sample.task.substeps for sample in samples} == {1, 3}
+    counts = [sample.targets.count for sample in samples]
+    assert abs(np.mean([sample.targets.entry == "inside" for sample in samples]) - 0.5) < 0.08
+    assert {k: counts.count(k) > 90 for k in counts} == {2: True, 3: True, 4: True}
 
 
 def test_rules_hold_and_impossible_ones_are_named():
     of = space(require=("sensing_radius < 0.7 * curve.half_height",))
-    assert all(each.sensing_radius < 0.7 * each.curve.half_height for each in first(of, "train", 50))
+    assert all(sample.sensing_radius < 0.7 * sample.curve.half_height for sample in first(of, "train", 50))
     with pytest.raises(ValueError, match=r"require must be met .* seed 0 of space, .*: sensing_radius < 0\.1"):
         space(require=("sensing_radius < 0.1",))
     with pytest.raises(ValueError, match="require must be a list of formulas, got 'sensing_radius < 9'"):
@@ -110,8 +109,8 @@ def test_rules_hold_and_impossible_ones_are_named():
 
 def test_a_draw_of_a_hash_that_rounds_to_1_is_the_last_one(monkeypatch):
     monkeypatch.setattr(lissajous_env.parameters.space, "_hashed", lambda text: 2**64 - 1)
-    made = space(draw={**DRAW, "targets": {"count": "whole(1, 9)", "entry": "choice('inside', 'unseen')"}}).sample(0)
-    assert (made.curve.a, made.targets.count, made.targets.entry) == (5, 9, "unseen")
+    sample = space(draw={**DRAW, "targets": {"count": "whole(1, 9)", "entry": "choice('inside', 'unseen')"}}).sample(0)
+    assert (sample.curve.a, sample.targets.count, sample.targets.entry) == (5, 9, "unseen")
 
 
 def test_a_scale_scales_the_whole_scenario():
@@ -124,9 +123,9 @@ def test_a_scale_scales_the_whole_scenario():
 def test_a_given_field_is_not_drawn_and_changes_no_other_field():
     # Oracle: the space itself; a scaled scenario has the field in its own units.
     space = scenario_space("monitoring-v1")
-    given = space.overridden({"targets.arrival_rate": 2 * space.base.targets.arrival_rate})
+    fixed = space.overridden({"targets.arrival_rate": 2 * space.base.targets.arrival_rate})
     for seed in range(5):
-        before, after = space.sample(seed), given.sample(seed)
+        before, after = space.sample(seed), fixed.sample(seed)
         assert after.targets.arrival_rate == pytest.approx(2 * before.targets.arrival_rate)
         same = scenario(after, **{"targets.arrival_rate": before.targets.arrival_rate})
         assert same == before
@@ -138,8 +137,8 @@ def test_a_given_field_is_not_drawn_and_changes_no_other_field():
 def test_a_field_is_given_by_any_name_and_for_shifts_too(overrides):
     # The shift `larger` draws a and b.
     space = scenario_space("monitoring-v1").overridden(overrides)
-    for made in (space.sample(3), space.shifted("larger").sample(3)):
-        assert (made.curve.a, made.curve.b) == (3, 2)
+    for sample in (space.sample(3), space.shifted("larger").sample(3)):
+        assert (sample.curve.a, sample.curve.b) == (3, 2)
 
 
 def test_an_environment_takes_given_fields_as_a_training_does():
@@ -156,9 +155,9 @@ def test_an_environment_takes_given_fields_as_a_training_does():
 
 def test_a_shift_changes_its_draws_alone():
     of = space(shifts={"high": {"curve": {"half_height": "uniform(5.0, 6.0)"}}})
-    made = first(of, "high", 20)
-    assert [each.name for each in made[:2]] == ["space-high-0", "space-high-1"]
-    assert all(5 <= each.curve.half_height <= 6 and each.curve.a in (3, 5) for each in made)
+    samples = first(of, "high", 20)
+    assert [sample.name for sample in samples[:2]] == ["space-high-0", "space-high-1"]
+    assert all(5 <= sample.curve.half_height <= 6 and sample.curve.a in (3, 5) for sample in samples)
     assert first(of, "train", 5) == first(space(), "train", 5)
 
 
@@ -175,8 +174,8 @@ def test_a_shift_changes_its_draws_alone():
         ({"curve": {"choices": [{"a": 1}], "weights": [1, 2]}}, "draw.curve.weights must be 1 numbers"),
         ({"curve": {"half_height": "__import__('os')"}}, "formula must be an expression of .*, uniform, log_uniform"),
         ({"curve": {"half_height": "robot.nothing"}}, "no number of a scenario"),
-        ({"curve": {"half_height": "curve.half_width", "half_width": "curve.half_height"}},
-         "curve.half_height, which depends on itself"),
+        ({"curve": {"half_height": "uniform(1, 2) + uniform(1, 2)"}}, "draw.curve.half_height must call at most one"),
+        ({"robot": {"radius": "robot.wheelbase", "wheelbase": "robot.radius"}}, "robot.radius, which depends on"),
         ({"curve": 3}, "draw.curve must be a mapping from fields to draws, got 3"),
         ({"scale": {"depth": 2.0}}, "draw.scale must contain length or time, got 'depth'"),
     ],
@@ -191,10 +190,10 @@ def test_the_order_of_the_draws_changes_nothing():
         "robot": {"wheelbase": "robot.radius + noise.heading", "radius": "uniform(0.05, 0.1)"},
         "noise": {"choices": [{"heading": 0.01}, {"speed": 0.2}], "position": "uniform(0.1, 0.2) * robot.radius"},
     }
-    made = [space(draw=draw).sample(seed) for seed in range(20)]
-    turned = {part: dict(reversed(given.items())) for part, given in reversed(draw.items())}
-    assert made == [space(draw=turned).sample(seed) for seed in range(20)]
-    assert {round(each.robot.wheelbase - each.robot.radius, 9) for each in made} == {0.0, 0.01}
+    samples = [space(draw=draw).sample(seed) for seed in range(20)]
+    turned = {part: dict(reversed(fields.items())) for part, fields in reversed(draw.items())}
+    assert samples == [space(draw=turned).sample(seed) for seed in range(20)]
+    assert {round(sample.robot.wheelbase - sample.robot.radius, 9) for sample in samples} == {0.0, 0.01}
 
 
 @pytest.mark.parametrize("seed", [-1, 2**31, 0.5, "3", True])
@@ -256,7 +255,7 @@ def test_a_command_takes_the_scenario_of_a_space_beside_a_policy():
 def test_the_shipped_spaces_never_change():
     for name, digest in FROZEN.items():
         of = scenario_space(name)
-        digests = [each.digest() for split in (*SPLITS, *of.shifts) for each in first(of, split, 1)]
+        digests = [sample.digest() for split in (*SPLITS, *of.shifts) for sample in first(of, split, 1)]
         assert digest_of("".join(digests).encode()) == digest, name
 
 

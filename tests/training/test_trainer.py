@@ -268,6 +268,7 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
 
 @pytest.mark.parametrize(("changes", "words"), [
     ({"collisions": -1.0}, "training.collisions must be from 0"),
+    ({"rollout": 1}, "training.rollout must be a whole number from 2"),
     ({"base": "sweep"}, "sweep"),
     ({"scenario": "watch-v1", "groups": 3}, r"training.worlds must be a multiple of groups \(3\), got 8"),
     ({"scenario": "watch-v1:test"}, "scenario must be the name of a space without a split"),

@@ -13,13 +13,13 @@ import baselines
 import lissajous_env
 from baselines.policies.base import Filtered, Policy
 from baselines.policies.safety.safe import Safe
-from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.commands import actions_of_commands, commands_of_actions
 from lissajous_env.parameters.scenario import Robot
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.observation import layout
+from lissajous_env.world.robots.car import car_action
 from training.learned.card import Card
 
 wp.set_module_options(OPTIONS)

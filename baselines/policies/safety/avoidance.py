@@ -23,14 +23,13 @@ from baselines.policies.own_row import (
 from baselines.policies.safety.own_motion import curvature_of
 from baselines.policies.safety.quadratic_program import TOLERANCE, HalfPlanes, into_box, solve_quadratic_program
 from baselines.similarity import EXPERIMENT, motion_scale
-from lissajous_env.device.car_input import car_action, throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import RobotStruct, struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-from lissajous_env.world.robots.car import lowest_speed, motor_acceleration
+from lissajous_env.world.robots.car import car_action, lowest_speed, motor_acceleration, throttle
 from lissajous_env.world.robots.contacts import closest_approach
 
 wp.set_module_options(OPTIONS)

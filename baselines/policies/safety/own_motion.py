@@ -9,11 +9,11 @@ narrow with each step: to what the step allows (`learn`) or, where commands are 
 import warp as wp
 
 from baselines.policies.safety.tails import Tail, arc_end
-from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.structs import NoiseStruct, RobotStruct
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.world.robots.car import steering_angle, throttle
 from lissajous_env.world.robots.inside import Walls
 
 wp.set_module_options(OPTIONS)

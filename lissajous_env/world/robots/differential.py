@@ -16,7 +16,7 @@ from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_ro
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
 from lissajous_env.settings.task import Task
 from lissajous_env.wording import require
-from lissajous_env.world.robots.contacts import WALL, begin_path, end_motion, stop_at_walls
+from lissajous_env.world.robots.motion import WALL, begin_path, end_motion, stop_at_walls
 from lissajous_env.world.state import WORKING
 
 wp.set_module_options(MOTION)

@@ -57,7 +57,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.car_input import action_of_throttle, steering_angle, throttle, throttle_towards
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.stage import ROBOT, stage
@@ -66,7 +65,14 @@ from lissajous_env.device.trig import PI, TWO_PI, cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Robot
 from lissajous_env.theory.geometry import turning_radius
-from lissajous_env.world.robots.car import car_step, motor_acceleration
+from lissajous_env.world.robots.car import (
+    action_of_throttle,
+    car_step,
+    motor_acceleration,
+    steering_angle,
+    throttle,
+    throttle_towards,
+)
 from lissajous_env.world.robots.placing import way_within
 from lissajous_env.world.state import WORKING
 
@@ -296,16 +302,16 @@ def action_inside(walls: Walls, robot: RobotStruct, car: wp.vec4, want: wp.vec2)
     return wp.vec2(steering, slow)
 
 
-@stage(ROBOT, writes="command_out")
-def drive_inside(w, i, robot, walls: Walls, clock, robots, command_out):
+@stage(ROBOT, writes="command")
+def drive_inside(w, i, robot, walls: Walls, clock, robots, command):
     """Change the steering and the throttle of the drivers of cars by the rule; a car that has failed has none."""
     car = robots.measured[w, i]
     if robots.status[w, i] == WORKING:
         if robot.speed_min == 0.0:
             car[3] = wp.max(car[3], 0.0)
-        chosen = action_inside(walls, robot, car, wp.vec2(command_out[w, i, 0], command_out[w, i, 1]))
-        command_out[w, i, 0] = chosen[0]
-        command_out[w, i, 1] = chosen[1]
+        chosen = action_inside(walls, robot, car, wp.vec2(command[w, i, 0], command[w, i, 1]))
+        command[w, i, 0] = chosen[0]
+        command[w, i, 1] = chosen[1]
 
 
 def scaled_gain(scenario: Scenario, gain: float) -> float:

@@ -31,22 +31,22 @@ def flag_invalid(w, clock):
 
 
 @part
-def disturb_command(w, i, noise, clock, command_out):
+def disturb_command(w, i, noise, clock, command):
     """Add noise to the commands of a robot."""
     draw = randomness.stream(randomness.step_key(clock.seed[w], clock.step[w]), i, randomness.ACTUATOR)
-    for entry in range(command_out.shape[2]):
-        command_out[w, i, entry] = wp.clamp(command_out[w, i, entry] + noise.actuator * wp.randn(draw), -1.0, 1.0)
+    for entry in range(command.shape[2]):
+        command[w, i, entry] = wp.clamp(command[w, i, entry] + noise.actuator * wp.randn(draw), -1.0, 1.0)
 
 
-@stage(ROBOT, writes="clock: invalid, invalid_at; command_out; latest: change, effort; limited_action")
-def limit_actions(block, noise, action, clock, latest, limited_action, command_out):
+@stage(ROBOT, writes="clock: invalid, invalid_at; command; latest: change, effort; limited_action")
+def limit_actions(block, noise, action, clock, latest, limited_action, command):
     """Limit the actions to [-1, 1], and add noise to the commands in them; compute their effort and change.
 
     An action that is not finite is replaced by zero, and its world flagged. The last components of an action are a
     message, to which neither noise nor effort applies. `limited_action` has commands, without noise, and message.
     """
     n = action.shape[1]
-    size = command_out.shape[2]
+    size = command.shape[2]
     invalid = Floats()
     for entry in range(action.shape[2]):
         given = abreast.entries(block, action, entry)
@@ -68,7 +68,7 @@ def limit_actions(block, noise, action, clock, latest, limited_action, command_o
                 change[k] += counts * difference * difference
         abreast.put_entries(block, block.active_mask, limited, entry, limited_action)
         if entry < size:
-            abreast.put_entries(block, block.active_mask, limited, entry, command_out)
+            abreast.put_entries(block, block.active_mask, limited, entry, command)
     for k in range(abreast.ABREAST):
         if k < abreast.width():
             squares[k] = squares[k] / float(size)
@@ -81,7 +81,7 @@ def limit_actions(block, noise, action, clock, latest, limited_action, command_o
     if noise.actuator > 0.0:
         for k in range(block.count):
             if abreast.is_in(k, block.active_mask):
-                disturb_command((block.start + k) / n, (block.start + k) % n, noise, clock, command_out)
+                disturb_command((block.start + k) / n, (block.start + k) % n, noise, clock, command)
 
 
 @part
