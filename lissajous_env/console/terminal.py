@@ -176,15 +176,18 @@ def print_table(
     if console.quiet:
         return
     columns = [Column(column) if isinstance(column, str) else column for column in columns]
-    cells = [[column.title, *map(str, (row[k] for row in rows))] for k, column in enumerate(columns)]
-    whole = [max(cell_len(line) for cell in of for line in cell.split("\n")) for of in cells]
-    words = [max((cell_len(word) for cell in of for word in cell.split()), default=0) for of in cells]
-    least = [max(words[k], min(_NARROWEST, whole[k])) if c.prose else whole[k] for k, c in enumerate(columns)]
+    texts = ["\n".join([column.title, *(str(row[k]) for row in rows)]) for k, column in enumerate(columns)]
+    line_widths = [max(map(cell_len, text.split("\n"))) for text in texts]
+    word_widths = [max(map(cell_len, text.split()), default=0) for text in texts]
+    least = [
+        max(word, min(_NARROWEST, line)) if column.prose else line
+        for word, line, column in zip(word_widths, line_widths, columns, strict=True)
+    ]
     indices = list(range(len(columns)))
     while len(indices) > 2 and _width(least, indices) > console.width:
         indices.remove(max(indices[1:], key=lambda k: (columns[k].rank, k)))
     table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    table.width = max(_width(least, indices), min(_width(whole, indices), console.width))
+    table.width = max(_width(least, indices), min(_width(line_widths, indices), console.width))
     for k in indices:
         column = columns[k]
         justify = "left" if column.left or column.prose else "right"

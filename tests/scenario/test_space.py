@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from baselines.policies.factories import split_scenarios_and_policy
+from baselines.commands.playing import split_scenarios_and_policy
 from lissajous_env import ScenarioSpace, register_scenario, scenario, scenario_space
 from lissajous_env.identity import digest_of
 from lissajous_env.parameters.named import expanded
