@@ -28,7 +28,7 @@ import warp as wp
 from mpcc import RING, Model, Problems, closed_loop, random_problems
 from timing import ratio_in_words
 
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.mpcc.kernel import along_curve
 from baselines.mpcc.model import MpccStruct, Table, advance, speeds_of, tabulate, vec5
 from baselines.mpcc.solver import Mpcc, MpccParameters

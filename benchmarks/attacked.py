@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 import lissajous_env
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.policies.safety.proved import Proved, ProvedParameters, unmet_conditions
 
 WORKING, REMOVED = 0, 2

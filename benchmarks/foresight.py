@@ -16,7 +16,7 @@ import numpy as np
 from publish import HELD_OUT, SCRIPTS
 from rogues import LEARNED
 
-from baselines.policies.factories import as_factory
+from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, Simulation
 from lissajous_env.episodes.missed.foresight import Foresight, Visits
 from training.learned import checkpoint

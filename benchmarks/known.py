@@ -22,7 +22,7 @@ import figures
 
 from baselines.benchmark import bounds
 from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.planning import portfolio
 from baselines.planning.families import as_family, defaults, lines, partitions, with_parameters
 from baselines.planning.plans import Family, Figures, Plan, Planned, Variables

@@ -28,7 +28,7 @@ import lissajous_env
 from baselines.benchmark.running import measure
 from baselines.benchmark.statistics import RESAMPLES, interquartile_mean
 from baselines.benchmark.types import Benchmark
-from baselines.policies import factories
+from baselines.policies import registry
 from lissajous_env.wording import nearest
 from lissajous_env.world.columns import task_score
 
@@ -65,7 +65,7 @@ def read(path):
             raise ValueError(f"{task} of {path.name} must be a list of policies, one for each training, got {policies}")
         scenario = lissajous_env.scenario_space(task).sample(0)
         for policy in policies:
-            factories.as_factory(policy)(scenario, 1, "cpu")
+            registry.as_factory(policy)(scenario, 1, "cpu")
     counts = {task: len(policies) for task, policies in entry["policies"].items()}
     if len(set(counts.values())) != 1:
         raise ValueError(f"policies of {path.name} must have as many trainings for each task, got {counts}")

@@ -15,7 +15,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.policies.base import Filtered
 from baselines.policies.partition import PartitionRepair, RepairParameters
 from baselines.policies.safety.proved import Proved

@@ -15,8 +15,7 @@ from limits import worst_undetected_times
 
 import baselines
 from baselines.benchmark.bounds import as_played
-from baselines.benchmark.shown import in_words, number
-from baselines.benchmark.statistics import summarize_largest
+from baselines.benchmark.statistics import in_words, number, summarize_largest
 from baselines.policies.patrol import Sweep
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, Simulation

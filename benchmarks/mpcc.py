@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.mpcc.solver import Mpcc, MpccParameters, Solution
 from lissajous_env.parameters.scenario import Curve, Robot
 from lissajous_env.plugins import missing

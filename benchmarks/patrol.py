@@ -22,8 +22,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from baselines.benchmark.shown import between
-from baselines.benchmark.statistics import draws
+from baselines.benchmark.statistics import between, draws
 from lissajous_env.parameters.assumptions import AssumptionWarning
 
 PAPERS = "kuramoto-mpcc"

@@ -16,8 +16,7 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.benchmark.shown import in_words, number
-from baselines.benchmark.statistics import summarize_largest
+from baselines.benchmark.statistics import in_words, number, summarize_largest
 from baselines.policies.base import Filtered, Policy
 from baselines.policies.safety.proved import Proved, ProvedParameters
 

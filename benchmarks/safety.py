@@ -12,7 +12,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.policies import registry
 from baselines.policies.base import Filtered
 

@@ -13,7 +13,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.planning import portfolio
 from baselines.policies.registry import split_suffix
 

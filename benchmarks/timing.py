@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from baselines.benchmark.shown import between, number
+from baselines.benchmark.statistics import between, number
 
 Side = tuple[Callable[[], object], int]
 """A step, and the number of its calls in a round."""

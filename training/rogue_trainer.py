@@ -15,7 +15,7 @@ import torch
 from rich.console import Console
 from torch import Tensor, nn
 
-from baselines.policies.factories import as_factory
+from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, Simulation
 from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate

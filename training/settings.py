@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import tyro
 
 from baselines.policies import registry
-from baselines.policies.factories import as_factory
+from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from baselines.benchmark.statistics import number
 from baselines.policies.settings import SCENARIO_FILE, PolicySettings
 from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.episodes.lower_bounds import mean_time_lower_bound, worst_case_lower_bound
@@ -115,3 +116,14 @@ def bounds_of(scenario: Scenario) -> Bounds:
 
 def _beyond_a_step(bound: float, scenario: Scenario) -> float:
     return bound if bound >= scenario.task.step else math.nan
+
+
+def bounds_in_words(bounds: Bounds) -> str:
+    """Return the bounds of a scenario in words, each after a comma."""
+    words = f", lower bound {number(bounds.mean_time)} s" if math.isfinite(bounds.mean_time) else ""
+    words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
+    if math.isfinite(bounds.best_known):
+        words += f", best known {number(bounds.best_known)} s (second halves {number(bounds.best_known_settled)} s)"
+    if bounds.in_formation == math.inf:
+        words += ", in formation never"
+    return words + (f", in formation {number(bounds.in_formation)} s" if math.isfinite(bounds.in_formation) else "")

@@ -17,7 +17,7 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import score_versions
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
-from baselines.policies.factories import factory_fingerprint
+from baselines.policies.registry import factory_fingerprint
 from lissajous_env.identity import MODULE
 from lissajous_env.plugins import of_extra
 from lissajous_env.wording import shown, where_raised

@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.benchmark.bounds import Bounds
+from baselines.benchmark.bounds import Bounds, bounds_in_words
 from baselines.benchmark.plot_styles import COLOURS, styles_of
-from baselines.benchmark.shown import best_value, bounds_in_words, in_words
 from baselines.benchmark.statistics import (
     DERIVED,
     MAIN,
@@ -16,7 +15,9 @@ from baselines.benchmark.statistics import (
     SHOWN,
     Estimate,
     added_columns,
+    best_value,
     columns_of,
+    in_words,
     with_numbers,
 )
 from baselines.benchmark.table import Overall, Row, Rows, Table, grouped, numbers

@@ -14,7 +14,7 @@ from typing import Any
 from baselines.benchmark.statistics import column_of
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell
-from baselines.policies import factories, registry
+from baselines.policies import registry
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import fingerprint
 from lissajous_env.parameters.robot_models import MODELS
@@ -168,7 +168,7 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     adversaries = sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""})
     folders = {name: folder for name in adversaries if (folder := folder_of(name)) is not None}
     learned = {_ROGUES + name: registry.policy_fingerprint(str(folder)) for name, folder in folders.items()}
-    return {cell.policy: factories.factory_fingerprint(cell.factory) for cell in cells} | added | learned
+    return {cell.policy: registry.factory_fingerprint(cell.factory) for cell in cells} | added | learned
 
 
 def score_versions() -> dict[str, str]:

@@ -18,7 +18,7 @@ from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Rows, Table
 from baselines.benchmark.theorem import about_theorem
 from baselines.benchmark.types import Benchmark, BenchmarkOutcome, Cell, Failure, cells_of
-from baselines.policies.factories import Factory
+from baselines.policies.registry import Factory
 from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters.scenario import Scenario

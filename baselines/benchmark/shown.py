@@ -1,22 +1,26 @@
-"""The results table in words, and in the terminal."""
+"""The results table in lines, and in the terminal."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
 
-from baselines.benchmark.bounds import BEST_KNOWN, Bounds
+from baselines.benchmark.bounds import BEST_KNOWN, bounds_in_words
 from baselines.benchmark.results_folder import CSV, MARKDOWN, REPORT, SUMMARY
 from baselines.benchmark.statistics import (
+    DASH,
     OVER_LOWER_BOUND,
     OVERALL,
     SCORE_OVER_BEST,
-    SHARE_OF_SEEDS,
     WORST_CASE_OVER_BEST,
     Estimate,
+    best_value,
+    between,
     columns_of,
+    in_words,
+    number,
     score_names,
     with_numbers,
 )
@@ -28,7 +32,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import counted
 from lissajous_env.world.columns import LARGEST, WORST_CASE, Column, task_score
 
-DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
 _MOST_NAMED = 12
 """Limit on the scenarios that the heading of a table names."""
 
@@ -82,78 +85,6 @@ def _entry(estimate: Estimate | None, best: str) -> Entry:
     value, beside = in_words(estimate)
     count = f"{estimate.known}/{estimate.n}" if 0 < estimate.known < estimate.n else ""
     return Entry(value, ", ".join(filter(None, (beside, count))), value == best)
-
-
-def best_value(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
-    """Return the best `Entry.value` of a column; "" if all policies have the same.
-
-    Only policies compete of which most episodes have a number, and whose estimate is not a lower bound; by the share of
-    seeds on which they are better than the reference, only those that are better than it on more than half of them.
-    """
-    estimates = [of_policy[column.name] for of_policy in policies if column.name in of_policy]
-    most = max((estimate.known / estimate.n for estimate in estimates), default=0)
-    if not most or not column.better or len({in_words(estimate)[0] for estimate in estimates}) == 1:
-        return ""
-    fit = [estimate for estimate in estimates if estimate.known / estimate.n == most and not estimate.at_least]
-    fit = [estimate for estimate in fit if estimate.summary != SHARE_OF_SEEDS or estimate.value > 0.5]
-    return in_words(max(fit, key=lambda estimate: column.better * estimate.value))[0] if fit else ""
-
-
-def number(value: float) -> str:
-    """Format a number with three significant digits and at most three decimals; an em dash for NaN."""
-    if value != value:
-        return DASH
-    if value == math.inf:
-        return "infinite"
-    if abs(value) >= 1e7:
-        return f"{value:.3g}"
-    if float(value).is_integer() or abs(value) >= 100:
-        return f"{value:.0f}"
-    return f"{value:#.3g}".removesuffix(".") if abs(value) >= 0.9995 else f"{value:.3f}"
-
-
-def in_words(estimate: Estimate) -> tuple[str, str]:
-    """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
-
-    A largest value has no interval: beside it are the median of the sample, unless half of it is open, and the number
-    of its episodes or scenarios, or of the open ones. A lower bound is written `> 59.9`, a share of seeds in percent.
-    """
-    if not estimate.known:
-        return DASH, ""
-    if estimate.summary == SHARE_OF_SEEDS:
-        return f"{100 * estimate.value:.0f} %", between(estimate.low, estimate.high, lambda share: f"{100 * share:.0f}")
-    value = number(estimate.value)
-    if estimate.summary != LARGEST:
-        return value, between(estimate.low, estimate.high)
-    value = ("> " if estimate.at_least else "") + value if math.isfinite(estimate.value) else "no bound"
-    median = f"median {number(estimate.median)}" if math.isfinite(estimate.median) else ""
-    if not estimate.open:
-        return value, f"{median}, {counted(estimate.known, estimate.sample.removesuffix('s'))}"
-    return value, ", ".join(filter(None, (median, f"{estimate.open} of {estimate.known} open")))
-
-
-def between(low: float, high: float, form: Callable[[float], str] = number) -> str:
-    """Return both ends of an interval as tables show them; "" for NaN, or if both read the same.
-
-    Without an upper end it is `at least` the lower one; without either it is "".
-    """
-    if low != low or low == math.inf:
-        return ""
-    if high == math.inf:
-        return f"at least {form(low)}"
-    ends = form(low), form(high)
-    return "" if ends[0] == ends[1] else (" to " if low < 0 else _TO).join(ends)
-
-
-def bounds_in_words(bounds: Bounds) -> str:
-    """Return the bounds of a scenario in words, each after a comma."""
-    words = f", lower bound {number(bounds.mean_time)} s" if math.isfinite(bounds.mean_time) else ""
-    words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
-    if math.isfinite(bounds.best_known):
-        words += f", best known {number(bounds.best_known)} s (second halves {number(bounds.best_known_settled)} s)"
-    if bounds.in_formation == math.inf:
-        words += ", in formation never"
-    return words + (f", in formation {number(bounds.in_formation)} s" if math.isfinite(bounds.in_formation) else "")
 
 
 def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -> None:

@@ -5,7 +5,8 @@ Statistical Precipice" (NeurIPS 2021) gives the reasons for interquartile means:
 wastes half of the runs.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -13,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from lissajous_env.parameters.scenario import Faults, Scenario
+from lissajous_env.wording import counted
 from lissajous_env.world.columns import (
     COLLISIONS,
     COLUMNS,
@@ -34,6 +36,8 @@ CUT = 0.25
 
 SHARE_OF_SEEDS = "share of seeds"
 """Summary of a column that is 1 on a seed on which a policy is better than another, 0 if it is worse, 1/2 in a tie."""
+
+DASH, _TO = "\N{EM DASH}", "\N{EN DASH}"
 
 Values = Sequence[float] | np.ndarray
 
@@ -146,6 +150,67 @@ def draws(size: int, resamples: int) -> np.ndarray:
     """Return (resamples, size) how often each of `size` values is drawn, with replacement."""
     generator = np.random.default_rng([0, size])
     return generator.multinomial(size, np.full(size, 1 / size), size=resamples).astype(np.int32)
+
+
+def number(value: float) -> str:
+    """Format a number with three significant digits and at most three decimals; an em dash for NaN."""
+    if value != value:
+        return DASH
+    if value == math.inf:
+        return "infinite"
+    if abs(value) >= 1e7:
+        return f"{value:.3g}"
+    if float(value).is_integer() or abs(value) >= 100:
+        return f"{value:.0f}"
+    return f"{value:#.3g}".removesuffix(".") if abs(value) >= 0.9995 else f"{value:.3f}"
+
+
+def in_words(estimate: Estimate) -> tuple[str, str]:
+    """Return the number that stands for the episodes as tables show it, and its interval ("" if both ends agree).
+
+    A largest value has no interval: beside it are the median of the sample, unless half of it is open, and the number
+    of its episodes or scenarios, or of the open ones. A lower bound is written `> 59.9`, a share of seeds in percent.
+    """
+    if not estimate.known:
+        return DASH, ""
+    if estimate.summary == SHARE_OF_SEEDS:
+        return f"{100 * estimate.value:.0f} %", between(estimate.low, estimate.high, lambda share: f"{100 * share:.0f}")
+    value = number(estimate.value)
+    if estimate.summary != LARGEST:
+        return value, between(estimate.low, estimate.high)
+    value = ("> " if estimate.at_least else "") + value if math.isfinite(estimate.value) else "no bound"
+    median = f"median {number(estimate.median)}" if math.isfinite(estimate.median) else ""
+    if not estimate.open:
+        return value, f"{median}, {counted(estimate.known, estimate.sample.removesuffix('s'))}"
+    return value, ", ".join(filter(None, (median, f"{estimate.open} of {estimate.known} open")))
+
+
+def between(low: float, high: float, form: Callable[[float], str] = number) -> str:
+    """Return both ends of an interval as tables show them; "" for NaN, or if both read the same.
+
+    Without an upper end it is `at least` the lower one; without either it is "".
+    """
+    if low != low or low == math.inf:
+        return ""
+    if high == math.inf:
+        return f"at least {form(low)}"
+    ends = form(low), form(high)
+    return "" if ends[0] == ends[1] else (" to " if low < 0 else _TO).join(ends)
+
+
+def best_value(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
+    """Return the best `Entry.value` of a column; "" if all policies have the same.
+
+    Only policies compete of which most episodes have a number, and whose estimate is not a lower bound; by the share of
+    seeds on which they are better than the reference, only those that are better than it on more than half of them.
+    """
+    estimates = [of_policy[column.name] for of_policy in policies if column.name in of_policy]
+    most = max((estimate.known / estimate.n for estimate in estimates), default=0)
+    if not most or not column.better or len({in_words(estimate)[0] for estimate in estimates}) == 1:
+        return ""
+    fit = [estimate for estimate in estimates if estimate.known / estimate.n == most and not estimate.at_least]
+    fit = [estimate for estimate in fit if estimate.summary != SHARE_OF_SEEDS or estimate.value > 0.5]
+    return in_words(max(fit, key=lambda estimate: column.better * estimate.value))[0] if fit else ""
 
 
 OVER_LOWER_BOUND = Column(

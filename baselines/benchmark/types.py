@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from baselines.benchmark.table import Rows, Table
-from baselines.policies import factories, registry
-from baselines.policies.factories import Factory
+from baselines.policies import registry
+from baselines.policies.registry import Factory
 from lissajous_env.device.devices import as_device
 from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters import named
@@ -192,9 +192,9 @@ def cells_of(
         ValueError: an unknown name or device, scenarios of the same name, a policy that drives no scenario, or another
             scenario without a policy.
     """
-    given = {name: factories.as_factory(policy, name) for name, policy in (policies or {}).items()}
+    given = {name: registry.as_factory(policy, name) for name, policy in (policies or {}).items()}
     plays_all = settings.policies == (ALL,)
-    wanted = ({} if plays_all else {name: factories.as_factory(name) for name in settings.policies}) | given
+    wanted = ({} if plays_all else {name: registry.as_factory(name) for name in settings.policies}) | given
     chosen = settings.scenarios if scenarios is None else scenarios
     played = require_distinct_names([named.build(scenario, **settings.overrides) for scenario in chosen])
     if not played:
@@ -207,7 +207,7 @@ def cells_of(
         names = [name for name in wanted if name in given or _drives(name, scenario)]
         if plays_all or not wanted:
             names = list(dict.fromkeys([*_default(scenario, plays_all), *given]))
-        cells += [Cell(scenario, name, wanted.get(name) or factories.as_factory(name)) for name in names]
+        cells += [Cell(scenario, name, wanted.get(name) or registry.as_factory(name)) for name in names]
     idle = [scenario for scenario in played if all(cell.scenario is not scenario for cell in cells)]
     leaves_out = settings.scenarios == SCENARIOS or any(map(registry.is_folder, wanted))
     if idle and not (leaves_out and cells):

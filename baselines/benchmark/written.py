@@ -7,8 +7,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from baselines.benchmark.bounds import bounds_in_words
 from baselines.benchmark.results_folder import CSV, MARKDOWN, SUMMARY
-from baselines.benchmark.shown import Entry, bounds_in_words, lines_of
+from baselines.benchmark.shown import Entry, lines_of
 from baselines.benchmark.statistics import MAIN, added_columns, columns_of, with_numbers
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import BenchmarkOutcome

@@ -13,19 +13,17 @@ import tyro
 from baselines.benchmark.progress import Progress, bar
 from baselines.benchmark.types import ALL, Benchmark, Cell, cells_of
 from baselines.policies import registry
-from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, Device, Output, Overrides, parse_overrides
 from lissajous_env.episodes.recording import Recording, record
 from lissajous_env.logs.messages import rosbags
 from lissajous_env.logs.writing import save_mcap
+from lissajous_env.parameters.named import denotes_scenario, unknown_scenario
 from lissajous_env.render import film
 from lissajous_env.replay import Replay
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.wording import few_of, nearest, require, where_raised
 
 T = TypeVar("T")
-_MOST_PICTURES = 20_000
-"""Limit on the pictures of a GIF or a film."""
 FORMATS = (".html", ".mp4", ".gif", ".npz", ".mcap")
 """Endings of the files that show or store one episode."""
 
@@ -66,6 +64,29 @@ Play = tyro.conf.OmitArgPrefixes[PlayOptions]
 """Type of a command's parameter `common`, which adds --seed, --device and --set to --json and --quiet."""
 
 
+def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
+    """Return the scenarios of a command, and the policy after them.
+
+    Raises:
+        ValueError: the policy is not the last of the names, there is no scenario before it, or an unknown scenario.
+    """
+    if not names:
+        raise ValueError("names must be scenarios and then a policy, got nothing")
+    *scenarios, policy = names
+    for name in scenarios:
+        if registry.is_folder(name) or (name in registry.names() and not denotes_scenario(name)):
+            words = "scenario must be given before the policy (that of a policy's folder is FOLDER/scenario.toml)"
+            raise ValueError(f"{words}, got {few_of(names)}")
+        if not denotes_scenario(name) and not registry.is_imported(name):
+            raise unknown_scenario(name)
+    if denotes_scenario(policy) and policy not in registry.names() and not registry.is_folder(policy):
+        raise ValueError(f"policy must be given after the scenario, got {few_of(names)}")
+    if not scenarios:
+        registry.as_factory(policy)  # refuses a policy that does not exist
+    require(scenarios, "scenario", "must be given before the policy, one that `lissajous scenarios` lists", policy)
+    return tuple(scenarios), policy
+
+
 def only(cells: Sequence[Cell]) -> Cell:
     """Return the only cell.
 
@@ -99,9 +120,9 @@ def record_one(settings: Benchmark, cells: Sequence[Cell], output: Output) -> Re
 
 def with_policy(cell: Cell, settings: Benchmark) -> Cell:
     """Return a cell whose policy is made, so that a wrong name or folder is reported as bad input, not as a failure."""
-    with naming(cell) if is_imported(cell.policy) else nullcontext():
+    with naming(cell) if registry.is_imported(cell.policy) else nullcontext():
         policy = cell.factory(cell.scenario, settings.worlds, settings.device)
-    return replace(cell, factory=as_factory(policy, cell.policy))
+    return replace(cell, factory=registry.as_factory(policy, cell.policy))
 
 
 @contextmanager
@@ -147,28 +168,20 @@ def show(
     fps: float = 10.0,
     against: Recording | None = None,
 ) -> None:
-    """Show a recording in a window or, if a file is given, write it in the format of its suffix.
-
-    Raises:
-        ValueError: a GIF or film would have more than 20,000 pictures.
-    """
-    suffix = "" if out is None else out.suffix.lower()
-    if suffix in film.FILMS and (pictures := recording.duration * fps / speed) > _MOST_PICTURES:
-        raise ValueError(
-            f"speed must be such that a film has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
-            f"{math.ceil(pictures):,}"
-        )
+    """Show a recording in a window or, if a file is given, write it in the format of its suffix."""
     if out is None:
         film.play(recording, speed=speed)
         return
-    with bar(output.progress()) as progress:
-        task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
-        if suffix == ".html":
-            Replay(recording, against).save(out)
-        elif suffix in film.FILMS:
+    suffix = out.suffix.lower()
+    if suffix in film.FILMS:
+        with bar(output.progress()) as progress:
+            pictures = math.ceil(len(recording) / film.paced(recording, fps, speed)[0])
+            task = progress.add_task("drawing", total=pictures)
             film.save_film(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
-        elif suffix == ".mcap":
-            save_mcap(recording, out)
-        else:
-            recording.save(out)
+    elif suffix == ".html":
+        Replay(recording, against).save(out)
+    elif suffix == ".mcap":
+        save_mcap(recording, out)
+    else:
+        recording.save(out)
     output.print(f"wrote {out}")

@@ -8,7 +8,7 @@ import tyro
 from baselines.benchmark.types import Benchmark, cells_of
 from baselines.commands.playing import DEFAULT_PLAY, FORMATS, Play, check_file, has_display, record_one, show
 from baselines.policies import registry
-from baselines.policies.factories import as_factory
+from baselines.policies.registry import as_factory
 from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.episodes.recording import load
 from lissajous_env.plugins import files_beside

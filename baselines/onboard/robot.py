@@ -11,7 +11,7 @@ import warp as wp
 
 from baselines.onboard.row import Row
 from baselines.onboard.signals import Command, Message, Odometry, Twist, conversion_to_commands, detection_rows
-from baselines.policies import factories
+from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.safety.proved import Proved
 from baselines.policies.safety.safe import Safe
@@ -307,7 +307,7 @@ class Onboard:
 
 def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
     """Return the policy for one world, restricted to a robot."""
-    acting: Any = factories.as_factory(policy, shown(policy))(scenario, 1, "cpu")
+    acting: Any = registry.as_factory(policy, shown(policy))(scenario, 1, "cpu")
     require(acting.num_worlds == 1, "num_worlds of the policy", "must be 1", acting.num_worlds)
     if isinstance(acting, Policy):
         kind, filters = scenario.robot.kind, f"filter {Proved.suffix}, as no tails are sent here; use {Safe.suffix}"

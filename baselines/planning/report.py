@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
-from baselines.benchmark.shown import Entry, between, number
+from baselines.benchmark.shown import Entry
+from baselines.benchmark.statistics import between, number
 from baselines.planning.plans import SETTLED_TIME, Planned, worst_cases
 from baselines.planning.rehearse import Episodes
 from baselines.planning.search import PlanOutcome

@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.inside import Inside, WallRule
+from baselines.policies.memory import Remembering
 from baselines.policies.stopping import Stopping
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, copy_in, is_torch
@@ -22,7 +23,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, whole_number
 from lissajous_env.wording import few_of, require, shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import Remembering
 
 _ARRAYS = ("numpy", "torch", "warp")
 

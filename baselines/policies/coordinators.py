@@ -13,6 +13,7 @@ import warp as wp
 
 from baselines.policies.base import parameters_for
 from baselines.policies.loops import cruising_speed
+from baselines.policies.memory import Remembering
 from baselines.policies.own_row import Observation, Rows, hears, lead, message_age, own_phase, own_works, sine_ahead
 from baselines.similarity import motion_scale
 from lissajous_env.device.compilation import OPTIONS
@@ -23,7 +24,6 @@ from lissajous_env.parameters.scenario import Scenario, read_only
 from lissajous_env.settings.checks import Checked, flag, number
 from lissajous_env.theory.closed_forms import curve_speed
 from lissajous_env.theory.geometry import curve_length, lap_phases
-from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import warp as wp
 
+from baselines.policies.memory import Remembering
 from baselines.policies.own_row import Actions, Observation, own_heading, own_position, own_speed, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.copies import Copyable
@@ -20,7 +21,6 @@ from lissajous_env.device.program import launcher
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.inside import Walls, action_inside, has_room, walls_of
-from lissajous_env.world.selection import Remembering
 
 wp.set_module_options(OPTIONS)
 

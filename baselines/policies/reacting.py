@@ -16,10 +16,10 @@ import numpy as np
 
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.loops import lane_corners
+from baselines.policies.memory import Remembering
 from baselines.policies.own_row import Rows
 from lissajous_env.device.copies import Copyable
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.selection import Remembering
 
 _APART = 6.25
 """Distance below which robots repel each other [body radius]."""

@@ -1,27 +1,35 @@
 """The registry of policies: entries by name, filters by the suffix of a name, and loaders of policies in folders.
 
-A policy is named by its entry or by its folder. The suffix of a filter, such as `-safe`, may follow either.
+A policy is named by its entry or by its folder. The suffix of a filter, such as `-safe`, may follow either. Users may
+also give `module:factory` or an object of Python (`as_factory`).
 """
 
+import contextlib
+import inspect
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Filter, Filtered, Policy
 from baselines.policies.safety.proved import Proved
 from baselines.policies.safety.safe import Safe
 from lissajous_env import identity
+from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.identity import OWN_PACKAGES
 from lissajous_env.parameters.named import build as build_scenario
+from lissajous_env.parameters.named import denotes_scenario
 from lissajous_env.parameters.robot_models import MODELS, model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.plugins import ByValue, Registry
+from lissajous_env.plugins import ByValue, Registry, import_attribute
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of, nearest, require
+
+Factory = Callable[[Scenario, int, Any], ActingPolicy]
+"""Function that makes a policy: `factory(scenario, num_worlds, device)`."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +102,7 @@ class Loader(NamedTuple):
     own_scenario: Callable[[str], Scenario]
     """`own_scenario(folder)` returns the scenario of the policy."""
     fingerprint: Callable[[str], dict[str, str]]
-    """`fingerprint(folder)` returns what identifies the policy, as the function `fingerprint` does."""
+    """`fingerprint(folder)` returns what identifies the policy, as `policy_fingerprint` does."""
 
 
 POLICIES = Registry(
@@ -252,6 +260,79 @@ def policy_fingerprint(name: str) -> dict[str, str]:
     of_policy = _loader_of(plain).fingerprint(plain) if in_folder else identity.fingerprint(POLICIES[plain].factory)
     of_filter = identity.fingerprint(_FILTERS[suffix]) if suffix else {}
     return of_policy | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
+
+
+def as_factory(policy: Any, name: str = "") -> Factory:
+    """Return the factory of a policy.
+
+    Args:
+        policy: A registered name, a folder, `module:factory`, a factory (class, function or partial), or a policy that
+            was made already. A function of one argument is a policy: `act(observation)` on NumPy arrays (W, N, D).
+        name: Name of a policy that is given as an object, for errors.
+
+    Raises:
+        ValueError: it is none of these, the name is unknown, or a module or a factory cannot be loaded.
+    """
+    if isinstance(policy, (str, os.PathLike)):
+        name = os.fspath(policy)
+        if not is_imported(name):
+            return resolve(name)
+        policy = import_attribute(name, "policy must be module:factory")
+    if not isinstance(policy, type) and _acts(policy):
+        instance = cast(ActingPolicy, policy)
+        with contextlib.suppress(Exception):  # playing the policy raises the error again
+            instance.reset()  # so that memory of earlier episodes does not change its identity
+        return _identified_by(policy, lambda *_: instance)
+    rule = "must be a policy or factory(scenario, num_worlds, device)"
+    require(callable(policy), f"policy {name}", rule, policy)
+    if inspect.isfunction(policy) and _takes_one(policy):
+        return _identified_by(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
+
+    def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
+        kind = kind_of(policy)
+        others = kind not in (None, scenario.actuation)  # refused, or driven as cars
+        factory = Entry(name or getattr(policy, "__name__", str(policy)), kind, policy) if others else policy
+        acting: Any = factory(scenario, num_worlds, device)
+        acts = _acts(acting) and not isinstance(acting, type)
+        require(acts, f"policy {name}", "must be made with reset, act and num_worlds", acting)
+        return cast(ActingPolicy, acting)
+
+    return _identified_by(policy, make)
+
+
+def _identified_by(policy: Any, factory: Factory) -> Factory:
+    """Return a factory with the fingerprint of the object of a user."""
+    factory.__wrapped__ = policy  # type: ignore[attr-defined]
+    return factory
+
+
+def factory_fingerprint(factory: Factory) -> dict[str, str]:
+    """Return the fingerprint of what a factory makes, as `lissajous_env.identity.fingerprint` does."""
+    if isinstance(factory, Entry):
+        return policy_fingerprint(factory.name)
+    return identity.fingerprint(getattr(factory, "__wrapped__", factory))
+
+
+def is_imported(name: str) -> bool:
+    """Return whether a name has the form `module:factory`."""
+    return ":" in name and not denotes_scenario(name) and name not in names() and not is_folder(name)
+
+
+def _acts(policy: Any) -> bool:
+    return all(hasattr(policy, part) for part in ("act", "reset", "num_worlds"))
+
+
+def _takes_one(function: Callable[..., Any]) -> bool:
+    """Return whether a function can be called with one positional argument, and not with three."""
+
+    def takes(count: int) -> bool:
+        try:
+            inspect.signature(function).bind(*range(count))
+        except TypeError:
+            return False
+        return True
+
+    return takes(1) and not takes(3)
 
 
 def describe(name: str) -> dict[str, Any]:

@@ -11,8 +11,7 @@ from figures import Table
 from rich.console import Console
 
 from baselines.benchmark.running import run
-from baselines.benchmark.shown import between, number
-from baselines.benchmark.statistics import summarize
+from baselines.benchmark.statistics import between, number, summarize
 from baselines.benchmark.types import Benchmark
 from speeds import Options, Part
 

@@ -9,7 +9,7 @@ from timing import Times, by_turns, ratio_in_words
 
 import baselines
 import lissajous_env
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from speeds import Options, Part
 
 GRIDS = {"without": None, "36 x 16 cells": (36, 16), "90 x 40 cells": (90, 40)}

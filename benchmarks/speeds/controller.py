@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from figures import Table
 
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.mpcc.solver import Mpcc, MpccParameters, Solution
 from lissajous_env.parameters.scenario import Curve
 from speeds import Options, Part

@@ -11,7 +11,7 @@ from timing import by_turns, ratio_in_words
 
 import baselines
 import lissajous_env
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from speeds import Options, Part
 from speeds.step import STAYING
 

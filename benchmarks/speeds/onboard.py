@@ -7,7 +7,7 @@ from figures import Table
 
 import baselines
 import lissajous_env
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from baselines.onboard import Limits, inputs_of
 from speeds import Options, Part
 

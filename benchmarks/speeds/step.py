@@ -9,7 +9,7 @@ from figures import Table
 from timing import Times, by_turns, ratio_in_words
 
 import lissajous_env
-from baselines.benchmark.shown import number
+from baselines.benchmark.statistics import number
 from speeds import Options, Part
 
 ROBOTS, TARGETS = 5, 20

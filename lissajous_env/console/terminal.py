@@ -176,15 +176,18 @@ def print_table(
     if console.quiet:
         return
     columns = [Column(column) if isinstance(column, str) else column for column in columns]
-    cells = [[column.title, *map(str, (row[k] for row in rows))] for k, column in enumerate(columns)]
-    whole = [max(cell_len(line) for cell in of for line in cell.split("\n")) for of in cells]
-    words = [max((cell_len(word) for cell in of for word in cell.split()), default=0) for of in cells]
-    least = [max(words[k], min(_NARROWEST, whole[k])) if c.prose else whole[k] for k, c in enumerate(columns)]
+    texts = ["\n".join([column.title, *(str(row[k]) for row in rows)]) for k, column in enumerate(columns)]
+    line_widths = [max(map(cell_len, text.split("\n"))) for text in texts]
+    word_widths = [max(map(cell_len, text.split()), default=0) for text in texts]
+    least = [
+        max(word, min(_NARROWEST, line)) if column.prose else line
+        for word, line, column in zip(word_widths, line_widths, columns, strict=True)
+    ]
     indices = list(range(len(columns)))
     while len(indices) > 2 and _width(least, indices) > console.width:
         indices.remove(max(indices[1:], key=lambda k: (columns[k].rank, k)))
     table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    table.width = max(_width(least, indices), min(_width(whole, indices), console.width))
+    table.width = max(_width(least, indices), min(_width(line_widths, indices), console.width))
     for k in indices:
         column = columns[k]
         justify = "left" if column.left or column.prose else "right"
@@ -208,7 +211,7 @@ def print_line(console: Console, words: str | Text, style: str | None = None) ->
 def plain(value: Any) -> Any:
     """Convert a value to JSON types; infinity and functions become words, NaN null, and a dataclass its fields."""
     if is_dataclass(value) and not isinstance(value, type):
-        return plain({of.name: getattr(value, of.name) for of in fields(value)})
+        return plain({field.name: getattr(value, field.name) for field in fields(value)})
     if isinstance(value, dict):
         return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):

@@ -51,7 +51,7 @@ class Batch(Stateful):
         sides: The sides whose actions `step` requires.
         simulations: The simulation of each group.
         robot_policy: Policy that drives the robots if only the rogues act, or None.
-        space: Space of scenarios, or None.
+        space, split: Space of scenarios and the name of its split or shift, or None.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`; a space of scenarios, its file, or SPACE:SPLIT, where SPLIT is a
@@ -59,7 +59,7 @@ class Batch(Stateful):
         num_worlds: W.
         num_groups: Number of groups that draw from a space, a divisor of W.
         roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
-        robots: Policy that drives the robots if only the rogues act, as `baselines.policies.factories.as_factory`
+        robots: Policy that drives the robots if only the rogues act, as `baselines.policies.registry.as_factory`
             accepts it: a name, a folder, a policy for `num_worlds` worlds, a factory, or a function
             `act(observation) -> action` on NumPy arrays (W, N, D) and (W, N, action_size).
         discrete_actions: True for actions that are indices of a table.
@@ -120,8 +120,8 @@ class Batch(Stateful):
         self.simulations = [self._simulation(first)] * num_groups
         self.robot_policy: ActingPolicy | None = None
         if robots is not None:
-            factories = import_module("baselines.policies.factories")  # not at the top, because it imports this package
-            policy: ActingPolicy = factories.as_factory(robots, "of the robots")(self.scenario, num_worlds, device)
+            registry = import_module("baselines.policies.registry")  # not at the top, because it imports this package
+            policy: ActingPolicy = registry.as_factory(robots, "of the robots")(self.scenario, num_worlds, device)
             rule = f"must be driven by a policy for {num_worlds} worlds"
             require(policy.num_worlds == num_worlds, "robots", rule, policy.num_worlds)
             self.robot_policy = policy

@@ -17,7 +17,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import replacing, undamaged
 from lissajous_env.world.contamination.labels import introduced_at
-from lissajous_env.world.selection import fold_seed, of_world
+from lissajous_env.world.selection import of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER
 
@@ -223,6 +223,7 @@ def record(
 
     Raises:
         InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
+        ValueError: an invalid scenario or seed.
     """
     return record_all(policy, named.build(scenario, **overrides), [seed], device)[0]
 
@@ -237,7 +238,7 @@ def record_all(
     simulation = Simulation(scenario, policy.num_worlds, device=device)
     runner, recordings = EpisodeRunner(policy, simulation), []
     for first in range(0, len(seeds), policy.num_worlds):
-        batch = [fold_seed(seed) for seed in seeds[first : first + policy.num_worlds]]
+        batch = seeds[first : first + policy.num_worlds]
         recorders = [Recorder(simulation, world) for world in range(len(batch))]
 
         def take(taken: int, recorders: Sequence[Recorder] = recorders) -> None:

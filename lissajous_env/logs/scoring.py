@@ -203,22 +203,22 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
 def _causes(scenario: Scenario, path: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Return the causes (M, N) of the statuses: FAULT, COLLISION or EDGE.
 
-    A collision is a cause if another robot is in reach on the way and no later status is WORKING. A robot that was
-    removed without another one in reach left at the edge if it moved in this step; otherwise a fault removed it.
+    A collision is a cause if a robot of another place is in reach on the way and no later status is WORKING. A robot
+    that was removed without one in reach left at the edge if it moved in this step; otherwise a fault removed it.
     """
+    others = np.not_equal.outer(scenario.places, scenario.places)  # robots of one place overlap by design
     cause, reach = np.full(status.shape, FAULT), 2 * (1 + _REACHED) * scenario.robot.radius
     effect = {"stop": FAILED, "remove": REMOVED}.get(scenario.task.on_collision)
     for last, robot in np.argwhere(status[1:] != status[:-1]):
-        moment, places = last + 1, path[last + 1]
+        moment, positions = last + 1, path[last + 1]
         now = status[moment, robot]
-        away = places - places[robot]
+        away = positions - positions[robot]
         begin, way = away[:, :-1], np.diff(away, axis=1)
         share = np.clip(-(begin * way).sum(axis=2) / np.maximum((way**2).sum(axis=2), 1e-12), 0, 1)
-        near = (np.linalg.norm(begin + share[..., None] * way, axis=2) < reach).any(axis=1)
-        near[robot] = False
+        near = (np.linalg.norm(begin + share[..., None] * way, axis=2) < reach).any(axis=1) & others[robot]
         if now == effect and (near & (status[last] != REMOVED)).any():
             cause[moment, robot] = COLLISION if (status[moment:, robot] != WORKING).all() else FAULT
-        elif now == REMOVED and (places[robot, 0] != places[robot, -1]).any():
+        elif now == REMOVED and (positions[robot, 0] != positions[robot, -1]).any():
             cause[moment, robot] = EDGE
     return cause
 

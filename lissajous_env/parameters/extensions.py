@@ -57,7 +57,7 @@ class Extension(Checked):
         require(is_named, f"name of a {self.kind}", "must be of small letters, digits and _", self.name)
         called = f"the {self.kind} {self.name}"
         for name, shape in self.state.items():
-            is_shape = isinstance(shape, tuple) and all(is_whole(size) and size > 0 for size in shape)
+            is_shape = isinstance(shape, tuple) and all(is_whole(size, 1) for size in shape)
             fits = isinstance(name, str) and name.isidentifier() and is_shape
             require(fits, f"state of {called}", "must map names to tuples of whole numbers above 0", {name: shape})
         require(self.reset is None or callable(self.reset), f"reset of {called}", "must be a function", self.reset)

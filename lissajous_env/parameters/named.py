@@ -130,7 +130,12 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
 
 def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
     """Make a scenario like `scenario`, without warnings, for callers that report violated assumptions themselves."""
-    base = name if isinstance(name, Scenario) else _loaded(os.fspath(name) if isinstance(name, os.PathLike) else name)
+    base, text = name if isinstance(name, Scenario) else None, _text(name)
+    if base is None:
+        reference = Reference.parse(name)
+        base = _imported(text) if reference == Reference() and ":" in text else reference.scenario
+    if base is None:
+        raise unknown_scenario(text or name)
     return overridden(base, overrides) if overrides else base
 
 
@@ -287,15 +292,6 @@ def _registered(name: str) -> Scenario:
     if scenario is None:
         raise ENTRIES.unknown(name, "scenarios", scenarios())
     return scenario
-
-
-def _loaded(name: Any) -> Scenario:
-    reference = Reference.parse(name)
-    if reference.scenario is not None:
-        return reference.scenario
-    if reference.space is None and isinstance(name, str) and ":" in name:
-        return _imported(name)
-    raise unknown_scenario(name)
 
 
 def _imported(reference: str) -> Scenario:

@@ -115,10 +115,10 @@ class ScenarioSpace:
         violated: list[str] = []
         for attempt in range(_MOST_TRIES):
             scenario = self._drawn(seed, attempt)
-            rules = (rule.text for rule in self._rules if not rule(functools.partial(_property, scenario)))
-            if (rule := next(rules, None)) is None:
+            broken = next((rule.text for rule in self._rules if not rule(functools.partial(_property, scenario))), None)
+            if broken is None:
                 return scenario
-            violated.append(rule)
+            violated.append(broken)
         most = max(dict.fromkeys(violated), key=violated.count)
         rule = f"must be met by one of {_MOST_TRIES} draws"
         raise ValueError(f"require {rule} for seed {seed} of {self.name}, got none; most often violated: {most}")
@@ -190,27 +190,26 @@ class ScenarioSpace:
         draws, known = {}, [*PARTS, "variables", "scale"]
         for part, entries in self.draw.items():
             require(part in known, "draw", f"must name one of {', '.join(known)}", part, known)
-            for name in entries if part == "scale" else ():
-                require(name in _SCALE, "draw.scale", "must contain length or time", name)
             for name, entry in entries.items():
+                require(part != "scale" or name in _SCALE, "draw.scale", "must contain length or time", name)
                 if name == "choices":
                     draws[f"{part}.{name}"] = _choice(f"draw.{part}", entry, entries.get("weights"))
                 elif name != "weights":
-                    draws[f"{part}.{name}"] = Formula(entry, _RANDOM) if isinstance(entry, str) else entry
+                    draws[f"{part}.{name}"] = (
+                        _formula(f"draw.{part}.{name}", entry) if isinstance(entry, str) else entry
+                    )
         return draws
 
     def _drawn(self, seed: int, attempt: int) -> Scenario:
-        values: dict[str, Any] = {}
         begun: list[str] = []
 
+        @functools.cache
         def value_of(name: str) -> Any:
-            if name not in values:
-                if name in begun:
-                    raise ValueError(f"{name}, which depends on itself")
-                begun.append(name)
-                draw = self._draws[name]
-                values[name] = draw(functools.partial(look_up, name)) if callable(draw) else draw
-            return values[name]
+            if name in begun:
+                raise ValueError(f"{name}, which depends on itself")
+            begun.append(name)
+            draw = self._draws[name]
+            return draw(functools.partial(look_up, name)) if callable(draw) else draw
 
         def look_up(drawn: str, name: str) -> Any:
             if name in _RANDOM:
@@ -220,16 +219,16 @@ class ScenarioSpace:
             for known in (name, f"variables.{name}"):
                 if known in self._draws:
                     return value_of(known)
-            part, _, what = name.partition(".")
-            together = value_of(f"{part}.choices") if f"{part}.choices" in self._draws else {}
-            return together[what] if what in together else _property(self.base, name)
+            part, _, field_name = name.partition(".")
+            choice = value_of(f"{part}.choices") if f"{part}.choices" in self._draws else {}
+            return choice[field_name] if field_name in choice else _property(self.base, name)
 
         changed: dict[str, Any] = {}
         for name in self._draws:
-            part, _, what = name.partition(".")
+            part, _, field_name = name.partition(".")
             if part in PARTS:
-                together = value_of(name) if what == "choices" else {what: value_of(name)}
-                changed |= {f"{part}.{key}": value for key, value in together.items()}
+                chosen = value_of(name) if field_name == "choices" else {field_name: value_of(name)}
+                changed |= {f"{part}.{key}": value for key, value in chosen.items()}
         changed.update(self.given)
         scale = {name: value_of(f"scale.{name}") for name in _SCALE if f"scale.{name}" in self._draws}
         try:
@@ -273,6 +272,17 @@ def space_of_table(table: Mapping[str, Any], base_of: Callable[[str], Scenario])
     base = base_of(table["base"]) if "base" in table else Scenario()
     rules, shifts, words = table.get("require", ()), table.get("shift", {}), table.get("description", "")
     return ScenarioSpace(table["name"], base, table["draw"], rules, shifts, words)
+
+
+def _formula(name: str, text: str) -> Formula:
+    """Return the draw of an expression; two random functions in it would be of the same number.
+
+    Raises:
+        ValueError: the text is no expression, or has two random functions.
+    """
+    formula = Formula(text, _RANDOM)
+    require(len(formula.called) <= 1, name, f"must call at most one of {', '.join(_RANDOM)}", text)
+    return formula
 
 
 def _choice(name: str, choices: Any, weights: Any) -> Callable[[Names], Any]:

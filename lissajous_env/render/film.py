@@ -67,7 +67,7 @@ def save_film(
     suffix = Path(path).suffix.lower()
     if suffix not in FILMS:
         raise ValueError(f"path must end in {' or '.join(FILMS)}, got {path}")
-    every, seconds = _paced(recording, fps, speed)
+    every, seconds = paced(recording, fps, speed)
     renderer = Renderer(recording.scenario, 1.0 if suffix == ".mp4" else 0.75)
 
     def drawn() -> Iterator[np.ndarray]:
@@ -80,7 +80,7 @@ def save_film(
     return len(range(0, len(recording), every))
 
 
-def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
+def paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
     """Return the number of moments per picture and the duration of a picture [s]."""
     for name, value in (("fps", fps), ("speed", speed)):
         require(0 < value < math.inf, name, "must be positive", value)

@@ -44,7 +44,7 @@ def whole(default: int | None, low: int, high: int, parity: str = "") -> Any:
     rests = {"odd": (1,), "even": (0,)}.get(parity, (0, 1))
 
     def read(value: Any) -> int | None:
-        return operator.index(value) if is_whole(value) and low <= value <= high and value % 2 in rests else None
+        return operator.index(value) if is_whole(value, low, high) and value % 2 in rests else None
 
     return _checked(default, rule, read)
 
@@ -91,7 +91,7 @@ def columns_and_rows(default: tuple[int, int] | None, most: int) -> Any:
     """Declare the columns and rows of a grid, each from 1 to `most`, or None for no grid."""
 
     def read_side(value: Any) -> int | None:
-        return value if is_whole(value) and 1 <= value <= most else None
+        return value if is_whole(value, 1, most) else None
 
     rule = f"must be (columns, rows), each from 1 to {most}, or None"
     return rows(default, rule, read_side, least=2, most=2, optional=True)
@@ -114,12 +114,14 @@ class Checked:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            rule = field.metadata
-            given = getattr(self, field.name)
-            if "rule" not in rule or (given is None and rule["optional"]):
+            declared, value = field.metadata, getattr(self, field.name)
+            if "rule" not in declared or (value is None and declared["optional"]):
                 continue
-            value = _read(rule["read"], _plain(given))
-            self._require(value is not None, field.name, rule["rule"])
+            try:
+                value = declared["read"](_plain(value))
+            except (TypeError, ValueError, ArithmeticError):  # a wrong type, or a number beyond all floats
+                value = None
+            self._require(value is not None, field.name, declared["rule"])
             object.__setattr__(self, field.name, value)
         self._check_together()
 
@@ -147,15 +149,14 @@ class Checked:
         require(holds, f"{self.part}.{name}" if self.part else name, rule, getattr(self, name))
 
 
-def is_whole(value: Any) -> bool:
-    """Return True for a whole number of any type except bool."""
+def is_whole(value: Any, low: float = -math.inf, high: float = math.inf) -> bool:
+    """Return True for a whole number of any type except bool that is from `low` to `high`."""
     if isinstance(value, (bool, np.bool_)):
         return False
     try:
-        operator.index(value)
+        return low <= operator.index(value) <= high
     except Exception:  # an array of another size or kind, or a masked one, has its own errors
         return False
-    return True
 
 
 def is_number(value: Any, low: float = -sys.float_info.max, high: float = sys.float_info.max) -> bool:
@@ -174,8 +175,8 @@ def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -
     Raises:
         ValueError: it is not a whole number of at least `low`, or, if `high` is given, from `low` to `high`.
     """
-    fits = is_whole(value) and low <= operator.index(value) <= (math.inf if high is None else high)
     limits = f"of at least {low}" if high is None else f"from {low} to {high}"
+    fits = is_whole(value, low, math.inf if high is None else high)
     require(fits, name, f"must be a whole number {limits}", value)
     return operator.index(value)
 
@@ -185,15 +186,11 @@ def as_robot(value: Any) -> int | None:
     return int(value) if is_number(value, 0) and float(value).is_integer() else None
 
 
-def robot_and(low: float, high: float) -> Callable[[Any], tuple[int, float] | None]:
-    """Return the function that reads pairs of a robot and a number from `low` to `high`."""
-
-    def read(entry: Any) -> tuple[int, float] | None:
-        robot, value = entry
-        index = as_robot(robot)
-        return (index, float(value)) if index is not None and is_number(value, low, high) else None
-
-    return read
+def robot_and(entry: Any, low: float, high: float) -> tuple[int, float] | None:
+    """Return a pair of a robot and a number from `low` to `high`; None for another entry."""
+    robot, value = entry
+    index = as_robot(robot)
+    return (index, float(value)) if index is not None and is_number(value, low, high) else None
 
 
 def _checked(
@@ -205,16 +202,9 @@ def _checked(
     units: tuple[str, ...] = (),
 ) -> Any:
     """Declare a field by its rule and by the function that returns its value, or None for an invalid one."""
-    metadata = {"rule": rule, "read": read, "optional": optional or default is None}
-    metadata |= {"options": options, "units": units}
+    optional = optional or default is None
+    metadata = {"rule": rule, "read": read, "optional": optional, "options": options, "units": units}
     return dataclasses.field(default=default, metadata=metadata)
-
-
-def _read(read: Callable[[Any], Any], value: Any) -> Any:
-    try:
-        return read(value)
-    except (TypeError, ValueError, ArithmeticError):  # a wrong type, or a number beyond all floats
-        return None
 
 
 def _factors(length: float, time: float) -> dict[str, float]:
@@ -254,15 +244,12 @@ def meanings(cls: type) -> dict[str, str]:
     except (OSError, TypeError, SyntaxError):
         return {}
     body = next((node.body for node in tree.body if isinstance(node, ast.ClassDef) and node.name == cls.__name__), [])
-    return {
-        before.target.id: inspect.cleandoc(after.value.value)
-        for before, after in pairwise(body)
-        if isinstance(before, ast.AnnAssign)
-        and isinstance(before.target, ast.Name)
-        and isinstance(after, ast.Expr)
-        and isinstance(after.value, ast.Constant)
-        and isinstance(after.value.value, str)
-    }
+    texts = {}
+    for pair in pairwise(body):
+        match pair:
+            case (ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text)))):
+                texts[name] = inspect.cleandoc(text)
+    return texts
 
 
 @cache

@@ -42,6 +42,8 @@ class Formula:
 
     def __init__(self, text: str, functions: Collection[str] = ()):
         self.text, self._functions = text, functions
+        self.called: list[str] = []
+        """Names of the further functions that it calls, one for each call."""
         try:
             self._compute = self._compiled(ast.parse(text.strip(), mode="eval").body)
         except (ValueError, AttributeError, SyntaxError, RecursionError, MemoryError):
@@ -81,9 +83,11 @@ class Formula:
                 return self._applied(_OPERATORS[type(op)], left, right)
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
                 return self._applied(_OPERATORS[type(op)], operand)
-            case ast.Call(func=ast.Name(id=name), args=entries, keywords=[]) if name in (*_FUNCTIONS, *self._functions):
-                values = self._applied(lambda *values: values, *entries)
-                return lambda names: (_FUNCTIONS.get(name) or names(name))(*values(names))
+            case ast.Call(func=ast.Name(id=name), args=entries, keywords=[]) if name in _FUNCTIONS:
+                return self._applied(_FUNCTIONS[name], *entries)
+            case ast.Call(func=ast.Name(id=name), args=entries, keywords=[]) if name in self._functions:
+                self.called.append(name)
+                return self._applied(lambda function, *values: function(*values), ast.Name(name), *entries)
         raise ValueError("no formula")
 
     def _applied(self, function: Callable[..., Any], *nodes: ast.expr | None) -> Callable[[Names], Any]:

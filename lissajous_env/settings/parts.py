@@ -38,10 +38,6 @@ _LONGEST = 1e9
 """Limit on the times of a schedule [s]."""
 
 
-def _as_place(entry: Any) -> int | None:
-    return entry if is_whole(entry) and 0 <= entry < 1024 else None
-
-
 def _as_fault(entry: Any) -> tuple[int, float, float] | None:
     robot, start, end = entry
     index = as_robot(robot)
@@ -148,7 +144,9 @@ class Formation(Checked):
     """p of the equilibrium (2); None selects the least clustered stable one."""
     alpha: int | None = whole(None, 1, 1024)
     """alpha of Lemma 2: gamma = alpha theta; None makes neighbours on the ring neighbours on the ellipse (5)."""
-    ring: tuple[int, ...] | None = rows(None, "must list robots as whole numbers from 0", _as_place)
+    ring: tuple[int, ...] | None = rows(
+        None, "must list robots as whole numbers from 0", lambda entry: entry if is_whole(entry, 0, 1023) else None
+    )
     """Order of the robots around the communication ring; None means 0, 1 ... N - 1."""
     start: str = choice("equilibrium", "equilibrium", "rotated", "random")
     """Phases at reset: the equilibrium (2) with theta_0 = 0, the same rotated by a random angle, or all random."""
@@ -157,7 +155,7 @@ class Formation(Checked):
     displaced: tuple[tuple[int, float], ...] = rows(
         (),
         "must contain pairs of a robot and an angle from -100 to 100 [rad]",
-        robot_and(-100, 100),
+        lambda entry: robot_and(entry, -100, 100),
         units=("", "rad"),
     )
     """Robots displaced along the phase at reset, each as (robot, angle [rad])."""
@@ -234,7 +232,7 @@ class Robot(Checked):
     lateral_acceleration_max: float = number(math.inf, 1e-6, 1e6, "m/s^2", or_infinite=True)
     """Largest lateral acceleration (grip) [m/s^2]; the yaw rate is limited to it divided by the speed."""
     drive_factors: tuple[tuple[int, float], ...] = rows(
-        (), "must contain pairs of a robot and a factor from 0.01 to 10", robot_and(0.01, 10), units=("", "")
+        (), "must contain pairs of a robot and a factor from 0.01 to 10", lambda entry: robot_and(entry, 0.01, 10)
     )
     """Cars with a weaker or stronger motor, each as (robot, factor on `drive`), or differential drives with another
     `acceleration_max`; model-based controllers ignore it."""
@@ -351,7 +349,7 @@ class Faults(Checked):
     removed: tuple[tuple[int, float], ...] = rows(
         (),
         "must contain pairs of a robot and a time from 0 to 1000000000 [s]",
-        robot_and(0, _LONGEST),
+        lambda entry: robot_and(entry, 0, _LONGEST),
         units=("", "s"),
     )
     """Robots that are removed, each as (robot, time [s])."""

@@ -30,26 +30,22 @@ _TEMPORARY = ".lissajous-writing"
 class Journal:
     """A JSON Lines file that only grows; its lines are on the disk when `append` returns.
 
-    When the file is opened, a last line that a kill left unfinished is dropped, and `torn` is its length [bytes].
-
-    Args:
-        path: The file; it is created if it does not exist.
-        exclusive: True to lock the file before it is read, until the process ends or closes it.
+    It is created if it does not exist, and locked until the process ends or closes it. When it is opened, a last line
+    that a kill left unfinished is dropped, and `torn` is its length [bytes].
 
     Raises:
         BlockingIOError: another process has locked the file.
         ValueError: the file is a link, or a finished line is damaged; the message names file and line.
     """
 
-    def __init__(self, path: str | Path, exclusive: bool = False):
+    def __init__(self, path: str | Path):
         self.path = Path(path)
         self.entries: list[dict[str, Any]] = []
         """Entries of the file when it was opened; entry k was on line k + 1."""
         self._end = 0
         self._descriptor = open_plainly(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT)
         try:
-            if exclusive:
-                fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._read()
             sync(self.path.parent)
         except BaseException:
@@ -70,8 +66,8 @@ class Journal:
                 if not isinstance(entry, dict):
                     raise ValueError(f"{place} is damaged: it must contain one JSON object")
             except ValueError as error:
-                what = f"got {line.decode(errors='replace')[:60]!r}; delete that line to create it again"
-                raise ValueError(f"{error}; {what}") from None
+                got = f"got {line.decode(errors='replace')[:60]!r}; delete that line to create it again"
+                raise ValueError(f"{error}; {got}") from None
             self.entries.append(entry)
         if self.torn:
             os.ftruncate(self._descriptor, self._end)
@@ -211,7 +207,7 @@ class Folder(contextlib.ExitStack):
                     f"{path} must be a list of the files written here, got {begin!r}; choose another --out"
                 )
         try:
-            return Journal(path, exclusive=True)
+            return Journal(path)
         except BlockingIOError:
             raise ValueError(
                 f"{self.path} is in use by another process; wait for it or choose another folder"

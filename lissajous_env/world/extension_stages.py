@@ -235,8 +235,10 @@ class ExtensionStages:
             else:
                 continue
             state = self._state_of(extension, shape[0])
+            if state:
+                self._after_reset.setdefault("arrays", []).append(self._beginning(extension, state))
             run = self._run(extension, value, state)
-            copy = Stage(f"{extension.name} taken", copies, own=own | {"value": value})
+            copy = Stage(f"{extension.name} copied", copies, own=own | {"value": value})
             # The kernel of a target motion writes the positions itself.
             is_complete = isinstance(extension, TargetMotion) and run[0].is_kernel
             self._after.setdefault(follows, []).extend(run if is_complete else [*run, copy])
@@ -260,11 +262,15 @@ class ExtensionStages:
         return wp.zeros(shape, dtype=dtype, device=self.device)
 
     def _state_of(self, extension: Extension, worlds: int) -> dict[str, wp.array]:
-        """Make the arrays of an extension's state and the stage that fills them; those of a function are on the CPU."""
+        """Make the arrays of an extension's state; those of a function are on the CPU."""
         device = self.device if isinstance(extension.run, wp.Kernel) else "cpu"
         shapes = {name: (worlds, *shape) for name, shape in extension.state.items()}
         state = {name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in shapes.items()}
         self.remembered |= {f"{extension.name}.{name}": array for name, array in state.items()}
+        return state
+
+    def _beginning(self, extension: Extension, state: dict[str, wp.array]) -> Stage:
+        """Return the stage that fills the arrays of an extension's state in the worlds that begin an episode."""
         fresh = self._world[0]["clock"].fresh
 
         def begin() -> None:
@@ -275,9 +281,7 @@ class ExtensionStages:
             for name, array in state.items():
                 array.assign(np.where(begins.reshape(-1, *[1] * (array.ndim - 1)), filled[name], array.numpy()))
 
-        if state:
-            self._after_reset.setdefault("arrays", []).append(Stage(f"{extension.name} begins", begin))
-        return state
+        return Stage(f"{extension.name} begins", begin)
 
     def _run(self, extension: Extension, value: wp.array, state: dict[str, wp.array]) -> list[Stage]:
         """Return the stages of an extension's own kernel or function, which writes into `value`."""

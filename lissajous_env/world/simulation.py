@@ -43,6 +43,7 @@ class Simulation(Copyable):
         final_observation: (W, N, D) rows at the end of each world's previous episode.
         reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
         score_names: Names of the numbers in a row of `score_numbers`.
+        speed_unit: Unit of observed speeds [m/s].
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
@@ -179,7 +180,7 @@ class Simulation(Copyable):
         self._step()
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
-        """Return the score row of the latest episode of some worlds so far.
+        """Return the score row of the latest episode so far of the worlds of a mask or indices, or of all.
 
         Its entries are those of `lissajous_env.world.columns.NAMES` except `policy` and `episode`, then those of
         extensions.
@@ -191,7 +192,7 @@ class Simulation(Copyable):
         ]
 
     def score_numbers(self, worlds: Any) -> np.ndarray:
-        """Return the scores (W, numbers) of some worlds, named by `score_names`.
+        """Return the scores (W, numbers) of the worlds of a mask or indices, named by `score_names`.
 
         The rows of other worlds are infinite instead of NaN, so that environment checkers consider equal infos equal.
         """

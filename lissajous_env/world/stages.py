@@ -96,23 +96,18 @@ def _beginning(scenario: Scenario) -> list[Stage]:
 
 
 def _motion(scenario: Scenario) -> list[Stage]:
-    """Return the stages in which robots move by their actions."""
-    model = model_of(scenario.robot.kind)
+    """Return the stages in which robots move by their actions; drivers turn velocities into steering and throttle."""
+    model, has_driver = model_of(scenario.robot.kind), scenario.task.action == "velocity"
+    own = {"walls": walls_of(scenario)} if has_driver and has_room(scenario) else {}
     return [
         Stage("clock", advance_clock),
         Stage("faults", update_status, when=scenario.faults != Faults()),
         Stage("commands", limit_actions),
-        *(_driver(scenario) if scenario.task.action == "velocity" else []),
+        Stage("driver", follow_velocity, when=has_driver),
+        Stage("walls ahead", drive_inside, when=bool(own), own=own),
         Stage("motion", model.move),
         Stage("phase", follow_curve, when=not model.keeps_to_curve),
     ]
-
-
-def _driver(scenario: Scenario) -> list[Stage]:
-    """Return the stages in which drivers turn velocities into steering and throttle, and stay inside walls."""
-    if not has_room(scenario):
-        return [Stage("driver", follow_velocity)]
-    return [Stage("driver", follow_velocity), Stage("walls ahead", drive_inside, own={"walls": walls_of(scenario)})]
 
 
 def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:

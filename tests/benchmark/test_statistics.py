@@ -8,12 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import bootstrap, trim_mean
 
-from baselines.benchmark.shown import best_value, in_words, number
 from baselines.benchmark.statistics import (
     IMPROVEMENT,
     SHARE_OF_SEEDS,
+    best_value,
     bootstrap_interval,
+    in_words,
     interquartile_mean,
+    number,
     summarize,
     summarize_largest,
 )

@@ -18,8 +18,8 @@ import baselines
 import lissajous_env
 from baselines.benchmark import bounds, shown, types
 from baselines.benchmark.report_page import page as report_page
-from baselines.benchmark.shown import in_words, lines_of, number
-from baselines.benchmark.statistics import MAIN, OVER_LOWER_BOUND, SHOWN, with_numbers
+from baselines.benchmark.shown import lines_of
+from baselines.benchmark.statistics import MAIN, OVER_LOWER_BOUND, SHOWN, in_words, number, with_numbers
 from baselines.benchmark.table import Table, with_derived
 from baselines.benchmark.types import Benchmark, BenchmarkOutcome, cells_of
 from baselines.benchmark.written import latex, markdown, summarized, table_of

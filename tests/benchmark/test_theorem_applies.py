@@ -10,7 +10,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark.theorem import about_theorem, compatible_starts
 from baselines.benchmark.types import Cell
-from baselines.policies.factories import as_factory
+from baselines.policies.registry import as_factory
 from baselines.policies.safety.proved import ProvedParameters, unmet_conditions
 from lissajous_env.parameters.assumptions import AssumptionWarning
 

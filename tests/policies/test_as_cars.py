@@ -10,7 +10,7 @@ import baselines
 import lissajous_env
 from baselines.planning.families import formations, lines, partitions, patrols
 from baselines.policies.as_cars import scenario_of_cars
-from baselines.policies.factories import as_factory
+from baselines.policies.registry import as_factory
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.structs import RobotStruct
 from lissajous_env.parameters import robot_models

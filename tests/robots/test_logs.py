@@ -60,6 +60,7 @@ LONG = (
     ("rough-lost", "kuramoto-mpcc-safe"), ("evaders-lost", "partition-repair"), ("failure", "kuramoto"),
     ("knot", "open-loop"), ("hall", "sweep"), ("evaders-failure", "line-abreast"),
 )  # fmt: skip
+PAIRS = {"robot.count": 6, "formation.alpha": 2, "task.on_collision": "remove", "task.duration": 3.0}
 HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, "task.duration": 3.0})
 
 
@@ -71,6 +72,7 @@ HIT, WEAK = ({"robot.radius": 0.2, "task.duration": 6.0}, {"robot.offset": 6.2, 
     ("evaders", "random", HIT | {"task.on_collision": "stop"}), ("evaders", "random", {"task.duration": 0.1}),
     ("hotspots", "index", {"task.duration": 3.0}),
     ("perturbation", "consensus", {"faults.removed": ((7, 1.0),), "task.duration": 3.0, "task.step": 0.6}),
+    ("failure", "kuramoto", PAIRS | {"faults.removed": ((0, 1.0),), "faults.schedule": ()}),
     ("failure", "random", {"formation.phase_rate": 6.0, "task.on_collision": "stop", "task.duration": 3.0}),
 ])  # fmt: skip
 def test_logs_of_every_kind_and_those_of_their_scores_score_as_the_simulation_did(scenario, policy, fields, tmp_path):
@@ -138,8 +140,7 @@ def test_interpolation_is_exact_for_a_cubic():
     place = np.stack([time**3, 0 * time, 0 * time], axis=1)
     places = motion_of(Track(time, place, 0 * time, 3 * time**2)).at(np.linspace(0, 2.5, 11))[0]
     np.testing.assert_allclose(places[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
-    turning = motion_of(Track(time, 0 * place, time, 0 * time))
-    np.testing.assert_allclose(turning.at(np.array([0.25, 2.0]))[1], [0.25, 2.0])
+    np.testing.assert_allclose(motion_of(Track(time, 0 * place, time, 0 * time)).at(time[1:] / 2)[1], time[1:] / 2)
 
 
 @pytest.mark.parametrize("turn", [1.0, 3.0])
@@ -191,7 +192,7 @@ def test_a_damaged_or_missing_log_is_refused_by_its_name(logged, tmp_path, damag
 
 def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     recording, path = logged
-    page, table = tmp_path / "page.html", tmp_path / "rows.csv"
+    page, table, cars = (tmp_path / name for name in ("page.html", "rows.csv", "cars.toml"))
     code, out, err = called(capsys, "score", path, "--out", page, table, "--json")
     assert (code, err) == (0, "")
     (row,) = json.loads(out)["episodes"]
@@ -199,10 +200,9 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert page.stat().st_size > 10_000
     assert "detection_time_mean" in table.read_text().partition("\n")[0]
     assert "out must be another file than the log, got" in called(capsys, "score", path, "--out", path)[2]
-    one, other = "/robot_0/odom", "/robot_3/odom"
-    code, out, err = called(capsys, "identify", path, "--topics", one, other, "--out", tmp_path / "cars.toml")
+    (lab := tmp_path / "lab\ncurve.a = 9\n#.mcap").write_bytes(path.read_bytes())  # no fields of the scenario
+    code, out, err = called(capsys, "identify", lab, "--topics", "/robot_0/odom", "/robot_3/odom", "--out", cars)
     assert (code, err) == (0, "")
-    scenario = lissajous_env.scenario(str(tmp_path / "cars.toml"))
-    assert scenario.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
+    assert lissajous_env.scenario(cars).robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out

@@ -15,7 +15,7 @@ import lissajous_env
 from baselines.benchmark import results_folder
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
-from baselines.policies import factories
+from baselines.policies import registry
 from lissajous_env.identity import fingerprint
 from lissajous_env.parameters import robot_models
 from lissajous_env.world.robots.point import POINT
@@ -97,12 +97,12 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
     scenario = lissajous_env.scenario("failure")
     policies = Still(scenario, 1, "cpu"), Still, functools.partial(Still, speed=0.5), lambda observation: observation
     for policy in policies:
-        parts = factories.factory_fingerprint(factories.as_factory(policy, "mine"))
+        parts = registry.factory_fingerprint(registry.as_factory(policy, "mine"))
         assert parts["code"].startswith(f"{__name__}:")
         assert set(parts) - {"speed"} == {"code", f"module {__name__}"}
     assert fingerprint(functools.partial(Still, speed=0.5)) != fingerprint(functools.partial(Still, speed=0.4))
     # Code of this distribution is identified by its version.
-    assert set(factories.factory_fingerprint(factories.as_factory("kuramoto"))) == {"code"}
+    assert set(registry.factory_fingerprint(registry.as_factory("kuramoto"))) == {"code"}
 
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):

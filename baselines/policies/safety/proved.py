@@ -21,6 +21,7 @@ import warp as wp
 
 from baselines.policies.base import Filter
 from baselines.policies.inside import Inside
+from baselines.policies.memory import clear_worlds
 from baselines.policies.safety.commitment import COURSES, Memory, commit
 from baselines.policies.safety.own_motion import Terms
 from baselines.policies.safety.tails import POINTS
@@ -32,7 +33,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
 from lissajous_env.world.robots.inside import Walls, walls_of
-from lissajous_env.world.selection import clear_worlds
 
 _STEERING_CHANGES = (0.0, 0.06, 0.13, 0.22, 0.33, 0.47, 0.65, 0.9, 1.3, 2.0)
 _THROTTLE_CHANGES = (0.0, 0.5, 2.0)

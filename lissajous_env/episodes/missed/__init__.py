@@ -67,7 +67,7 @@ def missed_rogue(
         device: Warp device of the simulation.
 
     Raises:
-        ValueError: `task.contamination` of the scenario is None.
+        ValueError: `task.contamination` of the scenario is None, or the seed is invalid.
     """
     played = play(policy, scenario, seed, device)
     path = longest_path(played)

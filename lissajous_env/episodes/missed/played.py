@@ -11,7 +11,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
-from lissajous_env.world.selection import fold_seed, of_world
+from lissajous_env.world.selection import of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import HIDDEN, NEVER, NOWHERE, PRESENT
 
@@ -77,11 +77,11 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
     """Play an episode and copy the tracks of the sensors; a policy for several worlds plays it in each of them.
 
     Raises:
-        ValueError: `task.contamination` of the scenario is None.
+        ValueError: `task.contamination` of the scenario is None, or the seed is invalid.
     """
     scenario = named.build(scenario)
     check_contamination(scenario)
-    scenario, seed = replace(scenario, task=replace(scenario.task, conservative=False)), fold_seed(seed)
+    scenario = replace(scenario, task=replace(scenario.task, conservative=False))
     simulation, sensing = Simulation(scenario, policy.num_worlds, device=device), SensingRobots()
     moments: list[tuple[np.ndarray, ...]] = []
 
