@@ -113,7 +113,7 @@ FIXED = {
     "quaternions are long": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=2.0)), ("not of length 1",)),
     "poses without speeds": (shrunk(make=stamped), ("were not logged",)),
     "poses that are NaN or far beyond all floats of 32 bits": (
-        of_robots(lambda k, t: odometry(EPOCH + t, (math.nan, 1e300)[k] if k < 2 and 1.9 < t < 1.95 else circle(k, t)[0],
+        of_robots(lambda k, t: odometry(EPOCH + t, (math.nan, 1e300)[k] if k < 2 and 1.9 < t < 2 else circle(k, t)[0],
                                         *circle(k, t)[1:])), ("2 messages", "not finite or above 1e+12"),
     ),
     "a status of another type": (
