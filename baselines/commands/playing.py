@@ -81,6 +81,8 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
             raise unknown_scenario(name)
     if denotes_scenario(policy) and policy not in registry.names() and not registry.is_folder(policy):
         raise ValueError(f"policy must be given after the scenario, got {few_of(names)}")
+    if not scenarios:
+        registry.as_factory(policy)  # refuses a policy that does not exist
     require(scenarios, "scenario", "must be given before the policy, one that `lissajous scenarios` lists", policy)
     return tuple(scenarios), policy
 

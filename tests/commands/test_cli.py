@@ -76,7 +76,7 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         (["evaluate", "failure", "x\udcff"], "got 'x"),
         (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
         (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
-        (["evaluate", "failure", "x[/b]"], "must exist, got x[/b]"),
+        (["evaluate", "x[/b]/7"], "folder of a policy must exist, got x[/b]/7"),
         (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),

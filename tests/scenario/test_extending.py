@@ -73,8 +73,8 @@ def test_the_docs_keep_what_they_promise():
     assert {name: len(body.splitlines()) for name, body in FILES.items() if len(body.splitlines()) > 30} == {}
     for name in set(FILES) - {"pyproject.toml", "use_corridor.py"}:
         module = name.removesuffix(".py")
-        called = name, f"{module}:", f"--import {module}"
-        assert any(form in line for line in COMMANDS for form in called), name
+        assert any(form in line for line in COMMANDS for form in (name, f"{module}:", f"--import {module}")), name
+    assert not subprocess.run(["bash", "-n", "-c", "\n".join(COMMANDS)]).returncode  # the shell can read them
 
 
 @pytest.fixture(scope="module")
@@ -87,14 +87,14 @@ def ended(home):
 
 
 IN_TURN = """
-import contextlib, io, json, runpy, sys
+import contextlib, io, json, runpy, shlex, sys
 from lissajous_env.console.cli import main
 ended = {}
 for line in json.load(open("commands.json")):
     said, code = io.StringIO(), 0
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
         try:
-            program, *arguments = line.split()
+            program, *arguments = shlex.split(line)
             main(arguments) if program == "lissajous" else runpy.run_path(arguments[0], run_name="__main__")
         except SystemExit as end:
             code = end.code

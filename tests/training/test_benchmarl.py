@@ -139,9 +139,9 @@ def test_every_scenario_is_a_task():
     }
     assert set(ConfigStore.instance().list("task/lissajous")) == {f"{name}.yaml" for name in names}
     for task in LissajousTask:
-        made = task.get_task()
-        assert made.scenario == lissajous_env.scenario(task.name.lower().replace("_", "-"))
-        assert made.max_steps(None) == made.scenario.task.steps
+        instance = task.get_task()
+        assert instance.scenario == lissajous_env.scenario(task.name.lower().replace("_", "-"))
+        assert instance.max_steps(None) == instance.scenario.task.steps
 
 
 def test_the_config_of_a_task():

@@ -31,8 +31,8 @@ def test_shipped_policies_are_small_and_say_where_they_come_from(name):
 def test_shipped_policies_are_played_like_the_classical_ones():
     assert "learned-watch" in baselines.names("watch")
     assert "learned-watch" not in baselines.names("failure")
-    made = lissajous_env.scenario("watch", **{"task.duration": 5.0})
-    rows = lissajous_env.evaluate(baselines.make("learned-watch", made, 2), made, seeds=range(2))
+    scenario = lissajous_env.scenario("watch", **{"task.duration": 5.0})
+    rows = lissajous_env.evaluate(baselines.make("learned-watch", scenario, 2), scenario, seeds=range(2))
     assert [row["policy"] for row in rows] == ["learned-watch"] * 2
     assert registry.is_default_on("learned-watch", "watch")
     assert not registry.is_default_on("learned-watch", "intercept")
@@ -44,24 +44,24 @@ def test_a_network_of_zeros_drives_as_its_base_does(base):
     # two episodes, of which one world begins the second one early.
     scenario = lissajous_env.scenario("watch", **{"task.duration": 20.0})
     zeros = TeamNetwork.from_arrays({name: 0 * array for name, array in make_team().to_arrays().items()})
-    ours, theirs = LearnedTeam(zeros, Card.of(scenario, base=base), scenario, 2), baselines.make(base, scenario, 2)
-    simulation, wish = Simulation(scenario, 2), theirs.wish
+    learned, rule = LearnedTeam(zeros, Card.of(scenario, base=base), scenario, 2), baselines.make(base, scenario, 2)
+    simulation, wish = Simulation(scenario, 2), rule.wish
 
     def resting(rows):
         velocity = wish(rows)
         return velocity * (np.linalg.norm(velocity, axis=-1, keepdims=True) >= 0.25)
 
-    theirs.wish = resting
+    rule.wish = resting
     for step in range(24):
         rows = simulation.observation.numpy().copy()
-        action = theirs.act(rows)
-        assert ours.act(rows) == pytest.approx(action, abs=1e-5)
+        action = rule.act(rows)
+        assert learned.act(rows) == pytest.approx(action, abs=1e-5)
         simulation.step(action)
         again = simulation.over | [step == 9, False]
         if again.any():
             simulation.reset(again)
-            ours.reset(again)
-            theirs.reset(again)
+            learned.reset(again)
+            rule.reset(again)
 
 
 def test_the_shipped_policy_collides_less_than_its_base_and_sees_more_than_another_rule():

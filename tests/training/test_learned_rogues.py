@@ -46,10 +46,10 @@ def test_training_makes_rogues_that_stay_undetected_longer_than_those_that_wande
     targets = settings.make_scenario().targets
     assert targets.count == settings.starts // 2, "the other rogues appear later"
     assert targets.arrival_rate > 0
-    ours, wander = (
+    learned, wander = (
         undetected_times("sweep", settings.make_scenario(rogues), seeds) for rogues in (str(folder), "wander")
     )
-    assert ours["mean"] > 1.2 * wander["mean"]
+    assert learned["mean"] > 1.2 * wander["mean"]
     assert history["rounds"] == 3
     assert set(history["rivals"]) == {"wander", "flee", "follow-gap"}
     # The scores are those of the stored rogue.
@@ -111,13 +111,13 @@ def test_no_learned_rogue_outlasts_the_bound(trained, tmp_path):
     folder, _ = trained
     fields = {"task.contamination": (36, 16), "task.conservative": True, "task.grid": None, "targets.speed_limit": 0.3}
     many = {"targets.count": 20, "targets.arrival_rate": 20 / SMALL["task.duration"]}
-    made = lissajous_env.scenario("experiment", **SMALL, **fields, **many)
-    card = rogue_card(made)
+    scenario = lissajous_env.scenario("experiment", **SMALL, **fields, **many)
+    card = rogue_card(scenario)
     for k in range(3):
         checkpoint.save(tmp_path / str(k), make_network(len(card.inputs), k), card)
     for rogue in (folder, *tmp_path.iterdir()):
         for policy in ("still", "sweep"):
-            played = lissajous_env.scenario(made, rogues=str(rogue))
+            played = lissajous_env.scenario(scenario, rogues=str(rogue))
             rows = lissajous_env.evaluate(baselines.make(policy, played, 6), played, range(6))
             assert all(row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-6 for row in rows)
 
@@ -147,8 +147,8 @@ def test_a_folder_is_named_like_a_script(trained, tmp_path, capsys, monkeypatch)
         baselines.make("sweep", lissajous_env.scenario("experiment", **SMALL), 2), "experiment", range(2),
         rogues=str(folder), **SMALL,
     )  # fmt: skip
-    told = [row["detection_time_mean"] for row in json.loads(out)["episodes"]]
-    assert told == [row["detection_time_mean"] for row in rows]
+    times = [row["detection_time_mean"] for row in json.loads(out)["episodes"]]
+    assert times == [row["detection_time_mean"] for row in rows]
 
 
 def test_results_of_another_rogue_in_the_same_folder_are_refused(trained, tmp_path, capsys):

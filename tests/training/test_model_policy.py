@@ -21,7 +21,7 @@ SHORT = {"task.duration": 2.0}
 FAST = {"n_steps": 8, "batch_size": 40, "n_epochs": 1, "device": "cpu"}
 
 
-def made(name="experiment", **overrides):
+def short_scenario(name="experiment", **overrides):
     return lissajous_env.scenario(name, **SHORT | overrides)
 
 
@@ -50,10 +50,10 @@ def same(rows, scores):
 def test_a_model_of_rows_scores_as_where_it_was_trained(name):
     # Oracle: the environment that it was trained on, stepped with the model's own predict, on the same seeds. The
     # number of worlds is the same too: the last bit of a matrix product may depend on the number of its rows.
-    env = training.sb3.RobotVecEnv(made(name), 3)
+    env = training.sb3.RobotVecEnv(short_scenario(name), 3)
     model = PPO("MlpPolicy", env, seed=1, **FAST).learn(200)
     scores = played_by_hand(model, env, 3)
-    policy = training.sb3.ModelPolicy(model, made(name), num_worlds=3)
+    policy = training.sb3.ModelPolicy(model, short_scenario(name), num_worlds=3)
     rows = by_policy(policy, scores)
     assert [row["policy"] for row in rows] == ["PPO"] * 3
     assert same(rows, scores)
@@ -62,7 +62,7 @@ def test_a_model_of_rows_scores_as_where_it_was_trained(name):
 
 def test_normalised_rows_are_normalised_again():
     # Oracle: as above, behind the `VecNormalize` that the model was trained behind; and without it, another score.
-    scenario = made()
+    scenario = short_scenario()
     env = VecNormalize(training.sb3.RobotVecEnv(scenario, 3))
     model = PPO("MlpPolicy", env, seed=1, **FAST).learn(400)
     env.training = False
@@ -77,7 +77,7 @@ def test_a_model_of_the_team_scores_as_where_it_was_trained(form):
     # as there: a product of torch's matrices rounds by how many rows it has.
     env = gymnasium.make("lissajous_env:lissajous/experiment-v0", **SHORT, **form)
     model = PPO("MlpPolicy", env, seed=1, **FAST | {"batch_size": 8}).learn(16)
-    policy = training.sb3.ModelPolicy(model, made())
+    policy = training.sb3.ModelPolicy(model, short_scenario())
     scores = []
     for seed in (3, 4):
         observation, over = env.reset(seed=seed)[0], False
@@ -169,7 +169,7 @@ def my_policy(scenario, num_worlds, device):
 """
 
 
-def told_as(value):
+def as_json(value):
     """A score as JSON has it: 12 digits, and null for what does not exist."""
     return value if isinstance(value, str) else None if value != value else pytest.approx(value, abs=1e-11)
 
@@ -183,10 +183,10 @@ def test_the_commands_play_a_model_of_ones_own(tmp_path, monkeypatch, capsys):
     options = ("--episodes", 3, "--set", "task.duration=2", "--json")
     code, printed, errors = called(capsys, "evaluate", "experiment", "my_module:my_policy", *options)
     assert code == 0, errors
-    policy = training.sb3.ModelPolicy(PPO.load(tmp_path / "mine.zip"), made(), num_worlds=3)
-    for row, told in zip(
-        lissajous_env.evaluate(policy, made(), range(3)), json.loads(printed)["episodes"], strict=True
+    policy = training.sb3.ModelPolicy(PPO.load(tmp_path / "mine.zip"), short_scenario(), num_worlds=3)
+    for row, score in zip(
+        lissajous_env.evaluate(policy, short_scenario(), range(3)), json.loads(printed)["episodes"], strict=True
     ):
-        assert told.pop("policy") == "my_module:my_policy"
-        assert len(told) > 20
-        assert told == {name: told_as(row[name]) for name in told}
+        assert score.pop("policy") == "my_module:my_policy"
+        assert len(score) > 20
+        assert score == {name: as_json(row[name]) for name in score}

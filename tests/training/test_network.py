@@ -48,9 +48,9 @@ def test_a_network_is_the_formula(sizes):
 
 
 def test_the_arrays_of_a_network_are_its_own():
-    given = np.ones((2, 3))
-    network = RogueNetwork({"0.weight": given, "0.bias": np.zeros(2)})
-    given[:] = 5.0
+    weights = np.ones((2, 3))
+    network = RogueNetwork({"0.weight": weights, "0.bias": np.zeros(2)})
+    weights[:] = 5.0
     assert (network.arrays["0.weight"] == 1).all()
     with pytest.raises(ValueError, match="read-only"):
         network.arrays["0.weight"][:] = 5.0
@@ -98,12 +98,12 @@ def test_a_checkpoint_gives_back_what_was_saved(tmp_path, monkeypatch):
     assert again == card
     assert text["counters"] == {"steps": 7}
     assert {"lissajous-env", "torch"} & set(text["versions"]) == {"lissajous-env"}
-    for name, ours in network.to_arrays().items():
-        theirs = read.to_arrays()[name]
-        assert (ours == theirs).all()
-        assert theirs.dtype == np.float32
-    kept = checkpoint.read_state(tmp_path / "x", text)
-    assert {name: array.tolist() for name, array in kept.items()} == {k: v.tolist() for k, v in state.items()}
+    for name, saved in network.to_arrays().items():
+        loaded = read.to_arrays()[name]
+        assert (saved == loaded).all()
+        assert loaded.dtype == np.float32
+    arrays = checkpoint.read_state(tmp_path / "x", text)
+    assert {name: array.tolist() for name, array in arrays.items()} == {k: v.tolist() for k, v in state.items()}
 
 
 def test_a_new_checkpoint_takes_the_place_of_the_old_one(tmp_path):

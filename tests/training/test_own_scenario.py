@@ -49,8 +49,8 @@ def here(tmp_path, monkeypatch):
 
 def settings(**changes):
     small: dict = {"scenario": "mine.toml", "overrides": {}}
-    given: dict = SMALL | small | {"out": Path("run")} | changes
-    return TrainingSettings(**given)
+    fields: dict = SMALL | small | {"out": Path("run")} | changes
+    return TrainingSettings(**fields)
 
 
 def trained(**changes):
@@ -110,8 +110,8 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
     wanted = trained(overrides={"extensions": [{"place": "my_extras:doubled", "low": -2.0}]})
     assert training.load("run").scenario == wanted
     # An extension that is given as an object is recorded as in any other process, so that a training resumes there.
-    given = settings(overrides={"extensions": [sys.modules["my_extras"].doubled]})
-    assert " at 0x" not in str(given.to_dict())
+    own_settings = settings(overrides={"extensions": [sys.modules["my_extras"].doubled]})
+    assert " at 0x" not in str(own_settings.to_dict())
     # Story: another process, which has not imported it; a stranger's folder cannot make it.
     monkeypatch.delitem(sys.modules, "my_extras")
     with pytest.raises(ValueError, match="scenario mine uses my_extras:doubled: import my_extras before"):
@@ -145,9 +145,9 @@ def test_a_damaged_scenario_is_refused(here, part, value, words):
 
 @pytest.mark.parametrize("name", lissajous_env.scenarios())
 def test_plain_values_make_the_scenario(name):
-    made = lissajous_env.scenario(name).resolve()
-    text = json.dumps(plain(made.to_dict()), allow_nan=False)
-    assert scenario_of_json(json.loads(text)) == made
+    scenario = lissajous_env.scenario(name).resolve()
+    text = json.dumps(plain(scenario.to_dict()), allow_nan=False)
+    assert scenario_of_json(json.loads(text)) == scenario
 
 
 def test_a_file_may_begin_with_a_byte_order_mark_and_have_any_name(tmp_path):

@@ -110,7 +110,7 @@ def left_at_the_end(env, seed):
 
 def test_when_all_robots_are_removed_the_episode_is_terminated():
     env = LissajousMultiAgentEnv({**CRASHING, "robot.count": 2, "robot.radius": 0.9, "task.duration": 60.0})
-    returned = next(each for each in (play(env, seed, 600) for seed in range(50)) if len(each) <= 600)
+    returned = next(steps for steps in (play(env, seed, 600) for seed in range(50)) if len(steps) <= 600)
     _, _, terminateds, truncateds, _ = returned[-1]
     assert terminateds == {"robot_0": True, "robot_1": True, "__all__": True}
     assert truncateds == {"__all__": False}
@@ -156,8 +156,8 @@ def test_rogues_come_and_go():
     over, appeared = False, 0
     while not over:
         acted = set(env.agents)
-        given = {agent: draw.uniform(-1, 1, 2).astype(np.float32) for agent in acted}
-        observations, rewards, terminated, truncated, _ = env.step(given)
+        actions = {agent: draw.uniform(-1, 1, 2).astype(np.float32) for agent in acted}
+        observations, rewards, terminated, truncated, _ = env.step(actions)
         assert rewards.keys() == acted == terminated.keys() - {"__all__"}
         appeared += len(observations.keys() - acted)
         over = terminated["__all__"] or truncated["__all__"]

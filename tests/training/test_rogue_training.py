@@ -29,8 +29,8 @@ def test_discrete_actions_are_rows_of_the_table():
     assert (chosen.reset() == plain.reset()).all()
     for _ in range(50):
         indices = draw.integers(9, size=6)
-        ours, theirs = chosen.step(indices), plain.step(rogue_table()[indices])
-        assert all((one == other).all() for one, other in zip(ours[:3], theirs[:3], strict=True))
+        by_index, by_row = chosen.step(indices), plain.step(rogue_table()[indices])
+        assert all((one == other).all() for one, other in zip(by_index[:3], by_row[:3], strict=True))
     assert len(chosen.scores) > 0
     DQN("MlpPolicy", chosen, learning_starts=60, buffer_size=600).learn(120)
     for wrong, words in (([0] * 5, r"whole numbers of shape \(6,\)"), ([0.0] * 6, "whole numbers"),

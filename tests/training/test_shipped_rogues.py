@@ -34,9 +34,9 @@ def test_each_shipped_rogue_tells_how_it_was_trained():
 
 def test_the_table_of_the_page_is_that_of_the_stored_times():
     # Oracle: what the command that the page names prints.
-    found, page = rows(), (Path(__file__).parents[2] / "docs" / "rogues.md").read_text(encoding="utf-8")
-    assert len(found) >= len(LEARNED)
-    assert [row for row in found if row not in page] == []
+    table, page = rows(), (Path(__file__).parents[2] / "docs" / "rogues.md").read_text(encoding="utf-8")
+    assert len(table) >= len(LEARNED)
+    assert [row for row in table if row not in page] == []
 
 
 def test_each_shipped_rogue_hides_better_than_every_script():
@@ -50,15 +50,15 @@ def test_the_stored_times_are_those_of_the_shipped_weights():
     # Oracle: a few of the held-out episodes; their mean lies within the spread of all.
     stored = text_of("hide-from-sweep")["held_out_times"]["sweep"]
     scenario = lissajous_env.scenario("evaders", **{"task.grid": None, "task.contamination": None})
-    found = {}
+    times = {}
     for rogue in ("hide-from-sweep", "follow-gap"):
         many = {"targets.count": 48, "targets.arrival_rate": 48 / scenario.task.duration}
-        made = lissajous_env.scenario(scenario, rogues=rogue, **many, **{"targets.speed_limit": scenario.rogue_speed})
-        rows = lissajous_env.evaluate(baselines.make("sweep", made, 4), made, range(10_000, 10_004))
-        found[rogue] = np.array([row["detection_time_mean"] for row in rows])
-    ours = found["hide-from-sweep"]
-    assert np.abs(ours.mean() - stored["learned"]["mean"]) < 4 * max(ours.std(ddof=1), 0.2) / 2
-    assert (ours > found["follow-gap"]).all()
+        task = lissajous_env.scenario(scenario, rogues=rogue, **many, **{"targets.speed_limit": scenario.rogue_speed})
+        rows = lissajous_env.evaluate(baselines.make("sweep", task, 4), task, range(10_000, 10_004))
+        times[rogue] = np.array([row["detection_time_mean"] for row in rows])
+    learned = times["hide-from-sweep"]
+    assert np.abs(learned.mean() - stored["learned"]["mean"]) < 4 * max(learned.std(ddof=1), 0.2) / 2
+    assert (learned > times["follow-gap"]).all()
 
 
 def test_the_name_of_a_shipped_rogue_is_taken():

@@ -38,8 +38,8 @@ def by_hand(kind="default", num_worlds=4, seed=0, **settings):
     settings = {**SHORT, **KINDS[kind], **settings}
     for name in ("discrete_actions", "state"):
         settings.pop(name, None)
-    made = lissajous_env.scenario(settings.pop("scenario", "experiment"), **settings)
-    return lissajous_env.Simulation(made, num_worlds, seed=seed)
+    scenario = lissajous_env.scenario(settings.pop("scenario", "experiment"), **settings)
+    return lissajous_env.Simulation(scenario, num_worlds, seed=seed)
 
 
 def actions_of(env, steps, seed=0):
@@ -53,10 +53,10 @@ def actions_of(env, steps, seed=0):
 
 def play(env, actions, **settings):
     """Roll out with given actions: a TensorDict (W, steps); worlds that end are reset, each on its own."""
-    given = iter(actions.to(env.device))
+    upcoming = iter(actions.to(env.device))
 
     def policy(tensordict):
-        return tensordict.set(("robot", "action"), next(given))
+        return tensordict.set(("robot", "action"), next(upcoming))
 
     return env.rollout(len(actions), policy, break_when_any_done=False, **settings)
 
@@ -88,8 +88,8 @@ def test_a_rollout_is_the_simulation_stepped_by_hand(kind, device):
     # Oracle: `Simulation` with the same seeds and NumPy actions, bit for bit over three episodes of each world.
     env = make(kind, seed=20, device=device)
     actions = actions_of(env, 33)
-    data, made = play(env, actions).cpu(), env.batch.scenario
-    simulation = by_hand(kind, seed=20) if device == "cpu" else lissajous_env.Simulation(made, 4, device, 20)
+    data, scenario = play(env, actions).cpu(), env.batch.scenario
+    simulation = by_hand(kind, seed=20) if device == "cpu" else lissajous_env.Simulation(scenario, 4, device, 20)
     table = action_table(env.batch.scenario)
     ends = 0
     for t, batch in enumerate(actions.numpy()):

@@ -232,17 +232,17 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
         present = (draw.random((2, 3, 5)) < 0.6).astype(np.float32)
         present[0, 0] = 0
         seen = Perception(own.astype(np.float32), tokens.astype(np.float32) * present[..., None], present)
-        held = draw.normal(size=(2, 3, memory)).astype(np.float32)
+        before = draw.normal(size=(2, 3, memory)).astype(np.float32)
         flat = [torch.from_numpy(part.reshape(1, 6, *part.shape[2:])) for part in seen]
-        inputs = flat, torch.from_numpy(held.reshape(6, memory)), torch.zeros(1, 6)
-        outputs, after = module.arrays()(seen, held)
+        inputs = flat, torch.from_numpy(before.reshape(6, memory)), torch.zeros(1, 6)
+        outputs, after = module.arrays()(seen, before)
         with torch.no_grad(), torch.autocast("cpu", enabled=False):
-            wanted, kept = TeamModule.forward.__wrapped__(module, *inputs)
+            wanted, wanted_after = TeamModule.forward.__wrapped__(module, *inputs)
             module.corrects = True
             added, _ = TeamModule.forward.__wrapped__(module, *inputs)
         assert outputs.reshape(6, 2) == pytest.approx(wanted[0].numpy(), abs=1e-5)
         assert (added - wanted)[0].numpy() == pytest.approx(seen.own.reshape(6, -1)[:, -2:], abs=1e-5)
-        assert after.reshape(6, memory) == pytest.approx(kept.numpy(), abs=1e-5)
+        assert after.reshape(6, memory) == pytest.approx(wanted_after.numpy(), abs=1e-5)
 
 
 def test_what_the_critic_reads_is_the_true_state(tmp_path):

@@ -56,18 +56,18 @@ def test_episodes_are_reported_as_a_monitor_reports_them(tmp_path):
     # Oracle: the library's own VecMonitor around a batch of the same seed; cars are removed where they collide.
     changes = {"task.duration": 2.0, "task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
     scenario = lissajous_env.scenario("failure", **changes)
-    ours, theirs = (RobotVecEnv(scenario, 6, seed=1) for _ in range(2))
-    theirs = VecMonitor(theirs)
+    env, monitored = (RobotVecEnv(scenario, 6, seed=1) for _ in range(2))
+    monitored = VecMonitor(monitored)
     draw, ended, early = np.random.default_rng(0), 0, 0
-    rows = [ours.reset(), theirs.reset()]
+    rows = [env.reset(), monitored.reset()]
     assert (rows[0] == rows[1]).all()
     for _ in range(60):
-        gone = ours.simulation.terminated.numpy().reshape(-1).copy()
-        actions = draw.uniform(-1, 1, (ours.num_envs, 1))
-        *_, infos = ours.step(actions)
+        gone = env.simulation.terminated.numpy().reshape(-1).copy()
+        actions = draw.uniform(-1, 1, (env.num_envs, 1))
+        *_, infos = env.step(actions)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            *_, wanted = theirs.step(actions)
+            *_, wanted = monitored.step(actions)
         for k, (info, other) in enumerate(zip(infos, wanted, strict=True)):
             # The monitor counts the steps after a robot was removed, too.
             assert ("episode" in info) == ("episode" in other and not gone[k])

@@ -38,7 +38,7 @@ CASES = {
 
 
 @pytest.fixture
-def made(monkeypatch):
+def make_simulation(monkeypatch):
     """Make a simulation that has bins or not, whatever its size."""
 
     def make(scenario, with_bins):
@@ -53,38 +53,38 @@ def drive(simulations, steps=15, most=1.0):
     rng = np.random.default_rng(1)
     for _ in range(steps):
         action = (most * rng.uniform(-1, 1, simulations[0].action_shape)).astype(np.float32)
-        for each in simulations:
-            each.step(action)
+        for simulation in simulations:
+            simulation.step(action)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_trajectory_is_the_same_with_bins(case, made):
+def test_a_trajectory_is_the_same_with_bins(case, make_simulation):
     # Oracle: every robot asked by every target and every other robot.
     name, overrides = CASES[case]
     scenario = lissajous_env.scenario(name, **overrides)
-    alone, binned = made(scenario, False), made(scenario, True)
+    alone, binned = make_simulation(scenario, False), make_simulation(scenario, True)
     drive([alone, binned], 15 if scenario.resolve().num_robots < 300 else 4)
     assert different(alone, binned) == []
 
 
 @pytest.mark.parametrize("case", ["stopped by collisions", "large bodies", "crowd"])
-def test_a_lane_for_each_entity_gives_the_same(case, made, monkeypatch):
+def test_a_lane_for_each_entity_gives_the_same(case, make_simulation, monkeypatch):
     # Oracle: as above. So a GPU launches the kernels; here its threads come one after the other, in their order.
     name, overrides = CASES[case]
     scenario = lissajous_env.scenario(name, **overrides)
-    alone = made(scenario, False)
+    alone = make_simulation(scenario, False)
     monkeypatch.setattr(program.Program, "_lanes", lambda self, stage: self._sizes.get(stage.over, 1))
-    many = made(scenario, True)
+    many = make_simulation(scenario, True)
     drive([alone, many], 4)
     assert different(alone, many) == []
 
 
-def test_of_robots_in_one_place_the_first_detects_and_is_seen_first(made):
+def test_of_robots_in_one_place_the_first_detects_and_is_seen_first(make_simulation):
     # Oracle: as above. Lists are in no order, and every other robot stands where the one before it stands.
     overrides = {**DENSE, "targets.count": 3000, "targets.speed": 5.0, "targets.arrival_rate": 20_000.0}
-    pair = [made(lissajous_env.scenario("swarm", **overrides), with_bins) for with_bins in (False, True)]
-    for each in pair:
-        each.robots.phase.assign(np.repeat(each.robots.phase.numpy()[:, ::2], 2, axis=1)[:, :401])
+    pair = [make_simulation(lissajous_env.scenario("swarm", **overrides), with_bins) for with_bins in (False, True)]
+    for simulation in pair:
+        simulation.robots.phase.assign(np.repeat(simulation.robots.phase.numpy()[:, ::2], 2, axis=1)[:, :401])
     drive(pair, 3, most=0.0)
     assert different(*pair) == []
     detections = pair[1].latest.detections.numpy()
@@ -108,9 +108,9 @@ def brute_force(track, there):
 def test_collisions_of_a_thousand_robots_are_those_of_brute_force():
     # Oracle: every pair in float64, by NumPy.
     overrides = {"curve.a": 501, "curve.b": 500, "robot.radius": 0.02, "targets.count": 0, "task.grid": None}
-    made = lissajous_env.scenario("swarm", **overrides, **{"faults.removed": tuple((k, 0.15) for k in range(100))})
-    assert has_bins(made.resolve())
-    simulation, nearest, in_contact = lissajous_env.Simulation(made, seed=2), np.inf, 0
+    scenario = lissajous_env.scenario("swarm", **overrides, **{"faults.removed": tuple((k, 0.15) for k in range(100))})
+    assert has_bins(scenario.resolve())
+    simulation, nearest, in_contact = lissajous_env.Simulation(scenario, seed=2), np.inf, 0
     for _ in range(4):
         drive([simulation], 1)
         there = simulation.robots.status.numpy()[0] != int(REMOVED)

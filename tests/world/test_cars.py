@@ -35,8 +35,8 @@ def throttle_action(robot, throttle):
 
 
 @wp.kernel
-def to_action(robot: RobotStruct, given: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec2)):
-    out[wp.tid()] = car_action(robot, given[wp.tid()][0], given[wp.tid()][1])
+def to_action(robot: RobotStruct, commands: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec2)):
+    out[wp.tid()] = car_action(robot, commands[wp.tid()][0], commands[wp.tid()][1])
 
 
 def test_inputs_by_hand_and_there_and_back():
@@ -44,9 +44,9 @@ def test_inputs_by_hand_and_there_and_back():
     robot = Robot(steering_max=0.35, throttle_min=0.1, throttle_max=0.25)
     actions, inputs = [[-1, -1], [0, 0], [1, 1]], [[-0.35, 0.1], [0, 0.175], [0.35, 0.25]]
     np.testing.assert_allclose(commands_of_actions(robot, np.float32(actions)), inputs, atol=1e-7)
-    given = wp.array(np.float32([*inputs, [0.5, 0.0], [-0.5, 1.0]]), dtype=wp.vec2, device="cpu")
-    out = wp.zeros_like(given)
-    wp.launch(to_action, 5, [to_struct(RobotStruct, robot), given, out], device="cpu")
+    commands = wp.array(np.float32([*inputs, [0.5, 0.0], [-0.5, 1.0]]), dtype=wp.vec2, device="cpu")
+    out = wp.zeros_like(commands)
+    wp.launch(to_action, 5, [to_struct(RobotStruct, robot), commands, out], device="cpu")
     np.testing.assert_allclose(out.numpy(), [*actions, [1, -1], [-1, 1]], atol=1e-6)
 
 
@@ -174,9 +174,9 @@ def test_policies_drive_cars_that_could_reverse_as_those_that_cannot(policy):
     states = []
     for speed_min in (0.0, -1.0):
         scenario = lissajous_env.scenario("evaders", **{"robot.speed_min": speed_min, "noise.drive_spread": 0.0})
-        simulation, made = lissajous_env.Simulation(scenario, 2, seed=1), baselines.make(policy, scenario, 2)
+        simulation, driver = lissajous_env.Simulation(scenario, 2, seed=1), baselines.make(policy, scenario, 2)
         for _ in range(40):
-            simulation.step(made.act(simulation.observation))
+            simulation.step(driver.act(simulation.observation))
         states.append((simulation.robots.position.numpy(), simulation.robots.speed.numpy()))
     for one, other in zip(*states, strict=True):
         np.testing.assert_allclose(one, other, atol=2e-3)

@@ -26,7 +26,7 @@ def test_a_column_is_named_in_three_files_at_most():
 
 
 def test_a_column_has_a_rule_a_meaning_and_an_order_of_its_own():
-    orders = [each.order for each in COLUMNS.values() if each.order]
+    orders = [column.order for column in COLUMNS.values() if column.order]
     assert len(set(orders)) == len(orders)
     assert all(COLUMNS[name].value is not None and meaning for name, meaning in MEANINGS.items() if name in COLUMNS)
     assert COLUMNS["recovery_time"].refusal(None) is None, "a missing number, which has a reason"

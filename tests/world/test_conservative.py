@@ -83,7 +83,7 @@ def unseen_behind_a_convoy(angle, step, grid, gap):
     ("degrees", "step", "grid"),
     [
         (22.5, 0.1, (40, 40)), (114.0, 0.05, (60, 45)), (22.5, 0.3, (80, 80)),
-        *(pytest.param(each, 0.02, (80, 80), marks=pytest.mark.long) for each in (0.0, 13.0, 26.6, 31.0)),
+        *(pytest.param(degrees, 0.02, (80, 80), marks=pytest.mark.long) for degrees in (0.0, 13.0, 26.6, 31.0)),
     ],
 )  # fmt: skip
 def test_a_rogue_in_a_gap_of_a_formation_that_moves_is_not_unseen_for_longer_than_the_figure(degrees, step, grid):

@@ -24,7 +24,7 @@ def played(policy, seed=0, slices=0, **overrides):
     simulation = lissajous_env.Simulation(scenario, seed=seed)
     ages, sensors = [], []
 
-    def keep(taken):
+    def keep(_):
         ages.append(int(simulation.contamination.age.numpy()[0]))
         if slices:
             sensors.append(sensors_of(simulation, slices))

@@ -39,12 +39,12 @@ def test_the_lissajous_curve_as_harmonics_is_the_lissajous_curve(kind):
     both = [lissajous_env.Simulation(scenario, 3, seed=4) for scenario in scenarios]
     for _ in range(25):
         action = rng.uniform(-0.5, 0.5, both[0].action_shape).astype(np.float32)
-        for each in both:
-            each.step(action)
+        for simulation in both:
+            simulation.step(action)
     for name in ("position", "heading", "phase", "measured"):
-        one, other = (getattr(each.robots, name).numpy() for each in both)
+        one, other = (getattr(simulation.robots, name).numpy() for simulation in both)
         np.testing.assert_allclose(one, other, atol=2e-3, err_msg=name)
-    rows = [each.score()[0] for each in both]
+    rows = [simulation.score()[0] for simulation in both]
     assert rows[0]["lateral_error_max"] == pytest.approx(rows[1]["lateral_error_max"], abs=5e-3)
     assert np.isnan(rows[0]["spacing_factor"]), "known of Lissajous curves alone"
 

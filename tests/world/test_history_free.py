@@ -56,7 +56,7 @@ def ahead(world):
     return np.stack([np.cos(world.robots.heading), np.sin(world.robots.heading)], axis=-1)
 
 
-def made(case, worlds=2):
+def simulation_of(case, worlds=2):
     name, overrides = CASES[case]
     scenario = lissajous_env.scenario(name, extensions=[speedy, farthest, ahead], **overrides)
     assert has_bins(scenario.resolve()) == case.startswith("bins")
@@ -75,9 +75,9 @@ def arrays_in(values):
 def state_of(simulation):
     """Every array that kernels write: all that they are given, but what is made of the scenario alone."""
     constants = {"initial", *constants_of(simulation.scenario, simulation.device)}
-    for each in (simulation._reset, simulation._step):
-        yield from arrays_in({name: value for name, value in each._values.items() if name not in constants})
-        for stage in each.stages:
+    for program in (simulation._reset, simulation._step):
+        yield from arrays_in({name: value for name, value in program._values.items() if name not in constants})
+        for stage in program.stages:
             yield from arrays_in(stage.own)
 
 
@@ -107,7 +107,7 @@ def play(simulation, seeds, steps=30):
     draws = [np.random.default_rng(seed) for seed in seeds]
     for _ in range(steps):
         simulation.step(*actions(simulation, draws))
-        shown += [each.numpy().copy() for each in (simulation.observation, simulation.reward_terms)]
+        shown += [array.numpy().copy() for array in (simulation.observation, simulation.reward_terms)]
         shown += [simulation.terminated.numpy().copy(), simulation.truncated.numpy().copy()]
     return shown, str(simulation.score()), simulation.save_state()
 
@@ -124,9 +124,9 @@ def assert_same(got, expected):
 @pytest.mark.parametrize("case", CASES)
 def test_what_memory_held_before_a_reset_changes_nothing(case):
     # Oracle: a simulation that was never used.
-    expected = play(made(case), [8, 9])
+    expected = play(simulation_of(case), [8, 9])
     for floating, whole in POISONS:
-        used = made(case)
+        used = simulation_of(case)
         play(used, [1, 2], steps=17)
         poison(used, floating, whole)
         assert_same(play(used, [8, 9]), expected)
@@ -135,7 +135,7 @@ def test_what_memory_held_before_a_reset_changes_nothing(case):
 @pytest.mark.parametrize("case", CASES)
 def test_a_world_in_a_batch_is_the_world_alone(case):
     # Oracle: the batch law, bit for bit, at another place of the batch.
-    (shown, *_), (alone, *_) = play(made(case, 3), [8, 9, 10]), play(made(case, 1), [9])
+    (shown, *_), (alone, *_) = play(simulation_of(case, 3), [8, 9, 10]), play(simulation_of(case, 1), [9])
     for step, (batch, mine) in enumerate(zip(shown, alone, strict=True)):
         assert np.array_equal(batch[1:2], mine, equal_nan=True), f"array {step}"
 
@@ -143,15 +143,15 @@ def test_a_world_in_a_batch_is_the_world_alone(case):
 @pytest.mark.parametrize("case", CASES)
 def test_a_loaded_state_goes_on_the_same_in_a_simulation_with_another_history(case):
     # Oracle: the simulation whose state was saved, going on. The other one is a step ahead in another episode.
-    first, second = made(case), made(case)
+    first, second = simulation_of(case), simulation_of(case)
     play(first, [8, 9], steps=11)
     play(second, [9, 8], steps=12)
     second.load_state(first.save_state())
     draws = [np.random.default_rng(k) for k in range(2)]
     for _ in range(15):
-        given = actions(first, draws)
-        for each in (first, second):
-            each.step(*given)
+        drawn = actions(first, draws)
+        for simulation in (first, second):
+            simulation.step(*drawn)
         assert first.observation.numpy().tobytes() == second.observation.numpy().tobytes()
         assert first.reward_terms.numpy().tobytes() == second.reward_terms.numpy().tobytes()
     assert str(first.score()) == str(second.score())

@@ -167,12 +167,12 @@ def assert_score_in_range(scenario, simulation):
         # The nearest point of the curve is no farther than that of the robot's own phase.
         for part in ("mean", "max"):
             assert not row[f"lateral_error_{part}"] > 1.001 * row[f"tracking_error_{part}"] + 0.01 * longest
-    found = simulation.targets.found_at.numpy() < NEVER
+    detected = simulation.targets.found_at.numpy() < NEVER
     early = simulation.targets.found_early.numpy()
     assert ((early >= 0) & (early <= 1)).all()
-    assert (early[~found] == 0).all()
+    assert (early[~detected] == 0).all()
     waited = simulation.targets.found_at.numpy() - simulation.targets.appears_at.numpy()
-    assert (early <= waited)[found].all(), "nobody is seen before being there"
+    assert (early <= waited)[detected].all(), "nobody is seen before being there"
     cells = math.prod(scenario.task.grid or (0,))
     assert (simulation.tally.covered.numpy() <= cells).all()
     assert (simulation.tally.covered_each.numpy() <= cells * simulation.num_robots).all()

@@ -125,9 +125,9 @@ def test_cars_of_the_included_space_can_all_come_to_rest_from_the_start():
     # Oracle: with the same drag, cars without motors meet where cars that keep their speed for 1/drag do.
     space = lissajous_env.scenario_space("monitoring-v1")
     for scenario in itertools.islice(space.scenarios("train"), 12):
-        made = lissajous_env.scenario(scenario, **{"task.contamination": None, "task.grid": None})
-        least = _least_distances(lissajous_env.Simulation(made, 32), 1 / made.robot.drag)
-        assert (least > 0.999 * 2 * made.robot.radius).all(), scenario.name
+        bare = lissajous_env.scenario(scenario, **{"task.contamination": None, "task.grid": None})
+        least = _least_distances(lissajous_env.Simulation(bare, 32), 1 / bare.robot.drag)
+        assert (least > 0.999 * 2 * bare.robot.radius).all(), scenario.name
 
 
 def test_action_minus_one_turns_the_motors_of_the_included_space_off_also_with_noise():

@@ -68,7 +68,7 @@ def test_an_observation_is_what_its_table_says():
     # Oracle: the entries computed by hand from places, walls and radius.
     robots = [[0.5, 0.0], [0.0, 0.6], [1.5, -0.7], [1.6, -0.7], [1.7, 0.7]]
     simulation = placed([[0.1, -0.2]], robots, **{"sensing.radius": 0.3})
-    curve, found = simulation.scenario.curve, simulation.robots.position.numpy()[0, :, :2]
+    curve, places = simulation.scenario.curve, simulation.robots.position.numpy()[0, :, :2]
     x, y = simulation.targets.position.numpy()[0, 0]
     assert row(simulation, ["present", "x", "y"]) == pytest.approx([1.0, x / curve.half_width, y / curve.half_height])
     walls = np.array([x + curve.half_width, curve.half_width - x, y + curve.half_height, curve.half_height - y]) / 0.3
@@ -76,7 +76,7 @@ def test_an_observation_is_what_its_table_says():
     assert row(simulation, names) == pytest.approx(np.minimum(walls, 4.0), abs=1e-5)
     bound = simulation.scenario.detection_time_bound
     assert row(simulation, ["age"])[0] == pytest.approx(simulation.scenario.task.step / bound, rel=1e-5)
-    away = found - (x, y)
+    away = places - (x, y)
     for place, robot in enumerate(np.argsort(np.linalg.norm(away, axis=1))):
         names = [f"robot_{place}_{name}" for name in ("present", "works", "x", "y", "gap")]
         gap = min(np.linalg.norm(away[robot]) / 0.3 - 1.0, 4.0)
@@ -89,8 +89,8 @@ def test_the_page_has_the_table_of_the_source():
     page = Path(__file__).parents[2] / "docs" / "rogues.md"
     rows = re.findall(r"^\| [\dk +]+ \| `(\w+)` \| (.*) \| \[(\S+), (\S+)\] \|$", page.read_text(), re.MULTILINE)
     layout = rogue_layout(lissajous_env.scenario(lissajous_env.Scenario(), **{"robot.count": 1}))
-    told = [(name.replace("robot_k", "robot_0"), what, float(low), float(high)) for name, what, low, high in rows]
-    assert told == list(zip(layout.names, layout.meanings, layout.low, layout.high, strict=True))
+    table = [(name.replace("robot_k", "robot_0"), what, float(low), float(high)) for name, what, low, high in rows]
+    assert table == list(zip(layout.names, layout.meanings, layout.low, layout.high, strict=True))
 
 
 def test_sight_limits_which_robots_a_rogue_observes():
@@ -112,12 +112,12 @@ def test_the_reward_is_the_time_undetected():
     assert not simulation.rogues.reward.numpy().any()  # the episodes are over
     some = 0
     for world in range(4):
-        times, found = simulation.detection_times(world)
+        times, detected = simulation.detection_times(world)
         assert returns[world, : len(times)] == pytest.approx(times, abs=1e-4)
         assert not returns[world, len(times) :].any()
-        assert np.array_equal(simulation.rogues.terminated.numpy()[world, : len(times)], found)
-        assert np.array_equal(simulation.rogues.truncated.numpy()[world, : len(times)], ~found)
-        some += found.sum()
+        assert np.array_equal(simulation.rogues.terminated.numpy()[world, : len(times)], detected)
+        assert np.array_equal(simulation.rogues.truncated.numpy()[world, : len(times)], ~detected)
+        some += detected.sum()
     assert some > 0
 
 

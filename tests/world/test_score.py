@@ -58,8 +58,8 @@ def test_every_column_says_what_it_is():
     units = {"time": "[s]", "idleness": "[s]", "error_m": "[m]", "separation": "[m]", "distance": "[m]"}
     units["speed"] = "[m/s]"
     for column, meaning in MEANINGS.items():
-        found = [unit for part, unit in units.items() if part in column and "spacing" not in column]
-        assert meaning.endswith(tuple(found) or ""), column
+        endings = [unit for part, unit in units.items() if part in column and "spacing" not in column]
+        assert meaning.endswith(tuple(endings) or ""), column
     assert MEANINGS["phase_error"].endswith("[rad]")
 
 
@@ -150,20 +150,20 @@ def test_way_speed_smoothness_and_what_was_sensed(name):
     # Oracle: NumPy, from the places through each step, the speeds, the actions and the cells. A wild action is limited
     # first, one that is not finite is zero, and noise on the motors is none of the policy's.
     simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **{"noise.actuator": 0.05}), 2, seed=3)
-    rng, taken, way = np.random.default_rng(1), [], np.zeros(2)
+    rng, actions, way = np.random.default_rng(1), [], np.zeros(2)
     fastest = simulation.robots.speed.numpy().max(axis=1)
     for step in range(30):
         action = rng.uniform(-1.3, 1.3, simulation.action_shape).astype(np.float32)
         if step == 7:
             action[0, 2] = np.nan
         simulation.step(action)
-        taken.append(np.clip(np.where(np.isfinite(action).all(axis=-1, keepdims=True), action, 0), -1, 1))
+        actions.append(np.clip(np.where(np.isfinite(action).all(axis=-1, keepdims=True), action, 0), -1, 1))
         way += np.linalg.norm(np.diff(simulation.robots.path.numpy(), axis=2), axis=-1).sum(axis=(1, 2))
         fastest = np.maximum(fastest, simulation.robots.speed.numpy().max(axis=1))
     rows = simulation.score()
     assert [row["distance_mean"] for row in rows] == pytest.approx(way / 5, rel=1e-5)
     assert [row["speed_max"] for row in rows] == pytest.approx(fastest)
-    change = (np.diff(taken, axis=0) ** 2).mean(axis=(0, 2, 3))
+    change = (np.diff(actions, axis=0) ** 2).mean(axis=(0, 2, 3))
     assert [row["smoothness"] for row in rows] == pytest.approx(change, rel=1e-5)
     sensed = (last_sensed(simulation.cells.sensed_at.numpy(), simulation.cells.in_discs.numpy(), [30, 30]) > 0).mean(
         axis=(1, 2)

@@ -95,8 +95,8 @@ def test_no_rogue_outlasts_the_proved_bound(name, policy):
     weights = np.random.default_rng(2).normal(size=(4, rogue_layout(scenario).size, 2))
     for _ in range(scenario.task.steps):
         action = np.einsum("wtd,wda->wta", simulation.rogues.observation.numpy(), weights)
-        given = (np.clip(action, -1, 1),) if name == "agents" else ()
-        simulation.step(driver.act(simulation.observation), *given)
+        of_rogues = (np.clip(action, -1, 1),) if name == "agents" else ()
+        simulation.step(driver.act(simulation.observation), *of_rogues)
     rows = simulation.score()
     assert max(row["detection_time_max"] for row in rows) > 1.0
     for row in rows:

@@ -26,10 +26,10 @@ def leap(world):
     return -world.targets.position
 
 
-def coasting(robot, targets, speed=2.0, scenario="experiment", **overrides):
+def coasting(robot, targets, speed=2.0, name="experiment", **overrides):
     """A world with a car at a place that rolls along x at a speed, and targets at places, none of them seen yet."""
-    made = lissajous_env.scenario(scenario, **{**COASTING, "targets.count": len(targets), **overrides})
-    simulation = lissajous_env.Simulation(made)
+    scenario = lissajous_env.scenario(name, **{**COASTING, "targets.count": len(targets), **overrides})
+    simulation = lissajous_env.Simulation(scenario)
     simulation.targets.status.fill_(1)
     simulation.targets.found_at.fill_(2**30)
     simulation.targets.in_sight.zero_()

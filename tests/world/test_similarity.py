@@ -44,12 +44,12 @@ def observations(scenario, policy=None, steps=60, seed=3):
     """(steps, W, N, D) observations under a policy, or under the same random actions for every scale; and the score."""
     sim = lissajous_env.Simulation(scenario, num_worlds=2, seed=seed)
     sim.reset()
-    made = baselines.make(policy, scenario, num_worlds=2) if policy else None
+    driver = baselines.make(policy, scenario, num_worlds=2) if policy else None
     draws, seen = np.random.default_rng(0), []
     for step in range(steps):
         if step % 5 == 0:
             drawn = draws.uniform(-1, 1, sim.action_shape).astype(np.float32)
-        sim.step(made.act(sim.observation) if made else drawn)
+        sim.step(driver.act(sim.observation) if driver else drawn)
         seen.append(sim.observation.numpy().ravel())
         if sim.rogues is not None:
             seen[-1] = np.concatenate([seen[-1], sim.rogues.observation.numpy().ravel()])

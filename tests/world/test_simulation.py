@@ -129,7 +129,7 @@ def test_an_action_that_is_not_finite_flags_its_world_and_counts_as_zero(scenari
     zeroed, spoiled = actions.copy(), actions.copy()
     zeroed[7, 2, 1] = 0.0
     spoiled[7, 2, 1, -1] = bad
-    good, flagged = (run(scenario, range(5), each) for each in (zeroed, spoiled))
+    good, flagged = (run(scenario, range(5), batch) for batch in (zeroed, spoiled))
     assert flagged.invalid.numpy().tolist() == [0, 0, 1, 0, 0]
     assert good.invalid.numpy().tolist() == [0] * 5
     assert_same(state_of(good), state_of(flagged), but=("clock.invalid", "clock.invalid_at"))

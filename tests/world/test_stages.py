@@ -50,8 +50,8 @@ def test_the_stages_print_in_their_order():
     ],
 )
 def test_a_stage_that_has_nothing_to_do_is_left_out(overrides, there, gone):
-    made = lissajous_env.Simulation(lissajous_env.scenario("experiment", **overrides))
-    names = {stage.name for stage in made.stages.stages}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", **overrides))
+    names = {stage.name for stage in simulation.stages.stages}
     assert there <= names
     assert not gone & names
 
@@ -59,8 +59,8 @@ def test_a_stage_that_has_nothing_to_do_is_left_out(overrides, there, gone):
 def test_a_user_may_capture_steps_in_a_graph_of_their_own():
     # Oracle: as many steps. Capturing on a CPU takes one itself.
     captured, stepped = (lissajous_env.Simulation("experiment", 2, seed=1) for _ in range(2))
-    for each in (captured, stepped):
-        each.action.assign(actions_of(each, 1)[0])
+    for simulation in (captured, stepped):
+        simulation.action.assign(actions_of(simulation, 1)[0])
     with wp.ScopedCapture("cpu") as capture:
         captured.advance()
     for _ in range(4):

@@ -65,8 +65,8 @@ def test_small_parts_of_a_large_sum(name):
     array.fill_(2.0**30)
     other = simulation_of("experiment", **{"task.reward_effort": -0.01})
     for _ in range(50):
-        for each in (simulation, other):
-            each.step(np.full(each.action_shape, 0.3, dtype=np.float32))
+        for sim in (simulation, other):
+            sim.step(np.full(sim.action_shape, 0.3, dtype=np.float32))
     gained = array.numpy() - 2.0**30
     assert np.abs(gained).min() > 1e-3
     assert gained == pytest.approx(getattr(other.tally, name).numpy(), abs=1e-5)

@@ -16,7 +16,7 @@ CELLS = {"sensing.cells_seen": (8, 5), "sensing.memory": 20.0}
 MESSY = {"noise.message_delay": 1.0, "noise.message_loss": 0.4}
 
 
-def made(worlds=2, seed=0, **overrides):
+def simulation_of(worlds=2, seed=0, **overrides):
     return lissajous_env.Simulation(lissajous_env.scenario("intruders", **FIELD | STAY | overrides), worlds, seed=seed)
 
 
@@ -31,7 +31,7 @@ def entry(simulation, kind, name):
 @pytest.mark.parametrize("shared", ["none", "team"])
 def test_tracks_are_what_was_in_sight_within_the_memory(shared):
     # Oracle: NumPy, from distances and places at the end of each step; without delay or loss a team knows all at once.
-    simulation = made(**{"sensing.shared": shared, "sensing.memory": 4.0})
+    simulation = simulation_of(**{"sensing.shared": shared, "sensing.memory": 4.0})
     half, last, place = np.array([20.0, 12.5]), np.full((2, 5, 12), -np.inf), np.zeros((2, 5, 12, 2))
     before, compared = np.full((2, 5, 12), False), 0
     for step in chain([-1], drive(simulation)):
@@ -63,14 +63,14 @@ def test_tracks_are_what_was_in_sight_within_the_memory(shared):
 
 def test_sharing_more_never_means_to_know_less():
     # Law: what a robot knows without messages it knows with those of its neighbours, and with those of the team.
-    kinds = [made(4, **MESSY, **{"sensing.shared": shared}) for shared in ("none", "ring", "team")]
+    kinds = [simulation_of(4, **MESSY, **{"sensing.shared": shared}) for shared in ("none", "ring", "team")]
     more = np.zeros(2)
-    for _ in zip(*(drive(each) for each in kinds), strict=True):
-        none, ring, team = (each.tracks.sighted_at.numpy() for each in kinds)
+    for _ in zip(*(drive(simulation) for simulation in kinds), strict=True):
+        none, ring, team = (simulation.tracks.sighted_at.numpy() for simulation in kinds)
         assert (none <= ring).all()
         assert (ring <= team).all()
         more += (none < ring).mean(), (ring < team).mean()
-        none, ring, team = (each.tracks.mate_sent_at.numpy() for each in kinds)
+        none, ring, team = (simulation.tracks.mate_sent_at.numpy() for simulation in kinds)
         assert (none == -1).all()
         assert (ring <= team).all()
     assert (more > 1).all()
@@ -78,7 +78,7 @@ def test_sharing_more_never_means_to_know_less():
 
 def test_a_track_ages_by_a_step_unless_somebody_has_the_target_in_sight():
     # Law: the step in which a target was last in sight stays, unless the robot or another one has seen it since.
-    simulation = made(4, **MESSY, **{"sensing.shared": "ring"})
+    simulation = simulation_of(4, **MESSY, **{"sensing.shared": "ring"})
     tracks, before = simulation.tracks, simulation.tracks.sighted_at.numpy().copy()
     for _ in drive(simulation):
         after, now = tracks.sighted_at.numpy().copy(), simulation.clock.step.numpy()[0]
@@ -91,7 +91,7 @@ def test_a_track_ages_by_a_step_unless_somebody_has_the_target_in_sight():
 
 def test_a_neighbours_sighting_arrives_with_its_message():
     # Oracle: the sender's own sightings, as many steps ago as the delay; teammates' places likewise.
-    simulation = made(1, **{"sensing.shared": "ring", "noise.message_delay": 1.0})
+    simulation = simulation_of(1, **{"sensing.shared": "ring", "noise.message_delay": 1.0})
     neighbours, seen, places = simulation.scenario.neighbours, [], []
     for step in chain([-1], drive(simulation, 60)):
         seen.append(distances(simulation)[0] < 5.0)
@@ -111,18 +111,18 @@ def test_a_neighbours_sighting_arrives_with_its_message():
 def test_a_track_ends_when_its_target_was_detected_and_left(shared, more):
     # Story: who saw it leave observes that once, and so does who is told; who is not remembers it until it is too old.
     # Older news of it, which arrive later, change nothing, and a target that appears anew has no part in its track.
-    simulation = made(4, **{"targets.leave": True, "sensing.shared": shared, "sensing.memory": 100.0} | more)
-    told, left, tracks, known = 0, 0, simulation.tracks, np.full((4, 5, 12), -1)
+    simulation = simulation_of(4, **{"targets.leave": True, "sensing.shared": shared, "sensing.memory": 100.0} | more)
+    outdated, left, tracks, known = 0, 0, simulation.tracks, np.full((4, 5, 12), -1)
     for _ in drive(simulation):
         at, leaves = tracks.sighted_at.numpy(), tracks.leaves.numpy() == 1
         gone, saw = simulation.targets.status.numpy() == 3, tracks.own_sighted_at.numpy()
         left += entry(simulation, "track", "leaves").sum()
-        told += ((at >= 0) & gone[:, None]).sum()
+        outdated += ((at >= 0) & gone[:, None]).sum()
         assert not ((at >= 0) & gone[:, None] & (saw >= simulation.targets.found_at.numpy()[:, None])).any()
         assert (at > known)[at >= 0].all()
         assert np.linalg.norm(tracks.velocity.numpy()[at >= 0], axis=-1).max(initial=0) < 1.001
         known = np.where(leaves, at, known)
-    assert (told > 0) == ("targets.respawn" not in more and (shared != "team" or more is MESSY))
+    assert (outdated > 0) == ("targets.respawn" not in more and (shared != "team" or more is MESSY))
     assert left > 0
     if shared == "team" and not more:
         assert left % 5 == 0
@@ -149,7 +149,7 @@ def cell_ages(simulation):
 def test_cells_age_by_a_step_unless_the_robot_covers_them():
     # Oracle: NumPy, from the places of the sensors and the centres of the cells. One robot fails and covers nothing,
     # one is removed and observes nothing.
-    simulation = made(**CELLS, **{"faults.schedule": [(2, 5.0, 25.0)], "faults.removed": [(4, 30.0)]})
+    simulation = simulation_of(**CELLS, **{"faults.schedule": [(2, 5.0, 25.0)], "faults.removed": [(4, 30.0)]})
     x, y = (np.linspace(-half, half, 2 * n + 1)[1::2] for n, half in ((8, 20.0), (5, 12.5)))
     last, failed, aging = np.full((2, 5, 5, 8), -np.inf), 0, 0
     for step in chain([-1], roam(simulation)):
@@ -168,11 +168,11 @@ def test_cells_age_by_a_step_unless_the_robot_covers_them():
 
 def test_a_team_knows_the_least_age_of_its_robots():
     # Law: without delay or loss the elementwise minimum; with them never more than with messages of fewer robots.
-    alone, team = (made(**CELLS, **{"sensing.shared": shared}) for shared in ("none", "team"))
+    alone, team = (simulation_of(**CELLS, **{"sensing.shared": shared}) for shared in ("none", "team"))
     for _ in zip(roam(alone), roam(team), strict=True):
         least = cell_ages(alone).min(axis=1, keepdims=True)
         np.testing.assert_array_equal(cell_ages(team), np.broadcast_to(least, (2, 5, 5, 8)))
-    messy = [made(**CELLS, **MESSY, **{"sensing.shared": shared}) for shared in ("none", "ring", "team")]
+    messy = [simulation_of(**CELLS, **MESSY, **{"sensing.shared": shared}) for shared in ("none", "ring", "team")]
     differ = np.zeros(2)
     for _ in zip(*map(roam, messy), strict=True):
         none, ring, team = map(cell_ages, messy)
@@ -184,7 +184,7 @@ def test_a_team_knows_the_least_age_of_its_robots():
 
 def test_a_neighbours_cells_arrive_with_its_message():
     # Story: what a robot covers its neighbour on the ring knows two steps later, as covered then.
-    simulation = made(1, **CELLS, **{"sensing.shared": "ring", "noise.message_delay": 1.0})
+    simulation = simulation_of(1, **CELLS, **{"sensing.shared": "ring", "noise.message_delay": 1.0})
     neighbours, covered = simulation.scenario.neighbours, []
     for step in chain([-1], roam(simulation)):
         covered.append(cell_ages(simulation)[0] == 0)
@@ -196,7 +196,7 @@ def test_a_neighbours_cells_arrive_with_its_message():
 @pytest.mark.parametrize("value", [(8,), (8, 65), (0, 4)])
 def test_cells_are_columns_and_rows(value):
     with pytest.raises(ValueError, match=r"sensing.cells_seen must be \(columns, rows\).* or None, got"):
-        made(**{"sensing.cells_seen": value})
+        simulation_of(**{"sensing.cells_seen": value})
 
 
 def test_no_tracks_cost_nothing():
