@@ -86,9 +86,9 @@ def versions(*more: str) -> dict[str, str]:
 
 def provenance(device: str) -> dict[str, str]:
     """Return in words the command, machine and versions of numbers that are computed now."""
-    of = machine(device)
+    here = machine(device)
     return {
         "command": command(),
-        "machine": f"{of['cpu']}, {of['cores']} cores, {of['device']}",
+        "machine": f"{here['cpu']}, {here['cores']} cores, {here['device']}",
         "versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
     }

@@ -57,11 +57,11 @@ def evaluate(
     table = Table.of(rows, {cell.scenario.name: cell.scenario for cell in cells})
     console = common.console()
     (policy,) = settings.policies
-    of = {name: policies[policy] for name, policies in table.estimates.items()}
-    for name, estimates in of.items():
+    statistics = {name: policies[policy] for name, policies in table.estimates.items()}
+    for name, estimates in statistics.items():
         shown.print_scores(console, policy, table.scenarios[name], estimates)
     shown.print_theorem(console, about_theorem(cells, rows, common.device))
     if out is not None:
         write_atomically(out, as_csv(rows))
         common.print(f"wrote {out}")
-    common.print_json({"policy": policy, "statistics": of, "episodes": rows})
+    common.print_json({"policy": policy, "statistics": statistics, "episodes": rows})

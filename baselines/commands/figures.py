@@ -59,5 +59,5 @@ def figures(
             written.write(name, content)
     output.print(f"{counted(len(files) - 1, 'figure')} and {TABLE} are in {place}")
     paths = [place / name for name in files]
-    output.print_json([str(path) for path in paths])
+    output.print_json(paths)
     return paths

@@ -13,7 +13,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
 from lissajous_env.storage.files import write_atomically
-from lissajous_env.wording import require
+from lissajous_env.wording import require, shown
 
 if TYPE_CHECKING:
     from lissajous_env.logs.identification import Identified
@@ -54,44 +54,41 @@ def identify(
     require(kind in MODELS, "scenario", f"must be of robots of kind {' or '.join(MODELS)}", kind)
     units = {name: unit for name, (unit, _) in MODELS[kind].items()}
     require(log.commands, f"log {log.name}", f"must have commands on a topic {commands}", "none")
-    cars = {}
+    robots = {}
     for robot, series in log.commands.items():
         try:
-            cars[log.label(robot)] = fit(log.tracks[robot], series, given.robot, log.statuses.get(robot))
+            robots[log.label(robot)] = fit(log.tracks[robot], series, given.robot, log.statuses.get(robot))
         except ValueError as error:
             raise ValueError(f"{log.called([robot])} of {log.name}: {error}") from error
-    _print(output, cars, units)
+    _print(output, robots, units)
     for note in log.notes:
         output.print(f"note: {note}", "yellow")
     if out is not None:
-        write_atomically(out, _as_toml(cars, given, log.name, units))
+        write_atomically(out, _as_toml(robots, given, log.name, units))
         output.print(f"wrote {out}")
-    output.print_json({
-        robot: {"values": car.values, "errors": car.errors, "residual": car.residual, "samples": car.samples}
-        | {"misfits": car.misfits}
-        for robot, car in cars.items()
-    })  # fmt: skip
+    output.print_json(robots)
 
 
 _RESIDUALS = {"position": "m", "heading": "rad", "speed": "m/s"}
 
 
-def _print(output: OutputOptions, cars: "dict[str, Identified]", units: dict[str, str]) -> None:
+def _print(output: OutputOptions, robots: "dict[str, Identified]", units: dict[str, str]) -> None:
     titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in units.items()]
     rows = [
-        [robot, *(_with_error(car.values[name], car.errors[name]) for name in units)] for robot, car in cars.items()
+        [label, *(_with_error(robot.values[name], robot.errors[name]) for name in units)]
+        for label, robot in robots.items()
     ]
     print_table(output.console(), ["robot", *titles], rows)
-    if any(math.isnan(error) for car in cars.values() for error in car.errors.values()):
+    if any(math.isnan(error) for robot in robots.values() for error in robot.errors.values()):
         why = "throttle in it lies within the dead zone" if "dead_zone" in units else "command is beyond the limit"
         output.print(f"(given): the log does not determine this constant; no {why}.")
-    for robot, car in cars.items():
-        known = {name: size for name, size in car.residual.items() if not math.isnan(size)}
+    for label, robot in robots.items():
+        known = {name: size for name, size in robot.residual.items() if not math.isnan(size)}
         sizes = [f"{name} {size:.3g} {_RESIDUALS[name]}" for name, size in known.items()]
-        output.print(f"residuals of robot {robot} over {car.samples:,} poses: {', '.join(sizes)}")
-        if car.misfits:
-            of = " and ".join(car.misfits)
-            words = f"the model does not fit robot {robot}: the residual of {of} is far above noise"
+        output.print(f"residuals of robot {label} over {robot.samples:,} poses: {', '.join(sizes)}")
+        if robot.misfits:
+            misfits = " and ".join(robot.misfits)
+            words = f"the model does not fit robot {label}: the residual of {misfits} is far above noise"
             output.print(f"warning: {words}; check the units and the order of the commands, and the clocks", "yellow")
 
 
@@ -103,13 +100,13 @@ def _with_error(value: float, error: float) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def _as_toml(cars: "dict[str, Identified]", scenario: Scenario, log: str, units: dict[str, str]) -> str:
+def _as_toml(robots: "dict[str, Identified]", scenario: Scenario, log: str, units: dict[str, str]) -> str:
     """Return the file of a scenario with the mean of the robots, the standard errors in comments."""
-    mean, lines = {}, [f"# Robots identified from {log}: means with standard errors."]
+    mean, lines = {}, [f"# Robots identified from {shown(log)}: means with standard errors."]
     for name, unit in units.items():
-        values = [car.values[name] for car in cars.values()]
+        values = [robot.values[name] for robot in robots.values()]
         mean[name] = float(f"{sum(values) / len(values):.6g}")
-        error = math.sqrt(sum(car.errors[name] ** 2 for car in cars.values())) / len(cars)
+        error = math.sqrt(sum(robot.errors[name] ** 2 for robot in robots.values())) / len(robots)
         lines.append(f"# {name} = {_with_error(mean[name], error)} {unit}".rstrip())
     lines.append("# A scenario has no delay of the commands, nor factors of speeds.")
     robot, limits = scenario.robot, {"drive_factors": ()}

@@ -52,14 +52,14 @@ def plan(
         _search(outcome, output)
         if outcome.interrupted and not outcome.finals:
             raise KeyboardInterrupt("no plan had been played to the end")
-        shown_ones = outcome.plans[:rows]
-        _print(output.console(), outcome, shown_ones)
-        if folder is not None and shown_ones:
-            report.write(folder, shown_ones, request.episodes)
-            output.print(f"wrote {counted(len(shown_ones), 'plan')} in {out}")
+        plans = outcome.plans[:rows]
+        _print(output.console(), outcome, plans)
+        if folder is not None and plans:
+            report.write(folder, plans, request.episodes)
+            output.print(f"wrote {counted(len(plans), 'plan')} in {out}")
             output.print(f"Watch one: lissajous run {out}/1 --out plan.html")
     output.print_json({
-        "plans": report.as_rows(shown_ones),
+        "plans": report.as_rows(plans),
         "lower_bounds": outcome.lower_bounds,
         "fewest_robots": outcome.fewest_robots,
         "looked_at": outcome.looks,
@@ -72,7 +72,7 @@ def plan(
     if outcome.interrupted:
         raise KeyboardInterrupt("the plans above are the best that were played until then")
     met = request.guarantee is None or outcome.fewest_robots is not None
-    return 0 if shown_ones and met else 1
+    return 0 if plans and met else 1
 
 
 def _search(outcome: PlanOutcome, output: Any) -> None:
@@ -93,16 +93,16 @@ def _print(console: Any, outcome: PlanOutcome, plans: list) -> None:
     if untried := report.untried_in_words(outcome):
         print_line(console, untried, "bold")
     if plans:
-        title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
+        title = f"Plans for {_team_in_words(outcome)}: {len(plans)} that no other dominates"
         print_line(console, title, "italic")
         report.print_plans(console, outcome, plans)
     else:
-        print_line(console, f"No plan without collisions was found for {_asked(outcome)}.")
+        print_line(console, f"No plan without collisions was found for {_team_in_words(outcome)}.")
     for line in report.sentences(outcome):
         print_line(console, line)
 
 
-def _asked(outcome: PlanOutcome) -> str:
+def _team_in_words(outcome: PlanOutcome) -> str:
     """Return a phrase with the rectangle and the robots."""
     numbers, (scenario, *_) = list(outcome.scenarios), list(outcome.scenarios.values())
     team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"

@@ -102,7 +102,7 @@ def reproduce(
     claims.print_claims(console, results)
     words = f"\n{claims.summary(results)}. {len(pictures)} pictures and README.md are in {out}"
     output.print(words)
-    output.print_json([dataclasses.asdict(claim) for claim in results])
+    output.print_json(results)
     return results
 
 

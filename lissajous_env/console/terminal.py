@@ -211,7 +211,7 @@ def print_line(console: Console, words: str | Text, style: str | None = None) ->
 def plain(value: Any) -> Any:
     """Convert a value to JSON types; infinity and functions become words, NaN null, and a dataclass its fields."""
     if is_dataclass(value) and not isinstance(value, type):
-        return plain({of.name: getattr(value, of.name) for of in fields(value)})
+        return plain({field.name: getattr(value, field.name) for field in fields(value)})
     if isinstance(value, dict):
         return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):

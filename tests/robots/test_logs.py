@@ -192,7 +192,7 @@ def test_a_damaged_or_missing_log_is_refused_by_its_name(logged, tmp_path, damag
 
 def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     recording, path = logged
-    page, table = tmp_path / "page.html", tmp_path / "rows.csv"
+    page, table, cars = (tmp_path / name for name in ("page.html", "rows.csv", "cars.toml"))
     code, out, err = called(capsys, "score", path, "--out", page, table, "--json")
     assert (code, err) == (0, "")
     (row,) = json.loads(out)["episodes"]
@@ -200,8 +200,8 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert page.stat().st_size > 10_000
     assert "detection_time_mean" in table.read_text().partition("\n")[0]
     assert "out must be another file than the log, got" in called(capsys, "score", path, "--out", path)[2]
-    cars, topics = tmp_path / "cars.toml", ("/robot_0/odom", "/robot_3/odom")
-    code, out, err = called(capsys, "identify", path, "--topics", *topics, "--out", cars)
+    (lab := tmp_path / "lab\ncurve.a = 9\n#.mcap").write_bytes(path.read_bytes())  # no fields of the scenario
+    code, out, err = called(capsys, "identify", lab, "--topics", "/robot_0/odom", "/robot_3/odom", "--out", cars)
     assert (code, err) == (0, "")
     assert lissajous_env.scenario(cars).robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))

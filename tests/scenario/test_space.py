@@ -1,7 +1,6 @@
 """Scenario spaces: draws, splits, shifts, rules, files and names."""
 
 import itertools
-import math
 import pickle
 
 import numpy as np
@@ -172,10 +171,11 @@ def test_a_shift_changes_its_draws_alone():
         ({"curve": {"choices": []}}, "draw.curve.choices must be a list of at least one mapping"),
         ({"curve": {"choices": [1, 2]}}, r"of at least one mapping from fields to values, got \[1, 2\]"),
         ({"curve": {"choices": [{"a": 1}], "weights": [1, 2]}}, "draw.curve.weights must be 1 numbers"),
+        ({"curve": {"weights": [1, 2]}}, r"draw.curve.weights must be given with choices, got \[1, 2\]"),
         ({"curve": {"half_height": "__import__('os')"}}, "formula must be an expression of .*, uniform, log_uniform"),
         ({"curve": {"half_height": "robot.nothing"}}, "no number of a scenario"),
         ({"curve": {"half_height": "uniform(1, 2) + uniform(1, 2)"}}, "draw.curve.half_height must call at most one"),
-        ({"robot": {"radius": "robot.wheelbase", "wheelbase": "robot.radius"}}, "robot.radius, which depends on"),
+        ({"noise": {"speed": "noise.position", "position": "noise.speed"}}, "noise.speed, which depends on itself"),
         ({"curve": 3}, "draw.curve must be a mapping from fields to draws, got 3"),
         ({"scale": {"depth": 2.0}}, "draw.scale must contain length or time, got 'depth'"),
     ],
@@ -278,4 +278,6 @@ def test_other_expressions_are_no_formulas(text):
 def test_a_formula_that_has_no_value_says_which():
     with pytest.raises(ValueError, match=r"formula 'sqrt\(x\)' must have a value"):
         Formula("sqrt(x)")(lambda name: -1)
-    assert math.isinf(Formula("x")(lambda name: math.inf))
+    with pytest.raises(ValueError, match="must have a value, got 'a', which is no number"):
+        Formula("'a' * 10000000000")(lambda name: 0)
+    assert Formula("x")(lambda name: np.inf) == np.inf
