@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.results_folder import refusal_of
+from baselines.benchmark.statistics import refusal_of
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
 from baselines.policies import registry

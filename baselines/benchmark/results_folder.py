@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark.statistics import column_of
+from baselines.benchmark.statistics import refusal_of
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell
 from baselines.policies import registry
@@ -23,7 +23,6 @@ from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import outside, shown
-from lissajous_env.world.columns import NAMES, WHOLE, Column, Rule
 
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
 CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
@@ -32,10 +31,6 @@ FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
-
-_TEXT = Rule("a text", lambda value: isinstance(value, str))
-_IDENTITY = {"scenario": _TEXT, "policy": _TEXT, "episode": WHOLE, "seed": WHOLE}
-"""Rules of the entries of a score row that identify its episode."""
 
 _Key = tuple[str, str, int]
 
@@ -174,22 +169,6 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
 def score_versions() -> dict[str, str]:
     """Return the versions on which score rows depend."""
     return {name: version(name) for name in ("lissajous-env", "warp-lang")}
-
-
-def refusal_of(row: Mapping[str, Any], added: Sequence[str] = ()) -> str | None:
-    """Return the rule that a score row violates, as JSON represents one; None for a valid row.
-
-    Args:
-        row: the row to check.
-        added: names of the columns that the scenario adds, in their order.
-    """
-    if tuple(row) != (*NAMES, *added):
-        return "must have the columns of a score row"
-    for name, value in row.items():
-        column = Column(name, "", rule=_IDENTITY[name]) if name in _IDENTITY else column_of(name)
-        if wrong := column.refusal(value):
-            return f"{name} {wrong}, got {shown(value)}"
-    return None
 
 
 def _key(row: Mapping[str, Any]) -> _Key:

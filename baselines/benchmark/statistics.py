@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from lissajous_env.parameters.scenario import Faults, Scenario
-from lissajous_env.wording import counted
+from lissajous_env.wording import counted, shown
 from lissajous_env.world.columns import (
     COLLISIONS,
     COLUMNS,
@@ -261,10 +261,28 @@ SHOWN = tuple(
 MAIN = tuple(column for column in SHOWN if column.main)
 
 
+_KNOWN = IDENTITY | COLUMNS | DERIVED
+
+
 def column_of(name: str) -> Column:
     """Return the column of a score row with this name, or one that describes a column of a scenario's own."""
     about = "a score column that the scenario adds"
-    return COLUMNS.get(name) or DERIVED.get(name) or Column(name, about, rule=FINITE, empty="none")
+    return _KNOWN.get(name) or Column(name, about, rule=FINITE, empty="none")
+
+
+def refusal_of(row: Mapping[str, Any], added: Sequence[str] = ()) -> str | None:
+    """Return the rule that a score row violates, as JSON represents one; None for a valid row.
+
+    Args:
+        row: The row.
+        added: Names of the columns that the scenario adds, in their order.
+    """
+    if tuple(row) != (*NAMES, *added):
+        return "must have the columns of a score row"
+    for name, value in row.items():
+        if wrong := column_of(name).refusal(value):
+            return f"{name} {wrong}, got {shown(value)}"
+    return None
 
 
 def score_names(row: Mapping[str, Any]) -> tuple[str, ...]:

@@ -55,7 +55,7 @@ def guarantee(
     guarantees = {}
     for scenario in require_distinct_names([named.scenario(name, **changed) for name in scenarios]):
         guarantees[scenario.name] = formation_guarantees(scenario, radii, cells)
-        _print(output.console(), scenario, guarantees[scenario.name])
+        _print(output.console(), scenario, guarantees[scenario.name], cells)
     output.print_json(guarantees)
 
 
@@ -71,8 +71,8 @@ def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[dic
         return list(threads.map(of_share, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
 
 
-def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]]) -> None:
-    """Print a row for each sensing radius."""
+def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]], cells: int) -> None:
+    """Print a row for each sensing radius, computed with this number of cells along the longer side."""
     speed = scenario.rogue_speed
     console.print(
         Text.assemble(
@@ -87,7 +87,7 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]
         "evaded for ever\nfrom [m/s]",
         f"at {speed:g} m/s undetected\nfor at most [s]",
     ]
-    highest = IdealFormation(scenario).fastest_rogue
+    highest = IdealFormation(scenario, cells=cells).fastest_rogue
     shown = [
         [
             f"{row['radius']:.3g}",

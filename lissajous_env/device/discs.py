@@ -1,6 +1,6 @@
 """Points of a grid that discs cover, at one place or on their way, as bits of its rows, 64 columns in a word.
 
-Each cell is represented by one point. The outermost points are `inset` cells from the edges of the rectangle, and the
+Each cell is represented by one point. The outermost points are `edge_gap` cells from the edges of the rectangle, and
 points are evenly spaced: with 0.5 they are the centres of the cells, with 0 the outermost ones are on the edges.
 
 C++ computes the cells that a resting disc covers, for eight rows at once, whose bits are adjacent in memory: arrays of
@@ -85,19 +85,19 @@ def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
 
 
 @wp.func
-def points_per_metre(count: int, inset: float, half: float) -> float:
+def points_per_metre(count: int, edge_gap: float, half: float) -> float:
     """Return how many points of a row or column there are on a metre, for a half width or half height [m]."""
-    return (float(count - 1) + 2.0 * inset) / (2.0 * half)
+    return (float(count - 1) + 2.0 * edge_gap) / (2.0 * half)
 
 
 @wp.func
-def columns_of(run: wp.vec2, half_width: float, scale: float, inset: float, columns: int) -> wp.vec2i:
+def columns_of(run: wp.vec2, half_width: float, scale: float, edge_gap: float, columns: int) -> wp.vec2i:
     """Return the first and last column with its point in a run of x [m]; the first is above the last if none has.
 
     `scale` is how many columns there are on a metre.
     """
-    low = wp.ceil((run[0] + half_width) * scale - inset)
-    high = wp.floor((run[1] + half_width) * scale - inset)
+    low = wp.ceil((run[0] + half_width) * scale - edge_gap)
+    high = wp.floor((run[1] + half_width) * scale - edge_gap)
     # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
     first = int(wp.clamp(low, 0.0, float(columns)))
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
@@ -117,18 +117,18 @@ def _over_runs(covered: str, body: str) -> str:
 #endif
     typedef unsigned long long Word;
     const int rows = marks.shape[2];
-    const float row_scale = (rows - 1 + 2.0f * inset) / (2.0f * curve.half_height);  // `points_per_metre`
-    const float scale = (columns - 1 + 2.0f * inset) / (2.0f * curve.half_width);
+    const float row_scale = (rows - 1 + 2.0f * edge_gap) / (2.0f * curve.half_height);  // `points_per_metre`
+    const float scale = (columns - 1 + 2.0f * edge_gap) / (2.0f * curve.half_width);
     const float low = (place[1] - radius + curve.half_height) * row_scale;
     const float high = (place[1] + radius + curve.half_height) * row_scale;
     const int top = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
     // Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
     const auto first_column = [&](const float half) {{
-        const float left = ceilf((place[0] - half + curve.half_width) * scale - inset);
+        const float left = ceilf((place[0] - half + curve.half_width) * scale - edge_gap);
         return (int)(left > 0.0f ? (left < columns ? left : (float)columns) : 0.0f);
     }};
     const auto last_column = [&](const float half) {{
-        const float right = floorf((place[0] + half + curve.half_width) * scale - inset);
+        const float right = floorf((place[0] + half + curve.half_width) * scale - edge_gap);
         const float most = right < columns - 1.0f ? right : columns - 1.0f;
         return (int)(most > -1.0f ? most : -1.0f);
     }};
@@ -139,7 +139,7 @@ def _over_runs(covered: str, body: str) -> str:
         for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {{
             int from[together], to[together];
             for (int k = 0; k < together; ++k) {{
-                const float up = (first + k * lanes + inset) / row_scale - curve.half_height - place[1];
+                const float up = (first + k * lanes + edge_gap) / row_scale - curve.half_height - place[1];
                 const float square = radius * radius - up * up, half = sqrtf(square > 0.0f ? square : 0.0f);
                 from[k] = first_column(half);
                 to[k] = square < 0.0f || radius <= 0.0f ? -1 : last_column(half);
@@ -178,7 +178,7 @@ def mark_disc(
     curve: CurveStruct,
     radius: float,
     columns: int,
-    inset: float,
+    edge_gap: float,
     marks: wp.array3d(dtype=wp.uint64),
 ):
     """Mark the cells, in the rows of a lane, whose points a disc covers at a place [m]."""
@@ -199,7 +199,7 @@ def visit_disc(
     curve: CurveStruct,
     radius: float,
     columns: int,
-    inset: float,
+    edge_gap: float,
     marks: wp.array3d(dtype=wp.uint64),
     covered_before: wp.array4d(dtype=wp.uint64),
 ) -> int:
@@ -217,19 +217,19 @@ def mark_way(
     curve: CurveStruct,
     radius: float,
     columns: int,
-    inset: float,
+    edge_gap: float,
     marks: wp.array3d(dtype=wp.uint64),
 ):
     """Mark the cells, in the rows of a lane, whose points a disc covers which moves from a to b [m]."""
     rows = marks.shape[2]
-    row_scale = points_per_metre(rows, inset, curve.half_height)
-    scale = points_per_metre(columns, inset, curve.half_width)
+    row_scale = points_per_metre(rows, edge_gap, curve.half_height)
+    scale = points_per_metre(columns, edge_gap, curve.half_width)
     low = (wp.min(a[1], b[1]) - radius + curve.half_height) * row_scale
     high = (wp.max(a[1], b[1]) + radius + curve.half_height) * row_scale
     first = int(wp.clamp(low, 0.0, float(rows)))
     after = int(wp.clamp(high, -1.0, float(rows - 1))) + 1
     for row in range(first + (lane + lanes - first % lanes) % lanes, after, lanes):
-        y = (float(row) + inset) / row_scale - curve.half_height
-        run = columns_of(swept_run(a, b, radius, y), curve.half_width, scale, inset, columns)
+        y = (float(row) + edge_gap) / row_scale - curve.half_height
+        run = columns_of(swept_run(a, b, radius, y), curve.half_width, scale, edge_gap, columns)
         for word in range(run[0] / 64, run[1] / 64 + 1):
             marks[w, word, row] |= run_of_bits(word, run[0], run[1])

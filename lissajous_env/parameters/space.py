@@ -97,8 +97,10 @@ class ScenarioSpace:
         require(isinstance(self.require, (list, tuple)), "require", "must be a list of formulas", self.require)
         object.__setattr__(self, "require", tuple(self.require))
         _check_draws("draw", self.draw)
+        require(isinstance(self.shifts, Mapping), "shifts", "must be a mapping from names to draws", self.shifts)
         for shift, draw in self.shifts.items():
-            require(shift not in SPLITS, "name of a shift", "must not be that of a split", shift)
+            is_new = isinstance(shift, str) and shift not in SPLITS
+            require(is_new, "name of a shift", "must be text, and not that of a split", shift)
             _check_draws(f"shift.{shift}", draw)
             if not self.given:  # a given value may violate the rules in a shift that is not used
                 self.shifted(shift)
@@ -192,6 +194,8 @@ class ScenarioSpace:
             require(part in known, "draw", f"must name one of {', '.join(known)}", part, known)
             for name, entry in entries.items():
                 require(part != "scale" or name in _SCALE, "draw.scale", "must contain length or time", name)
+                is_used = name != "weights" or "choices" in entries
+                require(is_used, f"draw.{part}.weights", "must be given with choices", entry)
                 if name == "choices":
                     draws[f"{part}.{name}"] = _choice(f"draw.{part}", entry, entries.get("weights"))
                 elif name != "weights":

@@ -87,7 +87,7 @@ class Spreading:
     """Replacement of hops for `task.conservative`."""
 
     @property
-    def inset(self) -> float:
+    def edge_gap(self) -> float:
         """Distance of the outermost nodes from the edges [cell]; one row or column of nodes is in the middle."""
         return 0.0 if min(self.columns, self.rows) > 1 else 0.5
 

@@ -2,6 +2,7 @@
 
 import ast
 import math
+import numbers
 import operator
 from collections.abc import Callable, Collection
 from typing import Any
@@ -77,9 +78,9 @@ class Formula:
             case ast.Dict(keys=keys, values=entries):
                 pairs = [self._applied(lambda *pair: pair, *pair) for pair in zip(keys, entries, strict=True)]
                 return lambda names: dict(pair(names) for pair in pairs)
-            case ast.BinOp(left=left, op=op, right=right) | ast.Compare(left=left, ops=[op], comparators=[right]) if (
-                type(op) in _OPERATORS
-            ):
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                return self._applied(lambda *values: _OPERATORS[type(op)](*map(_number, values)), left, right)
+            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _OPERATORS:
                 return self._applied(_OPERATORS[type(op)], left, right)
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
                 return self._applied(_OPERATORS[type(op)], operand)
@@ -93,6 +94,13 @@ class Formula:
     def _applied(self, function: Callable[..., Any], *nodes: ast.expr | None) -> Callable[[Names], Any]:
         parts = [self._compiled(node) for node in nodes]
         return lambda names: function(*(part(names) for part in parts))
+
+
+def _number(value: Any) -> Any:
+    """Return a number; raise TypeError for another value, such as text, of which products can exhaust the memory."""
+    if not isinstance(value, numbers.Real):
+        raise TypeError(f"{shown(value)}, which is no number")
+    return value
 
 
 def _dotted(node: ast.expr) -> str:

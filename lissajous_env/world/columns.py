@@ -13,7 +13,7 @@ from lissajous_env.world.episode import Episode
 
 
 class Rule(NamedTuple):
-    """The values that a stored number may have."""
+    """The values that a stored entry may have."""
 
     words: str
     accepts: Callable[[Any], bool]
@@ -24,6 +24,7 @@ FINITE = Rule("a finite number", lambda value: type(value) in (int, float) and a
 AT_LEAST_0 = Rule("a number of at least 0", lambda value: FINITE.accepts(value) and value >= 0)
 SHARE = Rule("a number from 0 to 1", lambda value: FINITE.accepts(value) and 0 <= value <= 1)
 WHOLE = Rule("a whole number of at least 0", lambda value: type(value) is int and 0 <= value < 2**63)
+TEXT = Rule("a text", lambda value: isinstance(value, str))
 FLAG = Rule("0 or 1", lambda value: type(value) in (int, float) and value in (0, 1))
 
 
@@ -313,15 +314,15 @@ RETURN = Column(
 COLUMNS = {column.name: column for column in tuple(vars().values()) if isinstance(column, Column)}
 """The columns of every score row, by name and in their order."""
 IDENTITY = {
-    "scenario": "name of the scenario",
-    "policy": "name of the policy",
-    "episode": "number of the episode, from 0",
-    "seed": "seed of the world",
+    "scenario": Column("scenario", "name of the scenario", rule=TEXT),
+    "policy": Column("policy", "name of the policy", rule=TEXT),
+    "episode": Column("episode", "number of the episode, from 0", rule=WHOLE),
+    "seed": Column("seed", "seed of the world", rule=WHOLE),
 }
-"""Entries that identify the episode of a score row, with their meanings; they stand before the columns."""
+"""Entries that identify the episode of a score row, by name; they stand before the columns."""
 NAMES = (*IDENTITY, *COLUMNS)
 """All entries of a score row."""
-MEANINGS = IDENTITY | {name: column.described for name, column in COLUMNS.items()}
+MEANINGS = {name: column.described for name, column in (IDENTITY | COLUMNS).items()}
 """The meaning of each of them, with its unit in brackets."""
 
 

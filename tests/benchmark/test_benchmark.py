@@ -19,8 +19,9 @@ from scipy.stats import trim_mean
 import baselines
 import lissajous_env
 from baselines.benchmark import local, types
-from baselines.benchmark.results_folder import FILES, Results, refusal_of
+from baselines.benchmark.results_folder import FILES, Results
 from baselines.benchmark.running import measure, run
+from baselines.benchmark.statistics import refusal_of
 from baselines.benchmark.types import Benchmark, cells_of
 from lissajous_env.storage.folder import LIST, Folder
 from lissajous_env.world.columns import COLUMNS, NAMES
@@ -65,11 +66,11 @@ def test_summary_is_the_statistics_of_the_episodes(whole):
     oracles = {"mean": np.mean, "largest": np.max, "interquartile mean": lambda values: trim_mean(values, 0.25)}
     for name, column in COLUMNS.items():
         values = np.array([row[name] for row in rows if row["policy"] == "kuramoto"], dtype=float)
-        of = summary["statistics"]["failure"]["kuramoto"][name]
+        estimate = summary["statistics"]["failure"]["kuramoto"][name]
         known = values[~np.isnan(values)]
-        assert (of["n"], of["known"], of["summary"]) == (5, len(known), column.summary)
+        assert (estimate["n"], estimate["known"], estimate["summary"]) == (5, len(known), column.summary)
         for bound, oracle in {"min": np.min, "max": np.max, "value": oracles[column.summary]}.items():
-            assert of[bound] == (pytest.approx(float(oracle(known))) if len(known) else None)
+            assert estimate[bound] == (pytest.approx(float(oracle(known))) if len(known) else None)
     assert summary["references"] == {"failure": "kuramoto"}
     assert summary["seeds"] == list(range(5))
     assert summary["machine"]["cores"] == os.cpu_count()
@@ -116,8 +117,7 @@ def test_a_damaged_line_is_refused_by_file_and_number(copied, damaged, words):
 )  # fmt: skip
 def test_a_value_that_no_score_has_is_refused_by_rule_and_value(whole, column, value, words):
     row = json.loads(lines(whole[0])[0])
-    assert refusal_of(row) is None
-    assert refusal_of(row | {"recovery_time": None}) is None
+    assert refusal_of(row) is refusal_of(row | {"recovery_time": None}) is None
     assert re.match(rf"{column} must be .*{words}", refusal_of(row | {column: value}))
 
 

@@ -6,13 +6,11 @@ import re
 
 import numpy as np
 import pytest
+from test_scenario import FIELD_NAMES, FIELDS
 
 import lissajous_env
 from lissajous_env.parameters.scenario import PARTS, Faults, Robot, Scenario, Task
 from lissajous_env.settings.checks import whole
-
-FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
-FIELD_NAMES = [f"{part}.{field.name}" for part, field in FIELDS]
 
 
 @pytest.mark.parametrize(("start", "end"), [(1.0, 1.04), (0.97, 1.03), (0.0, 0.05)])

@@ -51,8 +51,8 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         clear_sensed(w, row, latest, contamination.sensed, contamination.swept, contamination.labelled)
-    per_metre_x = points_per_metre(hops.columns, hops.inset, curve.half_width)
-    per_metre_y = points_per_metre(rows, hops.inset, curve.half_height)
+    per_metre_x = points_per_metre(hops.columns, hops.edge_gap, curve.half_width)
+    per_metre_y = points_per_metre(rows, hops.edge_gap, curve.half_height)
     cell = 1.0 / wp.max(per_metre_x, per_metre_y)
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < NOWHERE:
@@ -61,7 +61,7 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
             if hops.ticks > 1:
                 end = place_along(robots.path, w, i, float(tick + 1) / float(hops.ticks))
                 start = place_along(robots.path, w, i, float(tick) / float(hops.ticks))
-            mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.sensed)
+            mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, hops.edge_gap, contamination.sensed)
             # On a short path the disc covers hardly more than at the two ends.
             if wp.length_sq(end - start) > hops.radius * cell:
                 pieces = robots.path.shape[2] - 1
@@ -70,7 +70,7 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
                         robots.path, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks)
                     )
                     mark_way(
-                        w, start, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.swept
+                        w, start, end, lane, lanes, curve, hops.radius, hops.columns, hops.edge_gap, contamination.swept
                     )
                     start = end
 

@@ -40,13 +40,13 @@ class Hops:
     history_length: int
     delays: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.int32)
-    inset: float
+    edge_gap: float
 
 
 def as_hops(spreading: Spreading, device: Any) -> Hops:
     """Copy hops to a device."""
     hops: Any = to_struct(Hops, spreading)
-    hops.history_length, hops.inset = spreading.history_length, spreading.inset
+    hops.history_length, hops.edge_gap = spreading.history_length, spreading.edge_gap
     hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
     hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
     return hops
