@@ -79,8 +79,8 @@ DRIVEN = ("steering", "throttle")
 
 def commanded(names, numbers, pace=1):
     """Messages of poses and of commands, whose names may change and whose stamps may stand still."""
-    of = names if callable(names) else lambda t: names
-    return shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + pace * t, of(t), numbers))
+    names_at = names if callable(names) else lambda t: names
+    return shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + pace * t, names_at(t), numbers))
 
 
 def shifted(robot, t):
