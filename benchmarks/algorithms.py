@@ -99,10 +99,10 @@ def row_of(algorithm: str, trainings: list[dict[str, list]], patrol: np.ndarray,
     """Return the row of an algorithm, from its trainings and the scores (E,) of patrol and rule."""
     scores = np.array([training["score"] for training in trainings])
     draw = np.random.default_rng(0)
-    of, on = draw.integers(0, len(scores), (2001, len(scores))), draw.integers(0, len(rule), (2001, len(rule)))
-    of[0], on[0] = np.arange(len(scores)), np.arange(len(rule))
-    zero, one = patrol[on].mean(axis=1), rule[on].mean(axis=1)
-    mean = np.array([scores[np.ix_(i, j)].mean() for i, j in zip(of, on, strict=True)])
+    runs, seeds = draw.integers(0, len(scores), (2001, len(scores))), draw.integers(0, len(rule), (2001, len(rule)))
+    runs[0], seeds[0] = np.arange(len(scores)), np.arange(len(rule))
+    zero, one = patrol[seeds].mean(axis=1), rule[seeds].mean(axis=1)
+    mean = np.array([scores[np.ix_(i, j)].mean() for i, j in zip(runs, seeds, strict=True)])
     first, *resampled = (mean - zero) / (one - zero)
     low, high = np.percentile(resampled, [2.5, 97.5])
     curves = np.array([training["curve"] for training in trainings])
@@ -135,8 +135,8 @@ def main() -> None:
             trainings.append(json.loads(file.read_text()))
         rows.append(row_of(algorithm, trainings, np.array(zero["score"]), np.array(one["score"])))
     columns = ["algorithm", "score (95 % interval)", "collisions", *(f"at {share:.0%}" for share in SHARES)]
-    rows += [[f"`{name}`", value, f"{np.mean(of['collisions']):.1f}", *[""] * (len(SHARES) + 1)]
-             for name, value, of in ((RULE, "1", one), (PATROL, "0", zero))]  # fmt: skip
+    rows += [[f"`{name}`", value, f"{np.mean(scores['collisions']):.1f}", *[""] * (len(SHARES) + 1)]
+             for name, value, scores in ((RULE, "1", one), (PATROL, "0", zero))]  # fmt: skip
     table = {"columns": [*columns, "CPU minutes"], "rows": rows}
     figures.publish("algorithms", "algorithms of BenchMARL on watch", table, options.store)
 

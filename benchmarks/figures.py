@@ -194,8 +194,8 @@ def _content(asked: str, tables: Mapping[str, Table]) -> str:
             raise ValueError(f"tables that are joined must have the same columns, got {names[0]} and {table_name}")
         lines += tables[table_name]["rows"]
     if len(names) > 1:
-        of = ["", "---", *(table_name for table_name in names for _ in tables[table_name]["rows"])]
-        lines = [[first, *line] for first, line in zip(of, lines, strict=True)]
+        sources = ["", "---", *(table_name for table_name in names for _ in tables[table_name]["rows"])]
+        lines = [[first, *line] for first, line in zip(sources, lines, strict=True)]
     written = ("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)
     return "\n\n" + "\n".join(written) + "\n\n"
 

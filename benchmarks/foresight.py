@@ -76,9 +76,9 @@ def row_of(name: str, policy: str, learned: str, seeds: Sequence[int]) -> list[s
     by_rogue = {rogue: undetected_times(policy, settings.make_scenario(rogue), seeds) for rogue in (*SCRIPTS, learned)}
     foreseen, left = with_foresight(policy, settings.make_scenario(), seeds)
     best = {key: max(by_rogue[rogue][key] for rogue in SCRIPTS) for key in ("mean", "longest")}
-    of = by_rogue[learned]
-    times = [f"{summary['mean']:.2f} ({summary['longest']:.1f})" for summary in (best, of, foreseen)]
-    return [f"`{name}`, `{policy}`", *times, f"{of['mean'] / foreseen['mean']:.0%}", f"{left.mean():.1f}"]
+    by_learned = by_rogue[learned]
+    times = [f"{summary['mean']:.2f} ({summary['longest']:.1f})" for summary in (best, by_learned, foreseen)]
+    return [f"`{name}`, `{policy}`", *times, f"{by_learned['mean'] / foreseen['mean']:.0%}", f"{left.mean():.1f}"]
 
 
 def main() -> None:

@@ -170,13 +170,13 @@ def result_of(seed: int, kind: str, plans: int) -> Result:
 
 def row_of(kind: str, results: Sequence[Result]) -> list[str]:
     """Return the row of the table of a kind of robots."""
-    of = [result for result in results if result.kind == kind]
-    bound = [result for result in of if result.printed < math.inf]
+    of_kind = [result for result in results if result.kind == kind]
+    bound = [result for result in of_kind if result.printed < math.inf]
     more = [result.computed / result.printed - 1 for result in bound]
-    broken = [f"{result.hall.split(':')[0]} ({', '.join(result.violates)})" for result in of if result.violates]
-    counts = str(len(of)), str(BEST_EPISODES * len(of)), str(len(bound))
-    return [kind, *counts, f"{min(result.wall for result in of):.2g}",
-            f"{min(result.bodies for result in of):.2g}", f"{max(result.stands for result in of):.2g}",
+    broken = [f"{result.hall.split(':')[0]} ({', '.join(result.violates)})" for result in of_kind if result.violates]
+    counts = str(len(of_kind)), str(BEST_EPISODES * len(of_kind)), str(len(bound))
+    return [kind, *counts, f"{min(result.wall for result in of_kind):.2g}",
+            f"{min(result.bodies for result in of_kind):.2g}", f"{max(result.stands for result in of_kind):.2g}",
             f"{min(more):+.0%} to {max(more):+.0%}", ", ".join(broken) or "none"]  # fmt: skip
 
 

@@ -179,9 +179,9 @@ def main() -> None:
         if options.again:
             measure_again(name)
         task = as_played(name)
-        families = [of(task) for of in (alike, partitions, lines, portfolios)]
+        families = [family_of(task) for family_of in (alike, partitions, lines, portfolios)]
         if options.filtered:
-            families += [filtered(of(task), task) for of in (partitions, lines)]
+            families += [filtered(family_of(task), task) for family_of in (partitions, lines)]
         budget = {"seconds": options.seconds, "clock": time.process_time}
         search = Search(task, families, seed=options.seed, fixed_start=True, **budget)
         with quietly():
@@ -193,8 +193,8 @@ def main() -> None:
             f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(folders) or 'nothing'}"
         )
         for final in sorted(search.finals, key=lambda final: final.figures.worst_case):
-            of = final.figures
-            words = f"worst {of.worst_case:.3g} s, second half {of.settled:.3g} s, {of.collisions} collisions"
+            stats = final.figures
+            words = f"worst {stats.worst_case:.3g} s, second half {stats.settled:.3g} s, {stats.collisions} collisions"
             print(f"  {final.plan.settings.policy}: {words} ({final.plan.about})", flush=True)
     if options.store:
         names = dict.fromkeys(plan.name.removesuffix(f"-{SETTLED}") for plan in bounds.all_known())

@@ -94,8 +94,8 @@ def _drawn(values: np.ndarray, count: int = 4000) -> np.ndarray:
     trainings, worlds = values.shape[-2:]
     means = []
     for _ in range(count):
-        of = draw.integers(0, trainings, trainings)[:, None], draw.integers(0, worlds, worlds)
-        means.append(values[..., of[0], of[1]].mean(axis=(-2, -1)))
+        indices = draw.integers(0, trainings, trainings)[:, None], draw.integers(0, worlds, worlds)
+        means.append(values[..., indices[0], indices[1]].mean(axis=(-2, -1)))
     return np.stack(means, axis=-1)
 
 
@@ -111,11 +111,11 @@ def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
     if trainings:
         folders = [Path(folder) / checkpoint.BEST for folder in trainings]
         scores = [play(training.load(folder, scenario, count), scenario, SEEDS) for folder in folders]
-        for folder, of in zip(trainings, scores, strict=True):
-            print(folder, of.mean(axis=1).round(4), gain(of[None, 0], base), flush=True)
+        for folder, score in zip(trainings, scores, strict=True):
+            print(folder, score.mean(axis=1).round(4), gain(score[None, 0], base), flush=True)
         played = {f"the best of each of {len(scores)} trainings": np.stack(scores, axis=1)} | played
-    rows = [[name, interval(of[0], 3), gain(of[0], base), interval(of[1], 2), f"{of[2].mean():.0f}"]
-            for name, of in played.items()]  # fmt: skip
+    rows = [[name, interval(score[0], 3), gain(score[0], base), interval(score[1], 2), f"{score[2].mean():.0f}"]
+            for name, score in played.items()]  # fmt: skip
     title = TITLES[task_score(lissajous_env.scenario(scenario)).name]
     columns = ["policy", title, f"over `{names[1]}`", "collisions", "distance of a robot [m]"]
     return {"columns": columns, "rows": rows}
@@ -129,17 +129,17 @@ def on_space(name: str, trainings: list[str]) -> figures.Table:
         scores, learned = [], []
         for scenario in itertools.islice(space.scenarios(split), SCENARIOS):
             seeds = range(SEEDS[0], SEEDS[0] + EPISODES)
-            scores.append([play(baselines.make(of, scenario, EPISODES), scenario, seeds) for of in (best, rival)])
+            scores.append([play(baselines.make(name, scenario, EPISODES), scenario, seeds) for name in (best, rival)])
             loaded = (training.load(Path(folder) / checkpoint.BEST, scenario, EPISODES) for folder in trainings)
             learned.append([play(policy, scenario, seeds).mean(axis=1) for policy in loaded])
         # Scenarios are drawn as trainings are above.
         both = np.moveaxis(np.array(scores), (1, 2), (0, 1))
         first, second = both[:, 0] if better > 0 else both[::-1, 0]
-        seen, collided = ([f"{of[k].mean():.{3 - k}f}" for of in both] for k in (0, 1))
+        seen, collided = ([f"{values[k].mean():.{3 - k}f}" for values in both] for k in (0, 1))
         rows.append([f"`{split}`", *seen, gain(first, second), *collided])
         if trainings:
-            of = np.moveaxis(np.array(learned), (1, 2), (1, 0))
-            rows[-1] += [gain(of[0], both[1, 0].mean(axis=1)), f"{of[1].mean():.2f}"]
+            means = np.moveaxis(np.array(learned), (1, 2), (1, 0))
+            rows[-1] += [gain(means[0], both[1, 0].mean(axis=1)), f"{means[1].mean():.2f}"]
         print(*rows[-1], flush=True)
     columns = [f"`{name}`", f"`{best}`", f"`{rival}`", "ratio", "collisions", f"of `{rival}`"]
     more = [f"ratio of {len(trainings)} trainings", "their collisions"] if trainings else []
@@ -159,9 +159,9 @@ def on_ablations(trainings: list[str]) -> figures.Table:
         if scenario not in rules:
             rules[scenario] = play(baselines.make(rule, scenario, len(FEWER_SEEDS)), scenario, FEWER_SEEDS)
         loaded = (training.load(folder, scenario, len(FEWER_SEEDS)) for folder, _ in members)
-        of, base = np.stack([play(policy, scenario, FEWER_SEEDS) for policy in loaded], axis=1), rules[scenario]
-        print(options, (of[0].mean(axis=1) / base[0].mean()).round(3), of[1].mean(axis=1).round(2), flush=True)
-        numbers = interval(of[0], 3), gain(of[0], base[0]), f"{of[1].mean():.2f}", f"{base[1].mean():.2f}"
+        scores, base = np.stack([play(policy, scenario, FEWER_SEEDS) for policy in loaded], axis=1), rules[scenario]
+        print(options, (scores[0].mean(axis=1) / base[0].mean()).round(3), scores[1].mean(axis=1).round(2), flush=True)
+        numbers = interval(scores[0], 3), gain(scores[0], base[0]), f"{scores[1].mean():.2f}", f"{base[1].mean():.2f}"
         rows.append([f"`{options}`" if options else "defaults", f"{steps / 1e6:g}", str(len(members)), *numbers])
     columns = ["options", "million steps", "trainings", "targets in sight", f"over `{rule}`", "collisions"]
     return {"columns": [*columns, f"of `{rule}`"], "rows": rows}
@@ -216,7 +216,7 @@ def herding(policies: list[str]) -> figures.Table:
             flees = simulation.targets.motion.numpy() == int(FLEEING)
             is_in_corner = (half - np.abs(simulation.targets.position.numpy()) < CORNER).all(axis=-1)
             in_sight = simulation.targets.in_sight.numpy() == 1
-            shares.append([of[flees].mean() for of in (is_in_corner, in_sight, is_in_corner & in_sight)])
+            shares.append([mask[flees].mean() for mask in (is_in_corner, in_sight, is_in_corner & in_sight)])
         name = f"`{policy}`" if not Path(policy).is_dir() else named_training(policy)
         rows.append([name, *(f"{share:.3f}" for share in np.mean(shares, axis=0))])
     columns = ["policy", "fleeing targets in corners", "in sight", "in sight in corners"]
@@ -253,7 +253,7 @@ def options_of(settings: dict[str, Any]) -> tuple[str, int]:
 def preferred(trainings: list[str]) -> str:
     """Return the training whose validation is best, with its collisions in units of the limit of a training."""
     texts = {folder: checkpoint.read_contents(Path(folder) / checkpoint.BEST)["training"] for folder in trainings}
-    return max(trainings, key=lambda of: rating_of(texts[of]["best"], limit_of(None, texts[of]["rivals"])))
+    return max(trainings, key=lambda folder: rating_of(texts[folder]["best"], limit_of(None, texts[folder]["rivals"])))
 
 
 def main() -> None:

@@ -76,9 +76,9 @@ def main() -> None:
     rows, results = [], []
     for name in options.scenarios:
         policies = [policy for policy in dict.fromkeys((*CARS, *POINTS)) if policy in baselines.names(name)]
-        of = [result for policy in policies for result in measured(name, policy, range(options.seeds))]
-        rows.append(row_of(f"`{name}`", of))
-        results += of
+        of_scenario = [result for policy in policies for result in measured(name, policy, range(options.seeds))]
+        rows.append(row_of(f"`{name}`", of_scenario))
+        results += of_scenario
         print(*rows[-1], sep=" | ", flush=True)
     rows.append(row_of("all", results))
     figures.publish("missed rogue", "missed rogue", {"columns": TITLES, "rows": rows}, options.store)

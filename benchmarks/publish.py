@@ -67,8 +67,8 @@ def _scores_of(network: TeamNetwork, card: Card, made_for: tuple[str, ...]) -> d
         scenario = checkpoint.own_scenario(card) if played == card.scenario else named.scenario(played)
         rows = evaluate(LearnedTeam(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)
         for name in (task_score(scenario).name, COLLISIONS.name):
-            of = summarize([row[name] for row in rows], MEAN)
-            scores.setdefault(played, {})[name] = [round(value, 4) for value in (of.value, of.low, of.high)]
+            mean = summarize([row[name] for row in rows], MEAN)
+            scores.setdefault(played, {})[name] = [round(value, 4) for value in (mean.value, mean.low, mean.high)]
         print(played, scores[played])
     return {"made_for": made_for, "held_out_scores": scores}
 

@@ -19,8 +19,8 @@ def rows() -> list[str]:
         contents = checkpoint.read_contents(folder)
         for policy, times in contents["held_out_times"].items():
             learned = times.pop("learned")
-            best = {key: max(of[key] for of in times.values()) for key in ("mean", "longest")}
-            cells = [f"{of['mean']:.2f} ({of['longest']:.1f})" for of in (best, learned)]
+            best = {key: max(summary[key] for summary in times.values()) for key in ("mean", "longest")}
+            cells = [f"{summary['mean']:.2f} ({summary['longest']:.1f})" for summary in (best, learned)]
             lines.append(f"| `{name}` | `{contents['policy']['scenario']}`, `{policy}` | {' | '.join(cells)} |")
     return lines
 

@@ -49,18 +49,18 @@ PARTS = {module.PART.name: module.PART for module in _MODULES}
 
 def machine(parts: Sequence[str], threads: int) -> figures.Table:
     """Return a table with the machine and the versions with which some parts are measured, a row for each part."""
-    of = {
+    facts = {
         "processor": identity.machine("cpu")["cpu"],
         "cores": str(os.cpu_count()),
         "threads": str(threads),
         "Python": platform.python_version(),
         "Warp": warp.__version__,
     }
-    rows = [[f"`{part}`", *of.values()] for part in parts]
+    rows = [[f"`{part}`", *facts.values()] for part in parts]
     for row, part in zip(rows, parts, strict=True):
         if PARTS[part].gpu:
             row[1] += f", {warp.get_device('cuda').name}"
-    return {"columns": ["part", *of], "rows": rows}
+    return {"columns": ["part", *facts], "rows": rows}
 
 
 def with_rows_of(stored: figures.Table, measured: figures.Table) -> figures.Table:

@@ -103,7 +103,7 @@ def main() -> None:
                 cell = "refused"
             cells.setdefault(policy, {})[name] = cell
             print(name, policy, cell, sep="\t", flush=True)
-    rows = [[f"`{policy}`", *(of.get(name, "") for name in options.scenarios)] for policy, of in cells.items()]
+    rows = [[f"`{policy}`", *(row.get(name, "") for name in options.scenarios)] for policy, row in cells.items()]
     table = {"columns": ["policy", *(f"`{name}`" for name in options.scenarios)], "rows": rows}
     parts = ["walls", "drives" if options.kind == "differential" else "", options.start]
     table_name = "-".join(filter(None, parts))

@@ -15,7 +15,7 @@ from baselines.reproduce import claims, detection, experiment, resilience, theor
 from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Format, Picture
 from baselines.reproduce.episodes import Player
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, Output
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.settings.checks import whole_number
@@ -56,7 +56,7 @@ def reproduce(
     seed: int = 0,
     device: Device = "cpu",
     format: Format = "png",
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
 ) -> list[Claim]:
     """Simulate the paper's figures and claims again: pictures, and a table of the claims that agree.
 

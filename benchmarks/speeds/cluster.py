@@ -51,13 +51,13 @@ def tables(options: Options) -> dict[str, Table]:
     episodes = 2 * BATCH if options.quick else EPISODES
     times: dict[int, list[float]] = {1: [], 2: []}
     for _ in range(options.rounds):
-        for nodes, of in times.items():
-            of.append(seconds(nodes, episodes))
+        for nodes, runs in times.items():
+            runs.append(seconds(nodes, episodes))
     ratio = summarize([one / two for one, two in zip(times[1], times[2], strict=True)])
     beside = ["", f"{number(ratio.value)} ({between(ratio.low, ratio.high)})"]
     rows = [
-        [f"{nodes} node{'s' * (nodes > 1)}", f"{episodes}", number(summarize(of).value), number(min(of)), words]
-        for (nodes, of), words in zip(times.items(), beside, strict=True)
+        [f"{nodes} node{'s' * (nodes > 1)}", f"{episodes}", number(summarize(runs).value), number(min(runs)), words]
+        for (nodes, runs), words in zip(times.items(), beside, strict=True)
     ]
     columns = ["nodes of one processor", "episodes", "s", "best [s]", "times as fast"]
     return {"cluster": {"columns": columns, "rows": rows}}

@@ -130,8 +130,8 @@ def numbers(scenario: Scenario) -> list[tuple[str, str]]:
 def differing(scenario: Scenario) -> list[list[str]]:
     """Return field, value, default and meaning (with unit) of every field that differs from its default."""
     rows = []
-    for part, of in PARTS.items():
-        values, words = getattr(scenario, part), meanings(of)
+    for part, kind in PARTS.items():
+        values, words = getattr(scenario, part), meanings(kind)
         for field in dataclasses.fields(values):
             value = getattr(values, field.name)
             if value != field.default:

@@ -47,6 +47,8 @@ if block.count == 0:
 
 TYPES: dict[str, Any] = {"block": Block}
 """Types of parameters by their names."""
+INITIAL: dict[str, float] = {}
+"""Values of arrays at the beginning of an episode, by struct and field, as `robots.phase`; others are zero."""
 
 
 def named(**types: Any) -> None:
@@ -54,10 +56,16 @@ def named(**types: Any) -> None:
     TYPES.update(types)
 
 
-def named_struct(name: str) -> Callable[[type], Any]:
-    """Make a decorator of Warp structs whose instances are the parameters of this name in every stage."""
+def named_struct(name: str, **initial: float) -> Callable[[type], Any]:
+    """Make a decorator of Warp structs whose instances are the parameters of this name in every stage.
+
+    `initial` are values of its arrays at the beginning of an episode, by field; those of the other arrays are zero.
+    """
 
     def make(cls: type) -> Any:
+        if unknown := initial.keys() - cls.__annotations__.keys():
+            raise TypeError(f"initial values of {name} must be of its fields, got {min(unknown)}")
+        INITIAL.update((f"{name}.{field}", value) for field, value in initial.items())
         TYPES[name] = wp.struct(cls)
         return TYPES[name]
 

@@ -292,8 +292,8 @@ class Batch(Stateful):
 
     def score(self, worlds: np.ndarray) -> list[dict[str, Any]]:
         """Return the score rows, so far, of the worlds of a mask (W,)."""
-        scores = (sim.score(worlds[self.worlds_of(group)]) for group, sim in enumerate(self.simulations))
-        return [row for rows in scores for row in rows]
+        groups = enumerate(self.simulations)
+        return [row for group, simulation in groups for row in simulation.score(worlds[self.worlds_of(group)])]
 
     def state(self, library: Any = np) -> Any:
         """Return the true state (W, S) of each world; see `lissajous_env.envs.sides.state_names`.

@@ -164,12 +164,12 @@ class LissajousVectorEnv(Timed, VectorEnv):
 
     def _infos(self, robot_reward: np.ndarray, just_ended: np.ndarray) -> dict[str, Any]:
         """Return the infos for rewards (W, N), with the scores of the worlds that have just ended."""
-        sim, rows, every = self.simulation, self._rows_per_world, np.ones(self.num_envs, dtype=bool)
-        infos = {"invalid": np.repeat(sim.invalid.numpy() != 0, rows), "_invalid": every}
+        every, repeats = np.ones(self.num_envs, dtype=bool), self._rows_per_world
+        infos = {"invalid": np.repeat(self.simulation.invalid.numpy() != 0, repeats), "_invalid": every}
         if not self._agents_as_rows:
             infos |= {"robot_reward": robot_reward, "_robot_reward": every.copy()}
-        score = np.repeat(sim.score_numbers(just_ended), rows, axis=0)
-        return infos | {"score": score, "_score": np.repeat(just_ended, rows)}
+        score = np.repeat(self.simulation.score_numbers(just_ended), repeats, axis=0)
+        return infos | {"score": score, "_score": np.repeat(just_ended, repeats)}
 
     def _reset_ended(self, just_ended: np.ndarray, done: np.ndarray, infos: dict[str, Any]) -> None:
         """Reset the worlds that have just ended, and store the final observations and infos of the done rows."""

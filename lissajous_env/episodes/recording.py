@@ -162,16 +162,16 @@ class Recorder:
 
     def _others(self) -> dict[str, np.ndarray]:
         """Return the arrays that are not part of a snapshot."""
-        sim, w = self.simulation, self.world
-        action = np.clip(np.nan_to_num(of_world(sim.action, w)), -1.0, 1.0)
+        simulation, w = self.simulation, self.world
+        action = np.clip(np.nan_to_num(of_world(simulation.action, w)), -1.0, 1.0)
         return {
-            "speed": of_world(sim.robots.speed, w),
-            "phase": of_world(sim.robots.phase, w),
-            "heard_at": of_world(sim.links.heard_at, w),
-            "introduced_at": introduced_at(sim, w),
-            "observation": of_world(sim.observation, w),
-            "action": action if of_world(sim.clock.step, w) > 0 else np.zeros_like(action),
-            "reward_terms": of_world(sim.reward_terms, w),
+            "speed": of_world(simulation.robots.speed, w),
+            "phase": of_world(simulation.robots.phase, w),
+            "heard_at": of_world(simulation.links.heard_at, w),
+            "introduced_at": introduced_at(simulation, w),
+            "observation": of_world(simulation.observation, w),
+            "action": action if of_world(simulation.clock.step, w) > 0 else np.zeros_like(action),
+            "reward_terms": of_world(simulation.reward_terms, w),
         }
 
     def recording(self, policy: str = "") -> Recording:

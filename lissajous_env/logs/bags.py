@@ -19,6 +19,8 @@ from lissajous_env.logs.messages import rosbags, seconds, type_store
 from lissajous_env.storage.files import undamaged
 from lissajous_env.wording import counted, few_of, require
 
+LARGEST = 1e12
+"""Limit on the numbers of a log, whose squares are finite in 32 bits."""
 _LOG = "rosbag2 file (.mcap) or folder"
 
 Sample = tuple[str, Any, tuple[str, ...], Sequence[Any]]
@@ -143,10 +145,10 @@ class Bags(contextlib.ExitStack):
         }
 
     def finite(self, topic: str, samples: Samples, count: int | None = None) -> Samples:
-        """Return the rows of a topic whose first values are finite, and remark that the others are ignored."""
-        sound = np.isfinite(samples.values[:, :count]).all(axis=1)
+        """Return the rows of a topic whose first values are finite and no larger than `LARGEST`, and remark others."""
+        sound = (np.abs(samples.values[:, :count]) <= LARGEST).all(axis=1)
         if not sound.all():
-            self.remark(topic, "ignored: numbers that are not finite", int((~sound).sum()))
+            self.remark(topic, f"ignored: numbers that are not finite or above {LARGEST:g}", int((~sound).sum()))
         return samples.take(sound)
 
     def _decoded(

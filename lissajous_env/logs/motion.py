@@ -84,9 +84,10 @@ class Motion:
 
     def unknown(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Return True for the intervals between two times each that are not wholly known."""
-        time = self.track.time
-        first = np.concatenate([[-np.inf], time[:-1][~self.known], time[-1:]])
-        last = np.concatenate([time[:1], time[1:][~self.known], [np.inf]])
+        time, is_jump = self.track.time, np.isin(np.arange(len(self.track) + 1), self.jumps + 1)
+        is_outlier = is_jump[:-1] & is_jump[1:]  # between two jumps
+        first = np.concatenate([[-np.inf], time[:-1][~self.known & ~is_outlier[:-1]], time[-1:]])
+        last = np.concatenate([time[:1], time[1:][~self.known & ~is_outlier[1:]], [np.inf]])
         k = np.searchsorted(last, begin + SAME_TIME, side="right")
         return first[np.minimum(k, len(first) - 1)] < end - SAME_TIME
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.logs.bags import Bags, Decoder, Samples
+from lissajous_env.logs.bags import LARGEST, Bags, Decoder, Samples
 from lissajous_env.logs.clocks import SAME_STAMP, Clock
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.poses import TOPICS, robots_of
@@ -137,7 +137,7 @@ def _track(poses: Samples, origin: tuple[float, float, float]) -> Track:
         position = np.column_stack([relative(position[:, :2], origin), position[:, 2]])
     known = np.isfinite(heading)
     heading[known] = np.unwrap(heading[known]) - origin[2]
-    speed[~np.isfinite(speed)] = np.nan
+    speed[~(np.abs(speed) <= LARGEST)] = np.nan
     return Track(poses.stamp, position, heading, speed)
 
 

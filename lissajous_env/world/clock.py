@@ -1,6 +1,6 @@
 """The clock of each world: its seed, its steps, and the beginning and end of its episodes.
 
-A reset sets every array of a world to zero, or to its value in INITIAL.
+A reset sets every array of a world to its initial value, which its struct states.
 """
 
 from collections.abc import Mapping
@@ -11,22 +11,11 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.stage import ARRAY, WORLD, named_struct, stage
+from lissajous_env.device.stage import ARRAY, INITIAL, WORLD, named_struct, stage
 from lissajous_env.device.warp_abi import fields_of
-from lissajous_env.world.state import ENDED, IDLE, NEVER, NOWHERE, RUNNING
+from lissajous_env.world.state import ENDED, IDLE, RUNNING
 
 wp.set_module_options(OPTIONS)
-
-INITIAL = {
-    **dict.fromkeys(("robots.resumed_at", "links.heard_at", "tracks.mate_sent_at", "tracks.covered_at"), -1),
-    **dict.fromkeys(("tracks.sighted_at", "tracks.own_sighted_at", "tracks.other_sighted_at", "tracks.left_at"), -1),
-    **dict.fromkeys(("contamination.high_at", "tally.off_at", "tally.fault_end"), -1),
-    **dict.fromkeys(("targets.found_at", "contamination.row_oldest", "contamination.cleared_at"), NEVER),
-    **dict.fromkeys(("tally.covered_at", "tally.covered_each_at"), NEVER),
-    "tally.min_separation": 1.0e30,
-    "tally.driven_from": float(NOWHERE),
-}
-"""Values that are not zero at the beginning of an episode, by struct and field."""
 
 
 @stage(WORLD, writes="clock: active, invalid, invalid_at, seed, status, step", idle=True)

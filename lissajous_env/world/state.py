@@ -1,7 +1,8 @@
 """The state of a batch of worlds: flat device arrays, world first, grouped by what they describe.
 
 W worlds, N robots, T target slots, S sub-steps, R rows and C columns of a grid; the bits of a row are in B words, whose
-size each struct states. A name that ends in `_at` is that of a step, counted from 0 at the reset.
+size each struct states. A name that ends in `_at` is that of a step, counted from 0 at the reset. At the beginning of
+an episode, arrays are zero or have the value that the decorator of their struct states.
 """
 
 import warp as wp
@@ -47,7 +48,7 @@ class Clock:
     """Step in which that happened first, counted from 1; 0 for none."""
 
 
-@named_struct("robots")
+@named_struct("robots", resumed_at=-1)
 class Robots:
     """Robots (W, N) in truth and as they measure themselves."""
 
@@ -85,7 +86,7 @@ class Robots:
     """Curvature of the path of a car in the latest step in which it worked [1/m], for `faults.stop` = `coast`."""
 
 
-@named_struct("links")
+@named_struct("links", heard_at=-1)
 class Links:
     """Messages on the ring: those that each robot sent, and the last ones from its two neighbours."""
 
@@ -111,7 +112,7 @@ class Messages:
     """(W, N, 2, k) last message received from each ring neighbour; zeros for none yet."""
 
 
-@named_struct("targets")
+@named_struct("targets", found_at=NEVER)
 class Targets:
     """Target slots (W, T)."""
 
@@ -143,7 +144,9 @@ class Targets:
     """Longest of these times [step]."""
 
 
-@named_struct("tracks")
+@named_struct(
+    "tracks", sighted_at=-1, left_at=-1, own_sighted_at=-1, other_sighted_at=-1, mate_sent_at=-1, covered_at=-1
+)
 class Tracks:
     """Targets, teammates and covered cells, as far as each robot knows: `lissajous_env.world.tracks`."""
 
@@ -216,7 +219,7 @@ class Cells:
     """(W, R) longest time since the visit before [step]."""
 
 
-@named_struct("contamination")
+@named_struct("contamination", row_oldest=NEVER, cleared_at=NEVER, high_at=-1)
 class Contamination:
     """Cells in which undetected targets may be: `lissajous_env.world.contamination.field`.
 
@@ -296,7 +299,9 @@ class StepEvents:
     """(W, N) True when the episode has reached its time limit."""
 
 
-@named_struct("tally")
+@named_struct(
+    "tally", min_separation=1e30, covered_at=NEVER, covered_each_at=NEVER, off_at=-1, fault_end=-1, driven_from=NOWHERE
+)
 class EpisodeTotals:
     """Totals of an episode so far, from which the score columns are computed."""
 

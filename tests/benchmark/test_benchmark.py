@@ -66,11 +66,11 @@ def test_summary_is_the_statistics_of_the_episodes(whole):
     oracles = {"mean": np.mean, "largest": np.max, "interquartile mean": lambda values: trim_mean(values, 0.25)}
     for name, column in COLUMNS.items():
         values = np.array([row[name] for row in rows if row["policy"] == "kuramoto"], dtype=float)
-        of = summary["statistics"]["failure"]["kuramoto"][name]
+        estimate = summary["statistics"]["failure"]["kuramoto"][name]
         known = values[~np.isnan(values)]
-        assert (of["n"], of["known"], of["summary"]) == (5, len(known), column.summary)
+        assert (estimate["n"], estimate["known"], estimate["summary"]) == (5, len(known), column.summary)
         for bound, oracle in {"min": np.min, "max": np.max, "value": oracles[column.summary]}.items():
-            assert of[bound] == (pytest.approx(float(oracle(known))) if len(known) else None)
+            assert estimate[bound] == (pytest.approx(float(oracle(known))) if len(known) else None)
     assert summary["references"] == {"failure": "kuramoto"}
     assert summary["seeds"] == list(range(5))
     assert summary["machine"]["cores"] == os.cpu_count()

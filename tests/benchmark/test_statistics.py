@@ -37,8 +37,8 @@ def test_intervals_are_scipys(cut, statistic):
 
 
 def test_an_estimate_counts_what_has_no_number_and_leaves_it_out():
-    of = summarize([1.0, np.nan, 6.0, np.nan, 2.0, 3.0])
-    assert (of.n, of.known, of.value, of.min, of.median, of.max) == (6, 4, 2.5, 1.0, 2.5, 6.0)
+    score = summarize([1.0, np.nan, 6.0, np.nan, 2.0, 3.0])
+    assert (score.n, score.known, score.value, score.min, score.median, score.max) == (6, 4, 2.5, 1.0, 2.5, 6.0)
     assert summarize([1.0, 6.0, 2.0, 3.0], MEAN).value == 3.0
     one = summarize([4.0])
     assert one.value == one.min == one.max == 4.0
@@ -47,17 +47,17 @@ def test_an_estimate_counts_what_has_no_number_and_leaves_it_out():
 
 
 def test_infinite_values_do_not_count_as_none():
-    of = summarize([1.0] * 7 + [math.inf])
-    assert (of.value, of.low, of.known) == (1.0, 1.0, 8)  # one of eight is in no middle half
+    estimate = summarize([1.0] * 7 + [math.inf])
+    assert (estimate.value, estimate.low, estimate.known) == (1.0, 1.0, 8)  # one of eight is in no middle half
     assert summarize([1.0, 1.0, math.inf, math.inf]).value == math.inf
     every = summarize([math.inf] * 4)
     assert (every.value, every.low, every.high) == (math.inf, math.inf, math.inf)
 
 
 def test_the_share_of_seeds_is_a_mean_of_those_that_have_a_number():
-    of = summarize([1, 0.5, 0, np.nan, 1, 0, 0.5], SHARE_OF_SEEDS)
-    assert (of.n, of.known, of.value) == (7, 6, 0.5)
-    assert in_words(of)[0] == "50 %"
+    estimate = summarize([1, 0.5, 0, np.nan, 1, 0, 0.5], SHARE_OF_SEEDS)
+    assert (estimate.n, estimate.known, estimate.value) == (7, 6, 0.5)
+    assert in_words(estimate)[0] == "50 %"
 
 
 def test_numbers_and_the_best_in_words():
@@ -88,12 +88,12 @@ EPISODES = st.lists(st.tuples(st.floats(0.1, 60), st.booleans()), min_size=1, ma
 @given(EPISODES, EPISODES, st.randoms())
 def test_more_episodes_never_lower_a_guarantee_and_their_order_does_not_matter(episodes, more, random):
     # Law: the largest value, its lower bound and the number of open episodes grow with the episodes.
-    def of(played):
+    def facts(played):
         summary = summarize_largest([time for time, _ in played], [is_open for _, is_open in played])
         return summary.value, summary.open, summary.at_least, summary.n
 
     mixed = [*episodes, *more]
     random.shuffle(mixed)
-    assert all(less <= most for less, most in zip(of(episodes), of(mixed), strict=True))
-    assert of(mixed) == of([*episodes, *more])
-    assert of(mixed)[0] == max(time for time, _ in mixed)
+    assert all(less <= most for less, most in zip(facts(episodes), facts(mixed), strict=True))
+    assert facts(mixed) == facts([*episodes, *more])
+    assert facts(mixed)[0] == max(time for time, _ in mixed)

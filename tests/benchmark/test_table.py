@@ -62,10 +62,10 @@ def printed(table, width=200, scenario="intruders"):
 def test_over_the_lower_bound_is_a_mean_and_a_bound_of_nothing_has_no_ratio():
     # Oracle: by hand; the interquartile mean of these would be 2.
     limit = mean_time_lower_bound(INTRUDERS["intruders"])
-    of = Table.of(rows("a", detection_time_mean=[2.0] * 4 + [12.0]), INTRUDERS).estimates["intruders"]["a"]
-    of = of[OVER_LOWER_BOUND.name]
-    assert of.value == pytest.approx(4 / limit)
-    assert of.low < of.value < of.high
+    estimate = Table.of(rows("a", detection_time_mean=[2.0] * 4 + [12.0]), INTRUDERS).estimates["intruders"]["a"]
+    estimate = estimate[OVER_LOWER_BOUND.name]
+    assert estimate.value == pytest.approx(4 / limit)
+    assert estimate.low < estimate.value < estimate.high
     experiment = lissajous_env.scenario("experiment")
     assert mean_time_lower_bound(experiment) == 0
     assert math.isnan(bounds.bounds_of(experiment).mean_time)
@@ -73,8 +73,8 @@ def test_over_the_lower_bound_is_a_mean_and_a_bound_of_nothing_has_no_ratio():
 
 def derived(first, second):
     """Derived rows of two policies of a scenario with a lower bound of 0.5 s, the first being the reference."""
-    of = with_derived({"a": [*first], "b": [*second]}, 0.5, DETECTION_TIME, "a")
-    return [[[row[name] for name in RATIOS] for row in of[policy]] for policy in "ab"]
+    derived_rows = with_derived({"a": [*first], "b": [*second]}, 0.5, DETECTION_TIME, "a")
+    return [[[row[name] for name in RATIOS] for row in derived_rows[policy]] for policy in "ab"]
 
 
 def test_ratios_by_hand():
@@ -123,8 +123,8 @@ def test_the_share_of_seeds_is_over_those_that_both_have():
     played = [*rows("a", detection_time_mean=[1.0, 5.0, 1.0]), *rows("b", first=1, detection_time_mean=[2.0, 2.0, 2.0])]
     table = Table.of(played, INTRUDERS)
     assert table.references == {"intruders": "a"}  # the first, as the paper's method is not played
-    of = table.estimates["intruders"]["b"]["score_improvement"]
-    assert (of.n, of.known, of.value) == (3, 2, 0.5)
+    estimate = table.estimates["intruders"]["b"]["score_improvement"]
+    assert (estimate.n, estimate.known, estimate.value) == (3, 2, 0.5)
     assert table.estimates["intruders"]["a"]["score_improvement"].known == 0
     assert Table.of(played, INTRUDERS, "b").references == {"intruders": "b"}
     assert Table.of(played[:3], INTRUDERS).references == {}
@@ -137,9 +137,9 @@ def test_an_estimate_names_the_seed_of_its_worst_episode():
     times, shares = [2.0, 5.0, math.nan], [0.9, 0.2, 0.5]
     more = {"detection_time_mean": times, "sensed_fraction": shares, "speed_max": times}
     played = worst_cases("a", [(3, 1, 0), (9, 1, 0), (4, 1, 1)], first=7, **more)
-    of = Table.of(played, INTRUDERS).estimates["intruders"]["a"]
+    estimates = Table.of(played, INTRUDERS).estimates["intruders"]["a"]
     names = "detection_time_mean", "sensed_fraction", GUARANTEE, "speed_max"
-    assert [of[name].worst for name in names] == [8, 8, 9, None]
+    assert [estimates[name].worst for name in names] == [8, 8, 9, None]
 
 
 # Scenarios together.
@@ -157,13 +157,13 @@ def test_over_scenarios_each_counts_once_and_those_without_episodes_do_not():
     ]
     played += rows("b", "evaders", detection_time_mean=[9.0], guaranteed_detection_time=[9.0])
     played += rows("c", "redundant", detection_time_mean=[1.0])
-    (of,) = Table.of(played, SCENARIOS).overall
-    assert (of.kind, of.scenarios, list(of.policies)) == ("car", ("evaders", "team"), ["a"])
-    assert of.policies["a"]["collisions"].value == 1.0
-    assert (of.policies["a"]["collisions"].n, of.policies["a"]["score_over_best"].value) == (2, 1.0)
-    assert in_words(of.policies["a"]["worst_case_over_best"]) == ("1", "median 1, 2 scenarios")
+    (cars,) = Table.of(played, SCENARIOS).overall
+    assert (cars.kind, cars.scenarios, list(cars.policies)) == ("car", ("evaders", "team"), ["a"])
+    assert cars.policies["a"]["collisions"].value == 1.0
+    assert (cars.policies["a"]["collisions"].n, cars.policies["a"]["score_over_best"].value) == (2, 1.0)
+    assert in_words(cars.policies["a"]["worst_case_over_best"]) == ("1", "median 1, 2 scenarios")
     often = Table.of([*played, *played], SCENARIOS).overall[0]  # more episodes of the same scenarios narrow nothing
-    assert often.policies["a"]["collisions"] == of.policies["a"]["collisions"]
+    assert often.policies["a"]["collisions"] == cars.policies["a"]["collisions"]
     assert Table.of(played[:3], SCENARIOS).overall == []
 
 
@@ -175,13 +175,13 @@ def views_of(episodes):
     with_ends = [(time, time if is_open else 0.5, is_open) for time, is_open in episodes]
     played = [*worst_cases("ours", with_ends), *worst_cases("other", [(45.0, 0.5, False)] * len(episodes))]
     table = Table.of(played, INTRUDERS)
-    of = table.estimates["intruders"]
+    estimates = table.estimates["intruders"]
     outcome = BenchmarkOutcome(Benchmark(("intruders",), ("ours", "other")), [], played, table, {"device": "cpu"})
     wide = Console(width=400, record=True, file=io.StringIO())
-    shown.print_lines(wide, Text("t"), SHOWN, lines_of({"ours": of["ours"]}, SHOWN))
+    shown.print_lines(wide, Text("t"), SHOWN, lines_of({"ours": estimates["ours"]}, SHOWN))
     terminal = re.sub(r"[^\x21-\x7e]+", " ", wide.export_text())
     wide = Console(width=400, record=True, file=io.StringIO())
-    shown.print_scores(wide, "ours", SCENARIOS["intruders"], of["ours"])
+    shown.print_scores(wide, "ours", SCENARIOS["intruders"], estimates["ours"])
     (scores,) = [line for line in wide.export_text().splitlines() if line.split()[:1] == [GUARANTEE]]
     page = report_page(table, table.rows, {}, {})
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
@@ -253,12 +253,12 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     names = "arc-mpcc-safe", "runs/x[/b]"
     played = [row | {c: digits * rng.random() for c in row if type(row[c]) is float} for name in names
               for row in rows(name, detection_time_mean=[1.0] * 4)]  # fmt: skip
-    of = Table.of(played, INTRUDERS).estimates["intruders"]
+    estimates = Table.of(played, INTRUDERS).estimates["intruders"]
 
     def text_at(columns):
         console = Console(width=columns, record=True, file=io.StringIO())
-        shown.print_lines(console, Text("title"), SHOWN, lines_of(of, SHOWN))
-        shown.print_scores(console, "runs/x[/b]", SCENARIOS["intruders"], of["runs/x[/b]"])
+        shown.print_lines(console, Text("title"), SHOWN, lines_of(estimates, SHOWN))
+        shown.print_scores(console, "runs/x[/b]", SCENARIOS["intruders"], estimates["runs/x[/b]"])
         return without_names(console.export_text())
 
     whole, nothing = text_at(500)
@@ -300,8 +300,8 @@ def policies_of(table):
     for line in table.splitlines()[2:]:
         where, policy = (cell.strip() for cell in line.split("|")[1:3])
         if where:
-            of = policies.setdefault(where.split("`")[1], set())
-        of.add(policy)
+            names = policies.setdefault(where.split("`")[1], set())
+        names.add(policy)
     return policies
 
 
@@ -312,7 +312,7 @@ def test_the_command_makes_the_table_of_the_docs():
     stored = re.search(r"<!-- figures: policies -->\s+(.*?)\s+<!-- end -->", page, re.DOTALL)[1]
     assert stored.splitlines()[0] == f"| scenario | policy | {' | '.join(column.heading for column in MAIN)} |"
     known = {plan.name for plan in bounds.all_known()} & set(types.SCENARIOS)
-    assert {name for name, of in policies_of(stored).items() if "*best known*" in of} == known
+    assert {name for name, names in policies_of(stored).items() if "*best known*" in names} == known
     cells = cells_of(Benchmark(), scenarios=[bounds.as_played(name) for name in types.SCENARIOS])
     listed = {(name, policy.strip("`")) for name, of in policies_of(stored).items() for policy in of - {"*best known*"}}
     assert listed <= {(cell.scenario.name, cell.policy) for cell in cells}

@@ -34,11 +34,11 @@ def modules_with_kernels():
     """Warp modules with their kernels, by their names; a Python module of an extra that is not there has none."""
     modules = {}
     for package in (lissajous_env, baselines, training):
-        for of in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
-            module = None if of.name.endswith("__main__") else imported(of.name)
+        for info in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            module = None if info.name.endswith("__main__") else imported(info.name)
             for kernel in [] if module is None else vars(module).values():
-                if isinstance(kernel, wp.Kernel) and kernel.module.name == of.name:
-                    modules.setdefault(of.name, []).append(kernel)
+                if isinstance(kernel, wp.Kernel) and kernel.module.name == info.name:
+                    modules.setdefault(info.name, []).append(kernel)
     return modules
 
 
@@ -73,7 +73,7 @@ def test_every_kernel_compiles_for_cuda(name, tmp_path):
         wp.compile_aot_module(KERNELS[name][0].module, arch=90, module_dir=tmp_path, use_ptx=True)
     (compiled,) = tmp_path.glob("*.ptx")
     entries = [line for line in compiled.read_text().splitlines() if ".entry" in line]
-    missing = [of.key for of in KERNELS[name] if not any(f" {of.key}_" in entry for entry in entries)]
+    missing = [kernel.key for kernel in KERNELS[name] if not any(f" {kernel.key}_" in entry for entry in entries)]
     assert entries
     assert missing == []
 
@@ -101,7 +101,7 @@ def test_cuda_agrees_with_the_cpu(name):
 def test_policies_act_on_cuda_as_on_the_cpu(name):
     """Oracle: the CPU, which receives the same observations; a solver stops an iteration earlier here and there."""
     scenario = next(
-        of for of in (*describe(name)["made_for"], *lissajous_env.scenarios()) if name in baselines.names(of)
+        task for task in (*describe(name)["made_for"], *lissajous_env.scenarios()) if name in baselines.names(task)
     )
     simulation = lissajous_env.Simulation(scenario, num_worlds=8, device="cuda")
     on_cpu, on_cuda = (baselines.make(name, scenario, 8, device) for device in ("cpu", "cuda"))

@@ -84,7 +84,7 @@ def test_a_block_of_python_runs(page, body, tmp_path, monkeypatch, capsys):
         names = [node.module] if isinstance(node, ast.ImportFrom) else []
         names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         for name in names:
-            for needed in {name.split(".")[0], *(of for module, of in NEEDS.items() if name.startswith(module))}:
+            for needed in {name.split(".")[0], *(extra for module, extra in NEEDS.items() if name.startswith(module))}:
                 if needed in OPTIONAL:
                     pytest.importorskip(needed)
     if "benchmarl" in body:

@@ -238,20 +238,20 @@ def test_rows_and_rewards_are_those_of_the_simulation_until_the_time_limit_which
     driver = baselines.make("still", scenario, adapter.worlds) if roles == "rogues" else None
     n, compared = scenario.num_robots, 0
     for step in range(1, scenario.task.steps + 1):
-        for side, of in rows.items():
+        for side, block in rows.items():
             own = simulation.observation.numpy() if side == "robot" else simulation.rogues.observation.numpy()
             live = np.ones(own.shape[:2], bool) if side == "robot" else simulation.rogues.present.numpy()
-            assert (of[:, : own.shape[1]][live] == own[live]).all()
-            assert not of[:, own.shape[1] :].any()
+            assert (block[:, : own.shape[1]][live] == own[live]).all()
+            assert not block[:, own.shape[1] :].any()
             compared += live.sum()
         actions = drawn(adapter, rows, draw)
         of_robots = driver.act(simulation.observation) if driver else np.clip(actions["robot"][:, :n], -1, 1)
         of_rogues = () if scenario.targets.rogues is None else (np.clip(actions["rogue"], -1, 1),)
         simulation.step(of_robots, *of_rogues)
         rows, rewards, terminated, truncated = adapter.step(actions)
-        for side, of in rewards.items():
+        for side, block in rewards.items():
             own = simulation.reward.numpy() if side == "robot" else simulation.rogues.reward.numpy()
-            assert (of[:, : own.shape[1]] == own).all()
+            assert (block[:, : own.shape[1]] == own).all()
         if terminated.any():
             assert roles == "rogues"  # all were detected
             break
@@ -283,7 +283,7 @@ def test_a_copy_goes_on_bit_for_bit_and_returned_arrays_do_not_change(name, role
     rows = adapter.reset(seed=4)
     for _ in range(3):
         rows, *_ = adapter.step(drawn(adapter, rows, draw))
-    returned, before = rows, {side: of.copy() for side, of in rows.items()}
+    returned, before = rows, {side: block.copy() for side, block in rows.items()}
     copies = [pickle.loads(pickle.dumps(adapter)), copy.deepcopy(adapter)]
     over = np.array([False])
     while not over.all():

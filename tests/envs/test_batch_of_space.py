@@ -48,12 +48,12 @@ def test_each_group_is_a_simulation_of_its_scenario_and_the_rest_is_masked():
         actions = drawn_actions(batch, rng)
         rows = step(batch, actions)
         for group, single in enumerate(alone):
-            of, n = batch.worlds_of(group), single.num_robots
-            single.step(np.ascontiguousarray(actions[of, :n]))
+            worlds, n = batch.worlds_of(group), single.num_robots
+            single.step(np.ascontiguousarray(actions[worlds, :n]))
             for name in ("observation", "reward", "terminated", "truncated"):
-                assert (getattr(rows, name)[of, :n] == getattr(single, name).numpy()).all()
-            assert rows.mask[of, :n].all()
-            assert not rows.mask[of, n:].any()
+                assert (getattr(rows, name)[worlds, :n] == getattr(single, name).numpy()).all()
+            assert rows.mask[worlds, :n].all()
+            assert not rows.mask[worlds, n:].any()
     assert rows.terminated[~rows.mask].all()
     assert not np.any([*rows.reward[~rows.mask], *rows.observation[~rows.mask].ravel()])
     scores = batch.score(np.ones(12, bool))

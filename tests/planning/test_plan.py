@@ -115,7 +115,7 @@ def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):
         assert figures["worst_case"] == worst_of(rows)
         simulation, ages = lissajous_env.Simulation(scenario, count), []
         runner = EpisodeRunner(baselines.make(out / str(k), scenario, count), simulation)
-        runner.play(range(count), lambda _, of=simulation, into=ages: into.append(of.contamination.age.numpy().max()))
+        runner.play(range(count), lambda _, sim=simulation, into=ages: into.append(sim.contamination.age.numpy().max()))
         settled = max(ages[scenario.task.steps // 2 + 1 :]) * scenario.task.step
         assert figures["settled"] == ("inf" if worst_of(rows) == "inf" else pytest.approx(settled))
         assert figures["detection_time"] == pytest.approx(np.mean([row["detection_time_mean"] for row in rows]))
@@ -150,13 +150,13 @@ def test_no_printed_plan_is_dominated(table):
     """Oracle: comparison of all pairs by brute force; what is left out collides, is dominated, or is a twin."""
     plans = [planned(*row, collisions=int(collides)) for *row, collides in table]
     front = pareto_optimal(plans)
-    of = [(*plan.figures.objectives, 5.0) for plan in plans]
+    objectives = [(*plan.figures.objectives, 5.0) for plan in plans]
     for member in front:
         mine = (*member.figures.objectives, 5.0)
-        safe = [one for one, plan in zip(of, plans, strict=True) if not plan.figures.collisions]
+        safe = [one for one, plan in zip(objectives, plans, strict=True) if not plan.figures.collisions]
         assert member.figures.collisions == 0
         assert not any(all(np.array(one) <= mine) and one != mine for one in safe)
-    for one, plan in zip(of, plans, strict=True):
+    for one, plan in zip(objectives, plans, strict=True):
         if plan.figures.collisions == 0:
             assert any(all(np.array((*member.figures.objectives, 5.0)) <= one) for member in front)
     worst = [member.figures.worst_case for member in front]

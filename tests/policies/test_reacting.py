@@ -228,9 +228,9 @@ def test_reacting_is_worth_a_factor(scenario, best, column, factor):
 
 
 def test_scenarios_of_all_splits_have_rows_of_one_length():
-    for space in ("watch-v1", "intercept-v1", "hotspots-v1"):
-        of = lissajous_env.scenario_space(space)
-        scenarios = [task for split in ("test", *of.shifts) for task in itertools.islice(of.scenarios(split), 3)]
+    for name in ("watch-v1", "intercept-v1", "hotspots-v1"):
+        space = lissajous_env.scenario_space(name)
+        scenarios = [task for split in ("test", *space.shifts) for task in itertools.islice(space.scenarios(split), 3)]
         assert len({layout(scenario).size for scenario in scenarios}) == 1
 
 

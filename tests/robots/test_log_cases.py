@@ -79,8 +79,8 @@ DRIVEN = ("steering", "throttle")
 
 def commanded(names, numbers, pace=1):
     """Messages of poses and of commands, whose names may change and whose stamps may stand still."""
-    of = names if callable(names) else lambda t: names
-    return shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + pace * t, of(t), numbers))
+    names_at = names if callable(names) else lambda t: names
+    return shrunk() + extra("/robot_{}/command", lambda t: joints(EPOCH + pace * t, names_at(t), numbers))
 
 
 def shifted(robot, t):
@@ -112,10 +112,9 @@ FIXED = {
     "quaternions are zero": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=0.0)), ("not of length 1",)),
     "quaternions are long": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=2.0)), ("not of length 1",)),
     "poses without speeds": (shrunk(make=stamped), ("were not logged",)),
-    "one pose is NaN": (
-        of_robots(lambda k, t: odometry(EPOCH + t, math.nan if k == 0 and 1.9 < t < 1.95 else circle(k, t)[0],
-                                        *circle(k, t)[1:])),
-        (),
+    "poses that are NaN or far beyond all floats of 32 bits": (
+        of_robots(lambda k, t: odometry(EPOCH + t, (math.nan, 1e300)[k] if k < 2 and 1.9 < t < 2 else circle(k, t)[0],
+                                        *circle(k, t)[1:])), ("2 messages", "not finite or above 1e+12"),
     ),
     "a status of another type": (
         shrunk() + extra("/robot_{}/status", lambda t: plain("Bool", True)), ("/robot_0/status", "std_msgs/msg/Bool")
@@ -258,8 +257,9 @@ def test_a_jump_is_named(tmp_path):
     result = scored(tmp_path, jumping)
     assert any("robot 1: 1 jump that" in note and "1700000002.0" in note for note in result.notes)
     assert result.rows[0]["speed_max"] == pytest.approx(SPEED)
-    failed = result.recording.status[:, 1]
-    assert (failed.max(), failed[-1]) == (1, 0)
+    assert (result.recording.status[:, 1].max(), result.recording.status[-1, 1]) == (1, 0)
+    glitch = of_robots(lambda k, t: odometry(EPOCH + t, circle(k, t)[0] + 9 * (k == 1 and t == 2), *circle(k, t)[1:]))
+    assert scored(tmp_path / "glitch", glitch).rows[0]["distance_mean"] == pytest.approx(way(LASTS), rel=5e-3)
 
 
 def test_a_log_ends_with_the_first_robot_unless_that_one_has_failed(tmp_path):

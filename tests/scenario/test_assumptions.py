@@ -39,7 +39,7 @@ POINTS = Scenario(curve=Curve(5.0, 5.0, 7, 8), robot=Robot(kind="curve", radius=
 
 
 def with_(base=POINTS, **parts):
-    return dataclasses.replace(base, **{n: dataclasses.replace(getattr(base, n), **of) for n, of in parts.items()})
+    return dataclasses.replace(base, **{n: dataclasses.replace(getattr(base, n), **part) for n, part in parts.items()})
 
 
 @pytest.mark.parametrize(

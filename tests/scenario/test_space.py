@@ -44,8 +44,8 @@ def space(name="space", draw=DRAW, **changes):
     return ScenarioSpace(name, scenario("experiment"), draw, **changes)
 
 
-def first(of, split, count):
-    return list(itertools.islice(of.scenarios(split), count))
+def first(space, split, count):
+    return list(itertools.islice(space.scenarios(split), count))
 
 
 def test_a_seed_gives_the_same_scenario_always_and_other_seeds_others():
@@ -76,12 +76,12 @@ def test_a_draw_that_is_added_changes_no_other_value():
 
 
 def test_splits_share_no_scenario_and_have_their_shares():
-    of = space()
-    seeds = {split: set(itertools.takewhile(lambda seed: seed < 2000, of.seeds(split))) for split in SPLITS}
+    sample_space = space()
+    seeds = {split: set(itertools.takewhile(lambda seed: seed < 2000, sample_space.seeds(split))) for split in SPLITS}
     assert sum(map(len, seeds.values())) == len(set.union(*seeds.values())) == 2000
     for split, share in SPLITS.items():
         assert abs(len(seeds[split]) / 2000 - share) < 0.03
-        assert all(of.split_of(seed) == split for seed in seeds[split])
+        assert all(sample_space.split_of(seed) == split for seed in seeds[split])
 
 
 def test_weights_and_whole_numbers():
@@ -98,8 +98,8 @@ def test_weights_and_whole_numbers():
 
 
 def test_rules_hold_and_impossible_ones_are_named():
-    of = space(require=("sensing_radius < 0.7 * curve.half_height",))
-    assert all(sample.sensing_radius < 0.7 * sample.curve.half_height for sample in first(of, "train", 50))
+    sample_space = space(require=("sensing_radius < 0.7 * curve.half_height",))
+    assert all(sample.sensing_radius < 0.7 * sample.curve.half_height for sample in first(sample_space, "train", 50))
     with pytest.raises(ValueError, match=r"require must be met .* seed 0 of space, .*: sensing_radius < 0\.1"):
         space(require=("sensing_radius < 0.1",))
     with pytest.raises(ValueError, match="require must be a list of formulas, got 'sensing_radius < 9'"):
@@ -142,22 +142,22 @@ def test_a_field_is_given_by_any_name_and_for_shifts_too(overrides):
 
 def test_an_environment_takes_given_fields_as_a_training_does():
     # Both are before the scale, in the units of the space.
-    of = scenario_space("monitoring-v1")
+    monitoring = scenario_space("monitoring-v1")
     env = lissajous_env.parallel_env("monitoring-v1:test", **{"sensing.radius": 0.9})
     env.reset(seed=4)
     seed = int(env.scenario.name.rpartition("-")[2])
-    assert env.scenario.sensing.radius == of.overridden({"sensing.radius": 0.9}).sample(seed).sensing.radius
+    assert env.scenario.sensing.radius == monitoring.overridden({"sensing.radius": 0.9}).sample(seed).sensing.radius
     for wrong in ({"sensing.radios": 0.9}, {"duration": 3.0}):
         with pytest.raises(UnknownSettingError):
             lissajous_env.parallel_env("monitoring-v1", **wrong)
 
 
 def test_a_shift_changes_its_draws_alone():
-    of = space(shifts={"high": {"curve": {"half_height": "uniform(5.0, 6.0)"}}})
-    samples = first(of, "high", 20)
+    sample_space = space(shifts={"high": {"curve": {"half_height": "uniform(5.0, 6.0)"}}})
+    samples = first(sample_space, "high", 20)
     assert [sample.name for sample in samples[:2]] == ["space-high-0", "space-high-1"]
     assert all(5 <= sample.curve.half_height <= 6 and sample.curve.a in (3, 5) for sample in samples)
-    assert first(of, "train", 5) == first(space(), "train", 5)
+    assert first(sample_space, "train", 5) == first(space(), "train", 5)
 
 
 @pytest.mark.parametrize(
@@ -205,15 +205,15 @@ def test_an_invalid_seed_is_refused(seed):
 def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(TOML)
-    of = scenario_space("mine.toml")
-    assert of.name == "mine"
-    assert of.shifts.keys() == {"wide"}
-    assert scenario("mine.toml:12") == of.sample(12)
-    assert scenario("mine.toml:wide-12") == of.shifted("wide").sample(12)
+    sample_space = scenario_space("mine.toml")
+    assert sample_space.name == "mine"
+    assert sample_space.shifts.keys() == {"wide"}
+    assert scenario("mine.toml:12") == sample_space.sample(12)
+    assert scenario("mine.toml:wide-12") == sample_space.shifted("wide").sample(12)
     names = expanded(["evaders", "mine.toml:test:3", "mine.toml:wide:2"])
     assert names[0] == "evaders"
     assert names[4:] == ("mine.toml:wide-0", "mine.toml:wide-1")
-    assert [scenario(name) for name in names[1:4]] == first(of, "test", 3)
+    assert [scenario(name) for name in names[1:4]] == first(sample_space, "test", 3)
     with pytest.raises(ValueError, match=r"must end in a number from 1 to 10000, got '0'"):
         expanded(["mine.toml:test:0"])
     with pytest.raises(ValueError, match=r"split must be one of .*did you mean test\?"):
@@ -234,8 +234,8 @@ def test_the_base_in_a_file_is_registered_and_no_other_file(tmp_path, monkeypatc
 
 
 def test_a_registered_space_is_known_by_name():
-    of = register_scenario(space("of-mine"))
-    assert scenario("of-mine-4") == of.sample(4)
+    sample_space = register_scenario(space("of-mine"))
+    assert scenario("of-mine-4") == sample_space.sample(4)
     assert "of-mine" in lissajous_env.scenario_spaces()
     longer = register_scenario(space("of-mine-4"))
     assert scenario("of-mine-4-2") == longer.sample(2)
@@ -254,8 +254,8 @@ def test_a_command_takes_the_scenario_of_a_space_beside_a_policy():
 
 def test_the_shipped_spaces_never_change():
     for name, digest in FROZEN.items():
-        of = scenario_space(name)
-        digests = [sample.digest() for split in (*SPLITS, *of.shifts) for sample in first(of, split, 1)]
+        shipped = scenario_space(name)
+        digests = [sample.digest() for split in (*SPLITS, *shipped.shifts) for sample in first(shipped, split, 1)]
         assert digest_of("".join(digests).encode()) == digest, name
 
 

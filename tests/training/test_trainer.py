@@ -112,7 +112,7 @@ def test_advantages_are_sums_of_rewards_that_end_with_the_episode(tmp_path):
     steps = [(one, step._replace(over=np.full(8, k == 2), ended=0 * one)) for k in range(4)]
     advantages = state._advantages(steps, np.zeros((5, state.worlds.count), np.float32))
     assert advantages[:, 0].tolist() == pytest.approx([1.75, 1.5, 1.0, 1.0])
-    removed = [(one, of._replace(over=np.zeros(8, bool), ended=one * (k == 1))) for k, (_, of) in enumerate(steps)]
+    removed = [(one, step._replace(over=np.zeros(8, bool), ended=one * (k == 1))) for k, (_, step) in enumerate(steps)]
     values = np.full((5, state.worlds.count), 4.0, np.float32)
     advantages = state._advantages(removed, values)
     wanted = [1 + 0.5 * 4 - 4 + 0.5 * (1 - 4), 1 - 4, 1 + 1 / 2 + 1 - 4, 1 + 2 - 4]
@@ -157,7 +157,7 @@ def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tm
 def test_a_critic_of_its_own_reads_what_the_robot_perceives(tmp_path):
     # The truth of the critic is the true state, which has more tokens than a robot perceives from what it sees.
     own, central = (Training(small(tmp_path, critic=critic)).collect() for critic in ("own", "central"))
-    assert all(torch.equal(*of) for of in zip(own.truth, own.rows[1:], strict=True))
+    assert all(torch.equal(*pair) for pair in zip(own.truth, own.rows[1:], strict=True))
     assert central.truth[1].sum() > own.truth[1].sum()
 
 
@@ -183,11 +183,11 @@ def test_trainings_that_differ_only_in_their_seeds_are_a_row_of_the_ablations(tm
     for seed, (folder, base) in enumerate(zip(folders, (None, None, "none"), strict=True)):
         train(small(tmp_path, out=folder, seed=seed, steps=1, base=base), QUIET)
     table = learned.on_ablations([str(folder) for folder in folders])
-    of = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
-    assert [row["trainings"] for row in of] == ["2", "1"]
-    assert ["--base none" in row["options"] for row in of] == [False, True]
-    assert float(of[0]["over `greedy-herd`"].split()[0]) == pytest.approx(1, abs=0.05)
-    assert all(row["options"].endswith("--set task.duration=16.0`") for row in of)
+    rows = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
+    assert [row["trainings"] for row in rows] == ["2", "1"]
+    assert ["--base none" in row["options"] for row in rows] == [False, True]
+    assert float(rows[0]["over `greedy-herd`"].split()[0]) == pytest.approx(1, abs=0.05)
+    assert all(row["options"].endswith("--set task.duration=16.0`") for row in rows)
     monkeypatch.setattr(learned, "CURVES", tmp_path / "curves.jsonl")
     learned.on_curves([str(folder) for folder in folders[:2]], stores=True)
     assert [row[3] for row in learned.on_curves([str(folders[2])], stores=False)["rows"]] == ["2", "1"]
@@ -200,11 +200,11 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, mo
     cut = dataclasses.replace(settings, out=tmp_path / "cut")
     calls, update = [], Training.update
 
-    def interrupted(state: Training, of: Rollout):
+    def interrupted(state: Training, rollout: Rollout):
         calls.append(1)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return update(state, of)
+        return update(state, rollout)
 
     with monkeypatch.context() as patch:
         patch.setattr(Training, "update", interrupted)
@@ -213,7 +213,7 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, mo
     seen: list = []
     history = train(cut, QUIET, seen.append)
     assert (arrays_of(tmp_path / "cut") == arrays_of(tmp_path / "run")).all()
-    states = [checkpoint.read_state(of, checkpoint.read_contents(of)) for of in (tmp_path / "cut", tmp_path / "run")]
+    states = [checkpoint.read_state(run, checkpoint.read_contents(run)) for run in (tmp_path / "cut", tmp_path / "run")]
     assert all((array == states[1][name]).all() for name, array in states[0].items())
     assert [point["steps"] for point in seen] == [point["steps"] for point in history["curve"]][2:]
     # A finished training is left alone.

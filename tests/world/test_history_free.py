@@ -94,10 +94,10 @@ def poison(simulation, floating, whole):
 
 def actions(simulation, draws):
     """Return actions of the robots, and of the rogues where these are agents, that depend on the world alone."""
-    of = [simulation.action_shape]
+    shapes = [simulation.action_shape]
     if simulation.scenario.targets.rogues == "agents":
-        of.append(simulation.rogues.action.shape)
-    return [np.float32([draw.uniform(-1, 1, shape[1:]) for draw in draws]) for shape in of]
+        shapes.append(simulation.rogues.action.shape)
+    return [np.float32([draw.uniform(-1, 1, shape[1:]) for draw in draws]) for shape in shapes]
 
 
 def play(simulation, seeds, steps=30):

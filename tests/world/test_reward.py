@@ -54,7 +54,7 @@ def test_the_formulas_that_readers_see_are_what_the_kernel_does():
     *_, simulation = runs(steps=7, **WEIGHTS)
     latest, tally, contamination = simulation.latest, simulation.tally, simulation.contamination
     structs = (tally, EpisodeTotals), (contamination, Contamination), (latest, StepEvents)
-    state = {name: getattr(struct, name).numpy() for struct, of in structs for name in of.vars}
+    state = {name: getattr(struct, name).numpy() for struct, kind in structs for name in kind.vars}
     happened = {name: value.reshape(8, -1) for name, value in state.items()}  # of the team (8, 1), of robots (8, 5)
     weights = dataclasses.asdict(simulation.scenario.task) | {"cells_total": 36 * 16}
     for k, (term, formula) in enumerate(FORMULAS.items()):

@@ -16,6 +16,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.missed.played import Path, PlayedEpisode, crossing_steps
+from lissajous_env.world.robots.contacts import closest_approach
 
 wp.set_module_options(OPTIONS)
 
@@ -73,10 +74,9 @@ def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: 
                 continue
             for s in range(pieces):
                 share = float((step - first - 1) * pieces + s)
-                a = wp.lerp(start, end, share / count) - lattice.path[step, i, s]
-                way = wp.lerp(start, end, (share + 1.0) / count) - lattice.path[step, i, s + 1] - a
-                nearest = wp.clamp(-wp.dot(a, way) / wp.max(wp.length_sq(way), 1.0e-20), 0.0, 1.0)
-                if wp.length_sq(a + nearest * way) < lattice.radius * lattice.radius:
+                before = wp.lerp(start, end, share / count) - lattice.path[step, i, s]
+                after = wp.lerp(start, end, (share + 1.0) / count) - lattice.path[step, i, s + 1]
+                if closest_approach(before, after) < lattice.radius * lattice.radius:
                     return False
     return True
 
