@@ -24,6 +24,7 @@ from baselines.policies.transit import along_arc, start_is_known
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
+from lissajous_env.wording import counted
 
 _CRUISE, _FASTEST = 0.96, 0.98
 """Speeds of a line over the top speed of the slowest car: by default, and at most; the rest is for catching up."""
@@ -124,7 +125,8 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
     fitting = [lines for of_count, _ in options for lines in of_count]
     if not fitting:
         span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
-        rule = f"line-abreast requires {counts[0]} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
+        lines = counted(counts[0], "line")
+        rule = f"line-abreast requires {lines} of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
     if scenario.inset and not start_is_known(scenario):  # before they are compared, which can take seconds
         rule = "line-abreast requires a start that all robots know within walls or an inset"
