@@ -5,18 +5,18 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, Overrides, make_console, parse_overrides
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Output, Overrides, make_console, parse_overrides
 from lissajous_env.plugins import of_extra
 from training.settings import RogueTraining, TrainingSettings
 
 
 def train(
-    settings: tyro.conf.OmitArgPrefixes[TrainingSettings],
+    settings: TrainingSettings,
     side: Literal["robots", "rogues"] = "robots",
     against: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None,
     rogue_rounds: int | None = None,
     rogue_starts: int | None = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Train a policy of the robots; with `--side rogues`, train targets that hide from robots.

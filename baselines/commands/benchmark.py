@@ -2,8 +2,6 @@
 
 import dataclasses
 
-import tyro
-
 from baselines.benchmark.results_folder import SUMMARY
 from baselines.benchmark.running import measure
 from baselines.benchmark.types import Benchmark
@@ -11,7 +9,7 @@ from baselines.benchmark.written import summarized
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     CommandError,
-    OutputOptions,
+    Output,
     Overrides,
     RogueName,
     parse_overrides,
@@ -19,9 +17,9 @@ from lissajous_env.console.terminal import (
 
 
 def benchmark(
-    settings: tyro.conf.OmitArgPrefixes[Benchmark],
+    settings: Benchmark,
     rogues: RogueName = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Compare policies on scenarios, with the same seeds for all: tables, files and a report page.

@@ -10,7 +10,7 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.table import Table
 from baselines.benchmark.theorem import about_theorem
 from baselines.benchmark.written import as_csv
-from baselines.commands.playing import DEFAULT_PLAY, Play, check_file, naming, with_policy
+from baselines.commands.playing import DEFAULT_PLAY, PlayOptions, check_file, naming, with_policy
 from lissajous_env.console.terminal import OutFile, RogueName
 from lissajous_env.storage.files import write_atomically
 
@@ -27,7 +27,7 @@ def evaluate(
     batch: int = 16,
     out: OutFile = None,
     rogues: RogueName = None,
-    common: Play = DEFAULT_PLAY,
+    common: PlayOptions = DEFAULT_PLAY,
 ) -> None:
     """Play one policy on scenarios and print statistics of every score.
 

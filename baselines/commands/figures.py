@@ -8,7 +8,7 @@ import tyro
 from baselines.benchmark import results_folder
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, Output
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import counted
 
@@ -20,7 +20,7 @@ def figures(
     folder: _Folder,
     format: Literal["pdf", "svg", "png"] = "pdf",
     out: OutFolder = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
 ) -> list[Path]:
     """Draw the results of a benchmark for a paper, and write its table in LaTeX; no episode is played.
 

@@ -11,7 +11,7 @@ from rich.text import Text
 from baselines.benchmark.types import require_distinct_names
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
-    OutputOptions,
+    Output,
     Overrides,
     ScenarioNames,
     parse_overrides,
@@ -33,7 +33,7 @@ def guarantee(
     scenarios: ScenarioNames = _PAPER,
     radii: int = 22,
     cells: int = 90,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Compute how fast a target must be to evade a formation for ever.

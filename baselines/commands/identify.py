@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from baselines.commands.playing import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, LogFiles, OutFile, OutputOptions, ScenarioOption, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, LogFiles, OutFile, Output, ScenarioOption, print_table
 from lissajous_env.logs.poses import TOPICS
 from lissajous_env.logs.reading import COMMAND, read
 from lissajous_env.logs.scoring import own_scenario
@@ -25,7 +25,7 @@ def identify(
     topics: tuple[str, ...] = TOPICS,
     commands: str = COMMAND,
     out: OutFile = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
 ) -> None:
     """Fit the model of a car or differential drive to a log, and print its constants with standard errors.
 
@@ -72,7 +72,7 @@ def identify(
 _RESIDUALS = {"position": "m", "heading": "rad", "speed": "m/s"}
 
 
-def _print(output: OutputOptions, robots: "dict[str, Identified]", units: dict[str, str]) -> None:
+def _print(output: Output, robots: "dict[str, Identified]", units: dict[str, str]) -> None:
     titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in units.items()]
     rows = [
         [label, *(_with_error(robot.values[name], robot.errors[name]) for name in units)]

@@ -11,7 +11,7 @@ from baselines.planning import report
 from baselines.planning.plans import robots_top_speed
 from baselines.planning.request import Request
 from baselines.planning.search import PlanOutcome
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, OutputOptions, print_line
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, Output, print_line
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import counted
 
@@ -28,10 +28,10 @@ class Options(Request, with_defaults=False, part=""):
 
 
 def plan(
-    request: tyro.conf.OmitArgPrefixes[tyro.conf.FlagCreatePairsOff[Options]],
+    request: Options,
     rows: int = 8,
     out: OutFolder = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
 ) -> int:
     """Find patrols for a team, simulate them, and print which are best and what each guarantees.
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-import tyro
-
 from baselines.benchmark.progress import Progress, bar
 from baselines.benchmark.types import ALL, Benchmark, Cell, cells_of
 from baselines.policies import registry
@@ -60,8 +58,6 @@ class PlayOptions(Output):
 
 
 DEFAULT_PLAY = PlayOptions()
-Play = tyro.conf.OmitArgPrefixes[PlayOptions]
-"""Type of a command's parameter `common`, which adds --seed, --device and --set to --json and --quiet."""
 
 
 def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str]:

@@ -5,12 +5,12 @@ from typing import Annotated
 import tyro
 
 from baselines.policies import registry
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, Output, print_table
 
 _ScenarioOrNone = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
 
 
-def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_OUTPUT) -> None:
+def policies(scenario: _ScenarioOrNone = None, output: Output = DEFAULT_OUTPUT) -> None:
     """List the policies, each with the robots that it drives and a description.
 
     Example:

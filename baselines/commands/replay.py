@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from baselines.benchmark.types import Benchmark, cells_of
-from baselines.commands.playing import DEFAULT_PLAY, FORMATS, Play, check_file, has_display, record_one, show
+from baselines.commands.playing import DEFAULT_PLAY, FORMATS, PlayOptions, check_file, has_display, record_one, show
 from baselines.policies import registry
 from baselines.policies.registry import as_factory
 from lissajous_env.console.terminal import OutFile, RogueName
@@ -29,7 +29,7 @@ def replay(
     speed: float = 1.0,
     fps: float = 10.0,
     rogues: RogueName = None,
-    common: Play = DEFAULT_PLAY,
+    common: PlayOptions = DEFAULT_PLAY,
 ) -> None:
     """Show an episode, played now or recorded before: as a page, in a window, or as MP4 or GIF.
 

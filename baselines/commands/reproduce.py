@@ -15,12 +15,12 @@ from baselines.reproduce import claims, detection, experiment, resilience, theor
 from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Format, Picture
 from baselines.reproduce.episodes import Player
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, Output
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.folder import Folder
-from lissajous_env.wording import require
+from lissajous_env.wording import counted, require
 
 PARTS: dict[str, Callable[[Player], Part]] = {
     "fig2": detection.fig2,
@@ -56,7 +56,7 @@ def reproduce(
     seed: int = 0,
     device: Device = "cpu",
     format: Format = "png",
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
 ) -> list[Claim]:
     """Simulate the paper's figures and claims again: pictures, and a table of the claims that agree.
 
@@ -100,7 +100,7 @@ def reproduce(
         finally:
             folder.write(_PAGE, claims.as_page(results, pictures, format, command))
     claims.print_claims(console, results)
-    words = f"\n{claims.summary(results)}. {len(pictures)} pictures and README.md are in {out}"
+    words = f"\n{claims.summary(results)}. {counted(len(pictures), 'picture')} and README.md are in {out}"
     output.print(words)
     output.print_json(results)
     return results

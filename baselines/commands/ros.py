@@ -13,7 +13,7 @@ from baselines.ros.settings import RobotSettings, WorldSettings
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     OutFile,
-    OutputOptions,
+    Output,
     Overrides,
     parse_overrides,
     print_line,
@@ -26,9 +26,9 @@ _Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
 
 
 def robot(
-    settings: tyro.conf.OmitArgPrefixes[RobotSettings],
+    settings: RobotSettings,
     namespace: _Namespace = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
 ) -> None:
     """Run one robot's policy as a node of ROS 2.
 
@@ -53,10 +53,10 @@ def robot(
 
 
 def world(
-    settings: tyro.conf.OmitArgPrefixes[WorldSettings],
+    settings: WorldSettings,
     scenario: str = "experiment",
     out: OutFile = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Simulate the robots' hardware as a node of ROS 2, and print the score.
@@ -76,12 +76,12 @@ def world(
 
 
 def launch(
-    settings: tyro.conf.OmitArgPrefixes[WorldSettings],
+    settings: WorldSettings,
     scenario: str = "experiment",
     policy: str = "kuramoto-mpcc",
     duration: _Duration = None,
     out: OutFile = None,
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Run a simulated world and all robots as nodes of ROS 2, and print the score.
@@ -109,7 +109,7 @@ def play(
     scenario: Scenario,
     settings: WorldSettings,
     out: Path | None,
-    output: OutputOptions,
+    output: Output,
     robots: RobotSettings | None = None,
 ) -> None:
     """Play an episode over ROS 2, print the score, and write a file.

@@ -6,7 +6,7 @@ import tyro
 
 from baselines.benchmark import shown
 from baselines.benchmark.theorem import about_theorem
-from baselines.commands.playing import DEFAULT_PLAY, FORMATS, Play, check_file, has_display, record_one, show
+from baselines.commands.playing import DEFAULT_PLAY, FORMATS, PlayOptions, check_file, has_display, record_one, show
 from lissajous_env.console.terminal import OutFile, RogueName, ScenarioName, print_line
 
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
@@ -17,7 +17,7 @@ def run(
     policy: _PolicyName = None,
     out: OutFile = None,
     rogues: RogueName = None,
-    common: Play = DEFAULT_PLAY,
+    common: PlayOptions = DEFAULT_PLAY,
 ) -> None:
     """Play one episode and print its scores; show it in a window, or write a page, a film, a recording or a log.
 

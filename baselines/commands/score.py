@@ -13,7 +13,7 @@ from baselines.commands.playing import FORMATS, check_file, show
 from lissajous_env.console.terminal import (
     DEFAULT_OUTPUT,
     LogFiles,
-    OutputOptions,
+    Output,
     Overrides,
     ScenarioOption,
     parse_overrides,
@@ -39,7 +39,7 @@ def score(
     episodes: int = 1,
     seed: int | None = None,
     out: _Out = (),
-    output: OutputOptions = DEFAULT_OUTPUT,
+    output: Output = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Score a log of robots like a simulated episode, with virtual targets.

@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, Literal
-
-import tyro
+from typing import Literal
 
 from baselines.onboard import Limits
 from lissajous_env.parameters.scenario import Scenario
@@ -19,7 +17,6 @@ COMMANDS = {
 _FOREVER = 1e6
 
 CommandKind = Literal["car", "twist", "twist_stamped", "dart"]
-_Flag = tyro.conf.FlagCreatePairsOff
 
 
 def _coordinate(value: object) -> float | None:
@@ -56,7 +53,7 @@ class RobotSettings(Limits, part="node"):
     clock [s]."""
     message_loss: float = number(0.0, 0.0, 1.0)
     """Fraction of the neighbours' messages that are ignored at random, to try a bad network."""
-    autostart: Annotated[bool, _Flag] = flag(False)
+    autostart: bool = flag(False)
     """Drive from the first pose on, without a call of the service `start`."""
 
 

@@ -35,6 +35,8 @@ FAILED = 1
 BAD_INPUT = 2
 TRACEBACK = "LISSAJOUS_TRACEBACK"
 """Environment variable that enables tracebacks."""
+_OPTIONS = tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff
+"""Form of options: --field for a field of a dataclass, and no --no-flag beside --flag."""
 IMPORT = "--import"
 ROS_ARGUMENTS = "--ros-args"
 """Argument from which on the arguments of a command `ros ...` are those of ROS 2, which reads them itself."""
@@ -125,7 +127,7 @@ def _run(arguments: list[str]) -> int:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
     description = (inspect.getdoc(function) or "").partition("\nArgs:")[0]
     with interrupts.raised():
-        result = tyro.cli(function, prog=f"lissajous {name}", description=description, args=options)
+        result = tyro.cli(function, prog=f"lissajous {name}", description=description, args=options, config=_OPTIONS)
     return result if type(result) is int else 0  # True is a result, not an exit code
 
 

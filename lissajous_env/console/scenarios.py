@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, ScenarioNames, print_line, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, Output, ScenarioNames, print_line, print_table
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import violations
 from lissajous_env.parameters.scenario import PARTS, Scenario
@@ -18,7 +18,7 @@ _FEEDBACK = Path(named.__file__).with_name("feedback.json")
 """Measured values of feedback of scenarios, by name: `python benchmarks/feedback.py --store` writes it."""
 
 
-def scenarios(names: ScenarioNames = (), output: OutputOptions = DEFAULT_OUTPUT) -> None:
+def scenarios(names: ScenarioNames = (), output: Output = DEFAULT_OUTPUT) -> None:
     """List the scenarios and their designs; for named scenarios, print every field and every violated assumption.
 
     Example:

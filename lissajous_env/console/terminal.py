@@ -43,9 +43,9 @@ class CommandError(Exception):
 class Output:
     """Console output."""
 
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    json: bool = False
     """Print only the result, as JSON; undefined numbers are null."""
-    quiet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    quiet: bool = False
     """Print nothing but errors and the JSON; files are still written."""
 
     def console(self) -> Console:
@@ -67,8 +67,6 @@ class Output:
 
 
 DEFAULT_OUTPUT = Output()
-OutputOptions = tyro.conf.OmitArgPrefixes[Output]
-"""Type of a command's parameter `output`, which adds the options --json and --quiet."""
 ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 ScenarioNames = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")

@@ -128,7 +128,7 @@ def compile_quietly() -> Iterator[None]:
 
 @cache
 def _start() -> None:
-    """Start Warp, in silence, where need be with a cache of its own."""
+    """Start Warp silently, with a temporary cache where it cannot write to its own."""
     with compile_quietly():
         try:
             with silent_stderr():

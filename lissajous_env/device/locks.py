@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 COMPILING = threading.RLock()
-"""Owned while kernels are compiled or loaded, of which Warp does not bear two at once, or standard error is silent."""
+"""Owned while kernels are compiled or loaded, which Warp cannot do twice at once, or while standard error is silent."""
 _forks = 0
 """Number of forks by which this process has come from the first one that imported this module."""
 
@@ -30,7 +30,7 @@ class Turn:
         owner: Name of the object, for messages.
 
     Attributes:
-        lock: Lock that the thread with the turn owns, of the process after `forks` forks.
+        lock: Lock of the thread that has the turn; a forked process replaces it, and then has more `forks`.
         taken: True if the work of a turn has begun and not ended.
     """
 

@@ -20,6 +20,7 @@ ROUNDS = 12
 CELLS = 90
 """Default number of cells along the longer side of the rectangle."""
 _HALVINGS = 9
+"""Number of bisections of the range of speeds for a critical speed."""
 
 
 class IdealFormation:

@@ -84,7 +84,7 @@ def mean_time_lower_bound(scenario: str | Scenario) -> float:
     ):
         return math.nan
     times = np.linspace(0.0, task.duration, _INSTANTS)
-    moving = {"ambling": targets.drifting + targets.wandering, "fleeing": targets.fleeing}
+    moving = {"independent": targets.drifting + targets.wandering, "fleeing": targets.fleeing}
     shares = {"still": max(1.0 - sum(moving.values()), 0.0), **moving}
     undetected = sum(share * _undetected(scenario, motion, speed, times) for motion, share in shares.items())
     later, gap = np.asarray(undetected)[1:], times[1]
@@ -142,7 +142,7 @@ def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray
     swept, whole = _swept_and_whole(scenario)
     if motion == "still":
         size = swept(radius, driven)
-    elif motion == "ambling":
+    elif motion == "independent":
         size = _least_swept(swept, radius, driven, targets.speed * times, on_boundary)
     else:
         fastest = max(targets.speed, targets.flee_speed)

@@ -288,8 +288,9 @@ def _in_file(path: str) -> Scenario | ScenarioSpace:
 
 def _registered(name: str) -> Scenario:
     """Return the scenario of a registered name, such as the base in a file, which causes no import and no reading."""
-    scenario = None if ":" in name or _FILE.fullmatch(name) else Reference.parse(name).scenario
-    if scenario is None:
+    is_elsewhere = ":" in name or _FILE.fullmatch(name) is not None
+    require(not is_elsewhere, "base", "must be the name of a scenario, not of a file or a module", name)
+    if (scenario := Reference.parse(name).scenario) is None:
         raise ENTRIES.unknown(name, "scenarios", scenarios())
     return scenario
 

@@ -55,9 +55,10 @@ class Scenario(BringsRogues):
     messages: Messages = field(default_factory=Messages)
 
     def __post_init__(self) -> None:
-        rules = {name: (part, f"must be a {part.__name__}") for name, part in PARTS.items()}
-        for name, (kind, rule) in (rules | dict.fromkeys(("name", "description"), (str, "must be text"))).items():
-            require(isinstance(getattr(self, name), kind), name, rule, getattr(self, name))
+        for name, part in PARTS.items():
+            require(isinstance(getattr(self, name), part), name, f"must be a {part.__name__}", getattr(self, name))
+        for name in ("name", "description"):
+            require(isinstance(getattr(self, name), str), name, "must be text", getattr(self, name))
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
         check_together(self)
 
@@ -350,8 +351,8 @@ class Scenario(BringsRogues):
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; it runs identically."""
-        robot, has_rogues = self.robot, self.targets.rogues is not None
-        rate = POINT_RATE_FACTOR * self.formation.phase_rate / self.alpha
+        robot, rate = self.robot, POINT_RATE_FACTOR * self.formation.phase_rate / self.alpha
+        shares = {"drifting": 0.0, "wandering": 0.0, "fleeing": 0.0, "custom": 1.0} if self.targets.rogues else {}
         filled: dict[str, dict[str, Any]] = {
             "curve": {"inset": self.inset, "harmonics": self._rounded.harmonics},
             "robot": {
@@ -367,8 +368,7 @@ class Scenario(BringsRogues):
             },
             "formation": {"coupling": self.coupling, "p": self.p, "alpha": self.alpha, "ring": self.ring},
             "sensing": {"radius": self.sensing_radius},
-            "targets": {"speed_limit": self.rogue_speed}
-            | (dict.fromkeys(("drifting", "wandering", "fleeing"), 0.0) | {"custom": 1.0} if has_rogues else {}),
+            "targets": {"speed_limit": self.rogue_speed} | shares,
         }
         parts = {name: dataclasses.replace(getattr(self, name), **fields) for name, fields in filled.items()}
         return dataclasses.replace(self, **parts)

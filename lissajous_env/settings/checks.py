@@ -42,11 +42,7 @@ def whole(default: int | None, low: int, high: int, parity: str = "") -> Any:
     """Declare a whole number from `low` to `high`, both included, which may have to be `odd` or `even`."""
     rule = f"must be {f'an {parity}' if parity else 'a'} whole number from {low} to {high}"
     rests = {"odd": (1,), "even": (0,)}.get(parity, (0, 1))
-
-    def read(value: Any) -> int | None:
-        return operator.index(value) if is_whole(value, low, high) and value % 2 in rests else None
-
-    return _checked(default, rule, read)
+    return _checked(default, rule, lambda v: operator.index(v) if is_whole(v, low, high) and v % 2 in rests else None)
 
 
 def choice(default: str | None, *options: str) -> Any:
@@ -89,12 +85,8 @@ def rows(
 
 def columns_and_rows(default: tuple[int, int] | None, most: int) -> Any:
     """Declare the columns and rows of a grid, each from 1 to `most`, or None for no grid."""
-
-    def read_side(value: Any) -> int | None:
-        return value if is_whole(value, 1, most) else None
-
     rule = f"must be (columns, rows), each from 1 to {most}, or None"
-    return rows(default, rule, read_side, least=2, most=2, optional=True)
+    return rows(default, rule, lambda side: side if is_whole(side, 1, most) else None, least=2, most=2, optional=True)
 
 
 class Checked:

@@ -90,7 +90,7 @@ def test_lines_share_the_span():
 @pytest.mark.parametrize(("overrides", "words"), [
     ({"sensing.radius": 0.3}, "5 cars to span 4.8 m with discs of 0.3 m: the cars of a line would be 0.96 m apart"),
     ({"targets.speed_limit": 4.0}, "5 cars to span 4.8 m with discs of 0.5 m: rogues of 4 m/s cross a line within"),
-    ({"robot.count": 9, "lines": 2}, "2 line.s. of 9 cars .*: the cars of a line would be 1.2 m apart instead of"),
+    ({"robot.count": 9, "lines": 2}, "2 lines of 9 cars .*: the cars of a line would be 1.2 m apart instead of"),
     ({"robot.count": 12, "lines": 2, "robot.radius": 0.2}, "pass each other at 0.436 m, and need 0.6 m"),
     ({"task.boundary": "wall"}, "half circles of 0.5.* m, so the outermost would be 1.2.* m from its wall"),
     ({"task.boundary": "wall", "robot.wheelbase": 2.7}, "turns of 8.06 m do not fit .* m inside of walls 4.8 m"),

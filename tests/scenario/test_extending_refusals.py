@@ -110,7 +110,7 @@ FILES = {
     "[curve]\na = 2": "curve.a must be an odd whole number from 1 to 1023, got 2",
     "[faults]\nschedule = [[99, 5.0, inf]]": "faults.schedule must name robots 0 to 4",
     "base = 'falure'": "scenario must be one of .* got 'falure'; did you mean failure",
-    "base = 'theirs:scenario'": "scenario must be one of .* got 'theirs:scenario'",
+    "base = 'theirs:scenario'": "base must be the name of a scenario, not of a file or a module, got 'theirs:scenario'",
     "extensions = 'theirs:term'": "extensions must be a list, got str",
     "extensions = ['theirs:number']": "extension theirs:number must be made by reward_term",
     "extensions = [3]": "extensions must be objects or module:name, got 3",
@@ -212,7 +212,7 @@ def test_what_a_file_names_is_looked_up_and_never_loaded(here):
         (here / "evil.toml").write_text("base = 'evil:scenario'")
         with pytest.raises(ValueError, match="no module is imported because a folder names it"):
             training.load(folder)
-        with pytest.raises(ValueError, match="scenario must be one of"):
+        with pytest.raises(ValueError, match="base must be the name of a scenario"):
             lissajous_env.scenario("evil.toml")
     assert not (here / "done").exists()
     assert {"evil", "theirs"} & set(sys.modules) == set()

@@ -229,7 +229,7 @@ def test_the_base_in_a_file_is_registered_and_no_other_file(tmp_path, monkeypatc
     # Story: a space names itself as its base.
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(TOML.replace("experiment", "mine.toml:0"))
-    with pytest.raises(ValueError, match=r"mine.toml: scenario must be one of .*, got 'mine.toml:0'"):
+    with pytest.raises(ValueError, match=r"mine.toml: base must be the name of a scenario.*, got 'mine.toml:0'"):
         scenario_space("mine.toml")
 
 
