@@ -20,7 +20,7 @@ from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.driving import slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import fastest_speed
-from baselines.policies.transit import along_arc
+from baselines.policies.transit import along_arc, start_is_known
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
@@ -117,7 +117,7 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
     """Return the lines, of any number and speed, with the shortest worst-case undetected time once they have formed.
 
     Raises:
-        UnsuitableScenarioError: no lines span the rectangle.
+        UnsuitableScenarioError: no lines span the rectangle, or robots within an inset do not know their starts.
     """
     n, radius = scenario.num_robots, scenario.sensing_radius
     counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
@@ -128,6 +128,10 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
         lines = counted(counts[0], "line")
         rule = f"line-abreast requires {lines} of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
+    if scenario.inset and not start_is_known(scenario):  # before they are compared, which can take seconds
+        rule = "line-abreast requires a start that all robots know within walls or an inset"
+        got = f"{scenario.formation.start} and {scenario.formation.start_noise:g} rad"
+        raise UnsuitableScenarioError(f"{rule}, formation.start = equilibrium and little start_noise, got {got}")
     if len(fitting) == 1:
         return fitting[0]
     return min(fitting, key=lambda lines: ideal_worst_case(scenario, lines))

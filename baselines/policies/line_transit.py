@@ -27,7 +27,6 @@ from baselines.policies.transit import (
     dubins_poses,
     formation_starts,
     planned_transit,
-    start_is_known,
 )
 from lissajous_env.parameters.scenario import Scenario
 
@@ -103,12 +102,8 @@ def transit_inside(scenario: Scenario, loops: np.ndarray, speed: float, slots: n
         slots: (N,) place of each robot in the lines by its place on the ring.
 
     Raises:
-        UnsuitableScenarioError: the robots do not know their starts, or there are no ways without collisions.
+        UnsuitableScenarioError: there are no ways without collisions.
     """
-    if not start_is_known(scenario):
-        rule = "line-abreast requires a start that all robots know within walls or an inset"
-        got = f"{scenario.formation.start} and {scenario.formation.start_noise:g} rad"
-        raise UnsuitableScenarioError(f"{rule}, formation.start = equilibrium and little start_noise, got {got}")
     clearance = _CLEAR * scenario.robot.radius
     half = scenario.curve.half_width, scenario.curve.half_height
     rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step

@@ -52,7 +52,7 @@ def read(
     rule = "must be three finite numbers, x, y [m] and heading [rad]"
     require(len(origin) == 3 and all(map(math.isfinite, origin)), "origin", rule, origin)
     paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(part) for part in path]
-    require(paths, "path", "must name at least one log", path)
+    require(paths, "logs", "must be one or more files or folders", path)
     with Bags(paths) as bags:
         return _Reading(bags, (topics,) if isinstance(topics, str) else tuple(topics)).log(commands, origin)
 
