@@ -46,7 +46,8 @@ _LONGEST = 1e6
 """Longest time [s]."""
 PLANS = 200
 """Default number of plans that are tried: about a minute on two cores for five cars in a hall of 40 m x 25 m."""
-_NEEDED = {"width": "m", "height": "m", "robots": "", "robot_radius": "m", "sensor_radius": "m", "speed": "m/s"}
+_NEEDED = {"width": " [m]", "height": " [m]", "robots": "", "robot_radius": " [m]", "sensor_radius": " [m]",
+           "speed": " [m/s]"}  # fmt: skip
 """Units of what must be given if no scenario is named."""
 
 
@@ -108,9 +109,9 @@ class Request(Checked, with_defaults=False, part=""):
     """Seed of the simulated episodes and of the search."""
 
     def _check_together(self) -> None:
-        for name, unit in _NEEDED.items():
-            is_given = self.scenario is not None or getattr(self, name) is not None
-            self._require(is_given, name, "must be given if no scenario is named" + (f" [{unit}]" if unit else ""))
+        missing = [f"{name}{unit}" for name, unit in _NEEDED.items() if getattr(self, name) is None]
+        if self.scenario is None and missing:
+            raise ValueError(f"{', '.join(missing)} must be given if no scenario is named")
         self._check_kind()
         self._require(self.plans is None or self.seconds is None, "plans", "must be omitted if seconds is given")
         most = max(self.team_sizes[0] - 1 - (0 if self.base is None else self.base.faults.lost), 0)

@@ -41,30 +41,30 @@ def test_bodies_that_overlap_are_no_start_of_a_proof():
     assert compatible.any()
 
 
-def said(scenario, policy, factory=None):
+def sentences_of(scenario, policy, factory=None):
     rows = [{"scenario": scenario.name, "policy": policy, "seed": seed} for seed in range(8)]
     return about_theorem([Cell(scenario, policy, as_factory(factory or policy, policy))], rows).get(scenario.name, [])
 
 
 def test_the_sentence_names_the_conditions_or_that_there_are_none():
     evaders, rough = lissajous_env.scenario("evaders"), lissajous_env.scenario("rough")
-    (applies,) = said(evaders, "sweep-proved")
+    (applies,) = sentences_of(evaders, "sweep-proved")
     assert "applies from the start of 8 episodes" in applies
-    (words,) = said(rough, "sweep-proved")
+    (words,) = sentences_of(rough, "sweep-proved")
     assert "does not apply" in words
     assert all(condition in words for condition in unmet_conditions(rough))
     assert len(unmet_conditions(rough)) == 5
-    (some,) = said(resolved("experiment", **RANDOM), "sweep-proved")
+    (some,) = sentences_of(resolved("experiment", **RANDOM), "sweep-proved")
     assert "applies from the start of 3 of 8 episodes only: in the others robots start too close (condition 6)" in some
 
 
 def test_policies_with_the_filter_are_found_by_name_and_by_kind():
     evaders = lissajous_env.scenario("evaders")
     for name in ("sweep", "sweep-safe", "kuramoto-mpcc", "random"):
-        assert said(evaders, name) == []
-    assert said(evaders, "mine", lambda s, w, d: baselines.make("sweep-safe", s, w, d)) == []
+        assert sentences_of(evaders, name) == []
+    assert sentences_of(evaders, "mine", lambda s, w, d: baselines.make("sweep-safe", s, w, d)) == []
     for name, factory in (("mine", lambda s, w, d: baselines.make("laps-proved", s, w, d)), ("portfolio", None)):
-        (words,) = said(evaders, name, factory)
+        (words,) = sentences_of(evaders, name, factory)
         assert "applies from the start of 8 episodes" in words
 
 

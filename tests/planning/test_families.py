@@ -98,7 +98,7 @@ def top_speed(world):
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({}, "width must be given if no scenario is named [m], got None"),
+        (HALL | {"speed": None}, "robots, speed [m/s] must be given if no scenario is named"),
         ({"scenario": "evaders", "failures": 5}, "failures must be a whole number from 0 to 4"),
         ({"scenario": "evaders", "seconds": 0}, "seconds must be from 1 to 1000000 [s], got 0"),
         ({"scenario": "evaders", "plans": 0}, "plans must be a whole number from 1 to 1000000000, got 0"),

@@ -25,7 +25,7 @@ WORLDS = 16
 
 
 @wp.kernel
-def look(walls: Walls, robot: RobotStruct, cars: wp.array(dtype=wp.vec4), safe_out: wp.array(dtype=int)):
+def check_safe(walls: Walls, robot: RobotStruct, cars: wp.array(dtype=wp.vec4), safe_out: wp.array(dtype=int)):
     k = wp.tid()
     safe_out[k] = wp.where(is_safe(walls, robot, cars[k]), 1, 0)
 
@@ -35,7 +35,7 @@ def have_way_out(scenario, cars):
     rows = wp.array(cars.reshape(-1, 4), dtype=wp.vec4, device="cpu")
     safe = wp.zeros(len(rows), dtype=wp.int32, device="cpu")
     inputs = [walls_of(scenario), to_struct(RobotStruct, scenario.robot), rows]
-    wp.launch(look, len(rows), inputs, outputs=[safe], device="cpu")
+    wp.launch(check_safe, len(rows), inputs, outputs=[safe], device="cpu")
     return safe.numpy().reshape(cars.shape[:-1]) == 1
 
 

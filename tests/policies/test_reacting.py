@@ -20,7 +20,7 @@ POLICIES = {
 }
 
 
-def put(simulation, robots, targets):
+def place_all(simulation, robots, targets):
     """Place robots and targets of the only world [m], and let robots observe them."""
     simulation.robots.position.assign(np.pad(np.array(robots, dtype=np.float32), ((0, 0), (0, 1)))[None])
     simulation.robots.speed.zero_()
@@ -71,10 +71,10 @@ def test_a_force_draws_a_robot_to_its_target_and_away_from_others():
     # Story: one target to the right of robot 4; then another robot observes it, and robot 4 patrols.
     simulation = lissajous_env.Simulation("watch", seed=1)
     far = [(-19.0, 12.0 - k) for k in range(9)]
-    put(simulation, CORNERS, [(3.5, 0.0), *far])
+    place_all(simulation, CORNERS, [(3.5, 0.0), *far])
     alone = Force(simulation.scenario).act(simulation.observation.numpy())[0, 4]
     assert abs(alone[1]) < 0.3 < 0.9 < alone[0]
-    put(simulation, [*CORNERS[:3], (3.6, 3.3), (0.0, 0.0)], [(3.5, 0.0), *far])
+    place_all(simulation, [*CORNERS[:3], (3.6, 3.3), (0.0, 0.0)], [(3.5, 0.0), *far])
     shared = Force(simulation.scenario).act(simulation.observation.numpy())[0, 4]
     patrol = Lanes(simulation.scenario, reach=simulation.scenario.sight).act(simulation.observation.numpy())[0, 4]
     np.testing.assert_allclose(shared, patrol, atol=1e-6)
@@ -85,7 +85,7 @@ def test_a_team_divides_the_targets_that_it_covers():
     # Story: robot 4 is nearest to two targets that one disc covers, robot 3 to one, robot 0 to the others.
     resting = lissajous_env.scenario("watch", **{"targets.wandering": 0.0, "targets.fleeing": 0.0})
     simulation = lissajous_env.Simulation(resting, seed=1)
-    put(simulation, CORNERS, [(3.0, 1.8), (3.0, -1.8), (15.5, 10.0), *[(-17.0, -9.0)] * 7])
+    place_all(simulation, CORNERS, [(3.0, 1.8), (3.0, -1.8), (15.5, 10.0), *[(-17.0, -9.0)] * 7])
     action = Cover(resting).act(simulation.observation.numpy())[0]
     assert abs(action[4, 1]) < 0.4 < 0.5 < action[4, 0]
     assert action[3, 0] < -0.8
@@ -111,13 +111,13 @@ def test_a_fleeing_target_is_driven_into_a_corner_before_which_a_robot_rests():
     # of its own way to the target, since the corner is farther up. Then the target stands in the corner.
     fleeing = lissajous_env.scenario("watch", **{"targets.wandering": 0.0, "targets.fleeing": 1.0})
     simulation, far = lissajous_env.Simulation(fleeing, seed=1), [(-19.5, 12.0 - k) for k in range(9)]
-    put(simulation, [*CORNERS[:3], (18.0, -11.0), (12.0, 5.0)], [(13.5, 5.5), *far])
+    place_all(simulation, [*CORNERS[:3], (18.0, -11.0), (12.0, 5.0)], [(13.5, 5.5), *far])
     simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
     pursued = Herd(fleeing).act(simulation.observation.numpy())[0, 4]
     straight = Herd(fleeing, behind=0.0).act(simulation.observation.numpy())[0, 4]
     assert straight[0] * pursued[1] - straight[1] * pursued[0] < -0.05, "to the right"
     assert simulation.targets.position.numpy()[0, 0, 0] > 15.0, "it flees"
-    put(simulation, [*CORNERS[:3], (18.0, -11.0), (17.5, 10.0)], [(20.0, 12.5), *far])
+    place_all(simulation, [*CORNERS[:3], (18.0, -11.0), (17.5, 10.0)], [(20.0, 12.5), *far])
     simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
     assert not Herd(fleeing).act(simulation.observation.numpy())[0, 4].any()
 
@@ -127,7 +127,7 @@ def test_robots_without_robots_in_sight_avoid_those_that_they_hear(shared):
     # Story: robots 3 and 4 are near each other, and each hears where the other one is.
     blind = lissajous_env.scenario("watch", **{"sensing.robots_seen": 0, "sensing.shared": shared})
     simulation, policy = lissajous_env.Simulation(blind, seed=1), Lanes(blind)
-    put(simulation, [*CORNERS[:3], (1.0, 0.0), (0.0, 0.0)], [(-19.0, 12.0 - k) for k in range(10)])
+    place_all(simulation, [*CORNERS[:3], (1.0, 0.0), (0.0, 0.0)], [(-19.0, 12.0 - k) for k in range(10)])
     rows = policy.rows(simulation.observation.numpy())
     away = reacting.away_from_others(np.zeros_like(rows.position), rows)[0, :, 0]
     assert away[4] < -0.9 < 0.9 < away[3]
@@ -151,9 +151,9 @@ def test_pursuers_divide_their_targets_and_help_each_other():
     # target, robot 3 helps robot 4.
     simulation = lissajous_env.Simulation("intercept", seed=1)
     robots = [(-19.0, -12.0), (-19.0, 12.0), (19.0, 12.0), (-4.0, 0.0), (0.0, 0.0)]
-    put(simulation, robots, [(2.0, 0.0), (-4.0, 9.0), (19, -12), (19, -12)])
+    place_all(simulation, robots, [(2.0, 0.0), (-4.0, 9.0), (19, -12), (19, -12)])
     other = DividedPursuit(simulation.scenario).act(simulation.observation.numpy())[0, 3]
-    put(simulation, robots, [(2.0, 0.0), (19, -12), (19, -12), (19, -12)])
+    place_all(simulation, robots, [(2.0, 0.0), (19, -12), (19, -12), (19, -12)])
     helping = DividedPursuit(simulation.scenario).act(simulation.observation.numpy())[0, 3]
     assert other[1] > 0.6 > 0.3 > abs(helping[1])
     assert helping[0] > 0.7
@@ -162,7 +162,7 @@ def test_pursuers_divide_their_targets_and_help_each_other():
 def test_a_pursuer_drives_to_the_border_of_the_cells():
     # Oracle: of a robot and a target of equal speed the border is half-way; from near, the robot drives straight.
     simulation = lissajous_env.Simulation("intercept", seed=1)
-    put(simulation, [*CORNERS[:4], (-4.0, 0.0)], [(4.0, 0.0), (-19, 0), (19, 0), (19, 12)])
+    place_all(simulation, [*CORNERS[:4], (-4.0, 0.0)], [(4.0, 0.0), (-19, 0), (19, 0), (19, 12)])
     rows = simulation.observation.numpy()
     slow = VoronoiPursuit(simulation.scenario, fade=100.0)
     slow.pace = 1.0
@@ -175,7 +175,7 @@ def test_a_pursuer_drives_to_the_border_of_the_cells():
 def test_a_target_that_leaves_is_not_pursued():
     # Story: a target in sight counts, until its track says that it was detected and leaves.
     simulation, policy = lissajous_env.Simulation("intercept", seed=1), Chase("intercept")
-    put(simulation, CORNERS, [(4.0, 0.0), (-19, 0), (19, 0), (19, 12)])
+    place_all(simulation, CORNERS, [(4.0, 0.0), (-19, 0), (19, 0), (19, 12)])
     rows = policy.rows(simulation.observation.numpy())
     assert policy.in_sight(rows)[0, 4].any()
     rows.track_leaves = np.ones_like(rows.track_leaves)
@@ -186,7 +186,7 @@ def test_a_chase_with_a_lead_meets_a_target_that_crosses():
     # Oracle: a target that flees along y is chased ahead of it, the more the longer the lead.
     simulation = lissajous_env.Simulation("intercept", seed=1)
     for y in (0.0, 0.5):
-        put(simulation, CORNERS, [(6.0, y), (-19, 0), (19, 0), (19, 12)])
+        place_all(simulation, CORNERS, [(6.0, y), (-19, 0), (19, 0), (19, 12)])
         simulation.targets.position.assign(np.array([[(6.0, y), (-19, 0), (19, 0), (19, 12)]], dtype=np.float32))
     known, rows = simulation.tracks.velocity.numpy()[0, 4, 0], simulation.observation.numpy()
     chased = [Chase(simulation.scenario, lead=lead).act(rows)[0, 4, ::-1] for lead in (0.0, 0.5, 1.0)]

@@ -30,7 +30,7 @@ class Wanting(Policy):
     kind = "car"
     arrays = "warp"
 
-    def want(self, action):
+    def set_action(self, action):
         self.action.assign(np.broadcast_to(np.asarray(action, dtype=np.float32), self.action.shape).copy())
         return self
 
@@ -50,9 +50,9 @@ def started(cars):
     return simulation
 
 
-def touch(cars, wanted, filtered, steps=30):
-    """Return for each world whether cars (W, 2, 4) that want an action all the way touch."""
-    simulation, policy = started(cars), Wanting(TWO_CARS, len(cars)).want(wanted)
+def collides(cars, wanted, filtered, steps=30):
+    """Return for each world whether cars (W, 2, 4) that want an action all the way collide."""
+    simulation, policy = started(cars), Wanting(TWO_CARS, len(cars)).set_action(wanted)
     policy = Filtered(policy, Safe, WIDE) if filtered else policy
     for _ in range(steps):
         simulation.step(policy.act(simulation.observation))
@@ -66,7 +66,7 @@ def cruising(speed, steering=0.0):
 
 def test_two_cars_that_meet_head_on_pass_on_the_right():
     simulation = started([[[-0.5, 0, 0, 1.1], [0.5, 0, np.pi, 1.1]]])
-    action = Filtered(Wanting(TWO_CARS).want(cruising(1.1)), Safe, WIDE).act(simulation.observation.numpy())
+    action = Filtered(Wanting(TWO_CARS).set_action(cruising(1.1)), Safe, WIDE).act(simulation.observation.numpy())
     assert (action[0, :, 0] < -0.2).all()
 
 
@@ -74,7 +74,7 @@ def test_a_car_drives_around_one_that_stands():
     """A physical story: the car ahead is stuck, and the other cannot brake."""
     cases = np.array([(-0.2, 0.5), (0.0, 1.1), (0.1, 2.0)])
     simulation = started([[[-1.5, 0, 0, speed], [0, aside, 1.0, 0]] for aside, speed in cases])
-    policy = Filtered(Wanting(TWO_CARS, 3).want([[cruising(speed), [0, -1]] for _, speed in cases]), Safe)
+    policy = Filtered(Wanting(TWO_CARS, 3).set_action([[cruising(speed), [0, -1]] for _, speed in cases]), Safe)
     for _ in range(60):
         action = policy.act(simulation.observation.numpy())
         action[:, 1] = [0, -1]
@@ -92,8 +92,8 @@ def test_random_meetings_of_two_cars():
     away = 1.5 * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     cars = np.concatenate([-away + rng.normal(0, 0.03, away.shape), heading[..., None], speed[..., None]], axis=-1)
     wanted = np.stack([np.array([cruising(v) for v in pair]) for pair in speed])
-    assert touch(cars, wanted, filtered=False).mean() > 0.6
-    assert touch(cars, wanted, filtered=True).mean() < 0.02
+    assert collides(cars, wanted, filtered=False).mean() > 0.6
+    assert collides(cars, wanted, filtered=True).mean() < 0.02
 
 
 def test_far_from_all_the_action_passes_bit_for_bit():
@@ -103,14 +103,14 @@ def test_far_from_all_the_action_passes_bit_for_bit():
     alone = [[-1.5, 0, 0, 1.1], [1.5, 0, 0, 1.1]]
     parting = [[-0.4, 0, np.pi, 1.1], [0.4, 0, 0, 1.1]]
     following = [[-0.5, 0, 0, 1.0], [0.5, 0, 0, 1.0]]
-    policy = Filtered(Wanting(TWO_CARS, 3).want(wanted), Safe)
+    policy = Filtered(Wanting(TWO_CARS, 3).set_action(wanted), Safe)
     rows = started([alone, parting, following]).observation.numpy()
     np.testing.assert_array_equal(policy.act(rows), wanted)
 
 
 def test_the_throttle_leads_to_the_speed_limit_and_no_further():
     """Oracle: v' = push - c v, solved for the push of a step; at full throttle the car would do 5.8 m/s."""
-    policy, simulation = Filtered(Wanting(TWO_CARS).want([0, 1]), Safe), started([[[-5, 0, 0, 0], [0, 2, 0, 4]]])
+    policy, simulation = Filtered(Wanting(TWO_CARS).set_action([0, 1]), Safe), started([[[-5, 0, 0, 0], [0, 2, 0, 4]]])
     limit = policy.filter.parameters.speed_max
     assert limit == pytest.approx(1.5 * top_speed(TWO_CARS.curve, TWO_CARS.formation.phase_rate))
     fastest = 0.0
@@ -238,6 +238,6 @@ def test_an_action_that_is_not_a_number_is_passed_on():
     wanted = np.zeros((2, 5, 2), dtype=np.float32)
     wanted[1, 3, 0] = np.nan
     simulation = lissajous_env.Simulation("experiment", num_worlds=2)
-    action = Filtered(Wanting("experiment", 2).want(wanted), Safe).act(simulation.observation.numpy())
+    action = Filtered(Wanting("experiment", 2).set_action(wanted), Safe).act(simulation.observation.numpy())
     assert np.isnan(action[1, 3, 0])
     assert np.isfinite(action).sum() == action.size - 1

@@ -28,7 +28,7 @@ OF_CARS = {"fig7", "fig8", "fig9", "experiment1", "printed", "window"}
 
 
 @pytest.fixture(scope="module")
-def everything(tmp_path_factory):
+def reproduction(tmp_path_factory):
     """The folder and the rows of `lissajous reproduce all`."""
     out = tmp_path_factory.mktemp("reproduce")
     return out, reproduce(("all",), out=out)
@@ -38,13 +38,13 @@ def numbers(words):
     return [float(match[0].replace(",", "")) for match in NUMBER.finditer(words)]
 
 
-def rows(everything, part):
-    return {claim.claim: claim for claim in everything[1] if claim.part == part}
+def rows(reproduction, part):
+    return {claim.claim: claim for claim in reproduction[1] if claim.part == part}
 
 
 @pytest.mark.long
-def test_pictures_are_not_blank(everything):
-    for path in everything[0].glob("*.png"):
+def test_pictures_are_not_blank(reproduction):
+    for path in reproduction[0].glob("*.png"):
         grey = image.imread(path)[..., :3].mean(axis=-1)
         height, width = grey.shape
         assert width > 1000, path
@@ -55,17 +55,17 @@ def test_pictures_are_not_blank(everything):
 
 
 @pytest.mark.long
-def test_every_row_agrees_or_says_why(everything):
-    for claim in everything[1]:
+def test_every_row_agrees_or_says_why(reproduction):
+    for claim in reproduction[1]:
         assert all((claim.claim, claim.paper, claim.ours, claim.tolerance)), claim
         assert claim.agrees or claim.why, claim
-    assert {claim.part for claim in everything[1] if claim.agrees is False} == DISAGREES
+    assert {claim.part for claim in reproduction[1] if claim.agrees is False} == DISAGREES
 
 
 @pytest.mark.long
-def test_the_numbers_of_the_paper(everything):
+def test_the_numbers_of_the_paper(reproduction):
     # Oracle: numbers that the paper prints, and those of an independent simulation (56 %, 4.6 to 4.8 s).
-    fig3, fig9 = rows(everything, "fig3"), rows(everything, "fig9")
+    fig3, fig9 = rows(reproduction, "fig3"), rows(reproduction, "fig9")
     assert numbers(fig3["T_max for N = 15, omega = 0.05 rad/s"].ours) == [pytest.approx(8.38, abs=0.005)]
     assert 4.4 < numbers(fig3["the last of 10,000 targets is detected at"].ours)[0] < 4.9
     (share,) = (row for claim, row in fig3.items() if claim.startswith("share in sight"))
@@ -78,23 +78,23 @@ def test_the_numbers_of_the_paper(everything):
 
 
 @pytest.mark.long
-def test_the_stories_of_the_paper(everything):
+def test_the_stories_of_the_paper(reproduction):
     # Oracle: float64 NumPy, simulated independently: recovery within 1.3 to 2.5 s, N = 10 with p = 3 leaves.
-    (recovery,) = (row for name, row in rows(everything, "fig6").items() if name.startswith("(a) Kuramoto"))
+    (recovery,) = (row for name, row in rows(reproduction, "fig6").items() if name.startswith("(a) Kuramoto"))
     assert 1.3 <= numbers(recovery.ours)[0] <= 2.5
-    (fine,) = (row for name, row in rows(everything, "fig6").items() if "Euler" in name)
+    (fine,) = (row for name, row in rows(reproduction, "fig6").items() if "Euler" in name)
     assert numbers(fine.ours)[0] == pytest.approx(numbers(recovery.ours)[0], abs=0.1)
-    (leaves,) = (row for name, row in rows(everything, "theorem4").items() if name.startswith("N = 10"))
+    (leaves,) = (row for name, row in rows(reproduction, "theorem4").items() if name.startswith("N = 10"))
     before, after = numbers(leaves.ours)[:2]
     assert before == 3 < after < 8
-    (shares,) = (row for name, row in rows(everything, "theorem1").items() if name.startswith("N = 6:"))
+    (shares,) = (row for name, row in rows(reproduction, "theorem1").items() if name.startswith("N = 6:"))
     assert float(re.search(r"p = 3 (\S+) %", shares.why)[1]) == pytest.approx(86, abs=8)
 
 
 @pytest.mark.long
-def test_the_window_of_the_gain(everything):
+def test_the_window_of_the_gain(reproduction):
     # Oracle: collisions in 60 s of an earlier measurement on other code, 16 seeds: few from 0.9 to 1.25 alone.
-    (row,) = (row for name, row in rows(everything, "window").items() if name.startswith("the same"))
+    (row,) = (row for name, row in rows(reproduction, "window").items() if name.startswith("the same"))
     mean = {float(K): float(value) for value, K in re.findall(r"(\S+) \((\S+)\)", row.ours)}
     for K, expected in ((0.5, 27.6), (0.62, 9.7), (0.8, 1.4), (1.5, 7), (1.75, 37), (2, 59)):
         assert mean[K] == pytest.approx(expected, rel=0.25, abs=1)
@@ -105,8 +105,8 @@ def test_the_window_of_the_gain(everything):
 
 
 @pytest.mark.long
-def test_the_page_has_a_row_for_each_claim(everything):
-    out, claims = everything
+def test_the_page_has_a_row_for_each_claim(reproduction):
+    out, claims = reproduction
     page = (out / "README.md").read_text(encoding="utf-8")
     _, _, *lines = [line.replace("\\|", "|") for line in page.splitlines() if line.startswith("| ")]
     read = [line.split(" | ") for line in lines]
@@ -174,9 +174,9 @@ def test_the_examples_of_the_page_say_what_happens():
 
 
 @pytest.mark.long
-def test_the_stored_figures_are_those_of_today(everything):
+def test_the_stored_figures_are_those_of_today(reproduction):
     # Oracle: the simulation of this moment. What cars do depends on the last digits of the machine, its words do not.
-    stored, fresh = figures.load(), figures.of_claims(everything[1])
+    stored, fresh = figures.load(), figures.of_claims(reproduction[1])
     assert set(fresh) == set(PARTS)
     for part, table in fresh.items():
         assert stored[part]["columns"] == table["columns"]

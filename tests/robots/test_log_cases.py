@@ -36,7 +36,7 @@ RADIUS, CHORD = 0.2, 0.05
 """Radius of the circles, and time between the places of a step whose distances are summed."""
 
 
-def way(duration):
+def chord_way(duration):
     """Way along the chords of a circle [m]."""
     return duration / CHORD * 2 * RADIUS * math.sin(SPEED / RADIUS * CHORD / 2)
 
@@ -49,12 +49,12 @@ def scored(tmp_path, *bags, topics=TOPICS, scenario="evaders", **how):
     return score(read(paths, topics, **how), scenario)
 
 
-def wrong(result, duration=LASTS, notes=()):
+def mismatches(result, duration=LASTS, notes=()):
     """Return the scores that are not those of the circles, and the words that no note contains."""
     row, lasts = result.rows[0], result.recording.duration
     holds = {
         f"duration {lasts}": lasts == pytest.approx(duration),
-        f"distance_mean {row['distance_mean']}": row["distance_mean"] == pytest.approx(way(duration), rel=1e-3),
+        f"distance_mean {row['distance_mean']}": row["distance_mean"] == pytest.approx(chord_way(duration), rel=1e-3),
         f"speed_max {row['speed_max']}": row["speed_max"] == pytest.approx(SPEED, rel=0.01),
         f"collisions {row['collisions']}": row["collisions"] == 0,
         f"outside_time {row['outside_time']}": row["outside_time"] == 0,
@@ -93,7 +93,7 @@ def drifting(t):
     return 1.0 + 0.2 * t, -2.0, 0.5 + 0.1 * t
 
 
-def within(frame, place):
+def in_frame(frame, place):
     """A place in another frame, whose own place is given."""
     x, y = place[0] - frame[0], place[1] - frame[1]
     cos, sin = math.cos(frame[2]), math.sin(frame[2])
@@ -142,7 +142,7 @@ FIXED = {
     ),
     "a tree of frames": (
         [("/tf", transforms(
-            transform(EPOCH + t, *within(drifting(t), circle(k, t)), f"robot_{k}/base_link", f"robot_{k}/odom"),
+            transform(EPOCH + t, *in_frame(drifting(t), circle(k, t)), f"robot_{k}/base_link", f"robot_{k}/odom"),
             transform(EPOCH + t, *drifting(t), f"robot_{k}/odom")), EPOCH + t) for t in TIMES for k in range(5)],
         (),
     ),
@@ -155,7 +155,7 @@ FIXED = {
 @pytest.mark.parametrize("case", FIXED)
 def test_a_log_scores_as_the_motion_that_it_is_of(case, tmp_path):
     messages, notes, *topics = FIXED[case]
-    assert wrong(scored(tmp_path, messages, topics=(*topics, TOPICS)[0]), notes=notes) == []
+    assert mismatches(scored(tmp_path, messages, topics=(*topics, TOPICS)[0]), notes=notes) == []
 
 
 def test_a_clock_that_is_set_while_recording_is_refused(tmp_path):
@@ -195,7 +195,7 @@ def test_a_channel_of_another_encoding_is_ignored_with_a_note(tmp_path, folder):
     about.write_text(about.read_text().replace("serialization_format: cdr", "serialization_format: json", 1))
     result = score(read(tmp_path / "log" if folder else path), "evaders")
     words = "41 messages of /robot_1/status are ignored: type std_msgs/msg/UInt8 in the encoding jsn is not understood"
-    assert wrong(result, notes=(words,)) == []
+    assert mismatches(result, notes=(words,)) == []
     assert (result.recording.status == 0).all()
 
 
@@ -205,7 +205,7 @@ def test_messages_that_are_cut_off_are_left_out_with_a_note(tmp_path):
 
     write(tmp_path / "log", [*shrunk(), *extra("/robot_{}/status", lambda t: plain("UInt8", 0))], cut)
     words = "3 messages of /robot_2/odom are ignored: cut off or damaged, of type nav_msgs/msg/Odometry"
-    assert wrong(score(read(tmp_path / "log"), "evaders"), notes=(words,)) == []
+    assert mismatches(score(read(tmp_path / "log"), "evaders"), notes=(words,)) == []
     write(tmp_path / "all", shrunk(), lambda topic, _, data: data[:60] if topic == "/robot_2/odom" else data)
     with pytest.raises(ValueError, match="topic /robot_2/odom of all must have at least 2 poses, got 0") as raised:
         read(tmp_path / "all")
@@ -259,7 +259,7 @@ def test_a_jump_is_named(tmp_path):
     assert result.rows[0]["speed_max"] == pytest.approx(SPEED)
     assert (result.recording.status[:, 1].max(), result.recording.status[-1, 1]) == (1, 0)
     glitch = of_robots(lambda k, t: odometry(EPOCH + t, circle(k, t)[0] + 9 * (k == 1 and t == 2), *circle(k, t)[1:]))
-    assert scored(tmp_path / "glitch", glitch).rows[0]["distance_mean"] == pytest.approx(way(LASTS), rel=5e-3)
+    assert scored(tmp_path / "glitch", glitch).rows[0]["distance_mean"] == pytest.approx(chord_way(LASTS), rel=5e-3)
 
 
 def test_a_log_ends_with_the_first_robot_unless_that_one_has_failed(tmp_path):
@@ -276,7 +276,7 @@ def test_a_log_ends_with_the_first_robot_unless_that_one_has_failed(tmp_path):
 def test_a_hint_says_that_an_origin_is_missing(tmp_path):
     far = shrunk(make=lambda t, x, y, h: odometry(t, x + 435_000, y + 5.4e6, h))
     assert any("--origin" in note for note in scored(tmp_path / "without", far).notes)
-    assert wrong(scored(tmp_path / "with", far, origin=(435_000.0, 5.4e6, 0.0))) == []
+    assert mismatches(scored(tmp_path / "with", far, origin=(435_000.0, 5.4e6, 0.0))) == []
 
 
 def test_headings_in_a_tree_of_frames_are_those_in_its_root(tmp_path):

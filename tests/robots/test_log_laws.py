@@ -105,7 +105,7 @@ def differences(one, other):
     return names
 
 
-def equal(folder, story, *bags, **how):
+def compare(folder, story, *bags, **how):
     wanted, got = scored(folder, list(story.messages())), scored(folder, *bags, **how)
     assert differences(wanted.rows[0], got.rows[0]) == []
     return wanted, got
@@ -113,8 +113,8 @@ def equal(folder, story, *bags, **how):
 
 def other_clocks(folder, story):
     moved, pace = story.random.choice([0.5, 100.0, 3600.0, 4e8]), story.random.choice([0.1, 0.5, 2.0, 10.0])
-    equal(folder, story, list(story.messages(stamp=lambda t: t + moved)))
-    equal(folder, story, list(story.messages(logged=lambda t: t / pace + moved)))
+    compare(folder, story, list(story.messages(stamp=lambda t: t + moved)))
+    compare(folder, story, list(story.messages(logged=lambda t: t / pace + moved)))
 
 
 def poses_that_are_recorded_late_or_in_bursts(folder, story):
@@ -135,7 +135,7 @@ def stamps_that_are_doubled_or_moved_by_microseconds(folder, story):
     random, doubled = story.random, []
     for topic, message, time in story.messages(stamp=lambda t: t + random.uniform(-3e-6, 3e-6)):
         doubled += [(topic, message, time)] * random.integers(1, 3)
-    equal(folder, story, doubled)
+    compare(folder, story, doubled)
 
 
 def nothing_is_made_up_in_a_gap(folder, story):
@@ -175,15 +175,15 @@ def less_is_known(whole, got):
 
 def channels_and_files(folder, story):
     parts = [(*record, int(story.random.integers(0, 3))) for record in story.messages()]
-    equal(folder, story, parts)
-    equal(folder, story, *([record for record in parts if record[3] == k] for k in range(3)))
-    equal(folder, story, *([record for record in parts if f"robot_{k}" in record[0]] for k in (1, 0)))
+    compare(folder, story, parts)
+    compare(folder, story, *([record for record in parts if record[3] == k] for k in range(3)))
+    compare(folder, story, *([record for record in parts if f"robot_{k}" in record[0]] for k in (1, 0)))
 
 
 def numbers_in_any_order(folder, story):
     low, high = sorted(story.random.choice(50, 2, replace=False).tolist())
-    equal(folder, story, list(story.messages(names=(low, high))))
-    equal(folder, story, list(story.messages(names=(high, low))), topics=[f"/robot_{k}/odom" for k in (high, low)])
+    compare(folder, story, list(story.messages(names=(low, high))))
+    compare(folder, story, list(story.messages(names=(high, low))), topics=[f"/robot_{k}/odom" for k in (high, low)])
 
 
 def a_rigid_motion_with_its_origin_and_heights(folder, story):
@@ -196,7 +196,7 @@ def a_rigid_motion_with_its_origin_and_heights(folder, story):
         return dataclasses.replace(sample, **place, heading=sample.heading + turn)
 
     messages = list(story.messages(moved=moved, z=float(story.random.uniform(-5, 5))))
-    equal(folder, story, messages, origin=(float(x), float(y), float(turn)))
+    compare(folder, story, messages, origin=(float(x), float(y), float(turn)))
 
 
 def written_and_scored_again(folder, story):

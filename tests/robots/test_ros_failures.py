@@ -43,7 +43,7 @@ class Watch:
     def __init__(self, world):
         self._world, self.throttles, self.speeds, self.phases, self.apart = world, [], [], [], []
 
-    def look(self):
+    def record(self):
         simulation = self._world.simulation
         self.throttles.append(simulation.action.numpy()[0, :, 1].copy())
         self.speeds.append(simulation.robots.speed.numpy()[0].copy())
@@ -67,7 +67,7 @@ def test_a_robot_whose_node_ends_stops_and_joins_again():
         watch, joined_at = Watch(team.world), []
 
         def follow():
-            watch.look()
+            watch.record()
             step = len(watch.speeds)
             if step == 10:
                 ended = team.robots.pop(0)
@@ -95,7 +95,7 @@ def test_the_others_drive_on_without_a_removed_robot():
     scenario = team_scenario(3.0, **{"faults.removed": ((0, 1.0),)})
     with Team(scenario, "kuramoto-mpcc", message_wait=0.02, silence=1e6) as team:
         watch = Watch(team.world)
-        played = team.world.play(watch.look)
+        played = team.world.play(watch.record)
         assert team.world.awaited[0], "it was never waited for in vain"
     assert played.status[-1].tolist() == [2, 0, 0, 0, 0]
     assert (played.speed[20:, 1:] > 0.05).all()
@@ -170,7 +170,7 @@ def test_robots_stop_while_the_network_is_silent_and_go_on_after():
         radio, watch, reasons = team.add(Radio(5)), Watch(team.world), []
 
         def follow():
-            watch.look()
+            watch.record()
             step = len(watch.speeds)
             if step == 30:
                 wait_until(lambda: all("the pose is" in robot.reason for robot in team.robots), team.spin)

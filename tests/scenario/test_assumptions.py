@@ -27,7 +27,7 @@ def _nothing_reported(monkeypatch):
     monkeypatch.setattr(named, "_violated_beside_policies", set())
 
 
-def said(make):
+def warnings_of(make):
     """Texts of the warnings with which something is made."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -38,7 +38,7 @@ def said(make):
 POINTS = Scenario(curve=Curve(5.0, 5.0, 7, 8), robot=Robot(kind="curve", radius=0.09))
 
 
-def with_(base=POINTS, **parts):
+def points(base=POINTS, **parts):
     return dataclasses.replace(base, **{n: dataclasses.replace(getattr(base, n), **part) for n, part in parts.items()})
 
 
@@ -47,15 +47,15 @@ def with_(base=POINTS, **parts):
     [
         # Oracle: the numbers by hand; (6) 0.0978 m and (8) 1.470 m for A = B = 5, a = 7, b = 8, N = 15.
         (POINTS, []),
-        (with_(robot={"count": 12}), ["12 robots on a curve with a + b = 15: the paper's bounds require N = a + b"]),
-        (with_(robot={"count": 30}, formation={"p": 14}), ["2 robots share each place on the curve"]),
-        (with_(formation={"p": 3}), ["p = 3 of 15 robots is not a stable", "15 robots on 5 places on a curve"]),
-        (with_(formation={"p": 7, "alpha": 1}), ["alpha = 1 and p = 7: ring neighbours are not neighbours on the"]),
-        (with_(robot={"radius": 0.125}), ["bodies of 0.125 m, bound (6) allows 0.09779 m"]),
-        (with_(sensing={"radius": 1.2}), ["sensors reach 1.2 m, (8) requires 1.47 m: T_max does not bound"]),
-        (with_(sensing={"radius": 1.5}), []),
+        (points(robot={"count": 12}), ["12 robots on a curve with a + b = 15: the paper's bounds require N = a + b"]),
+        (points(robot={"count": 30}, formation={"p": 14}), ["2 robots share each place on the curve"]),
+        (points(formation={"p": 3}), ["p = 3 of 15 robots is not a stable", "15 robots on 5 places on a curve"]),
+        (points(formation={"p": 7, "alpha": 1}), ["alpha = 1 and p = 7: ring neighbours are not neighbours on the"]),
+        (points(robot={"radius": 0.125}), ["bodies of 0.125 m, bound (6) allows 0.09779 m"]),
+        (points(sensing={"radius": 1.2}), ["sensors reach 1.2 m, (8) requires 1.47 m: T_max does not bound"]),
+        (points(sensing={"radius": 1.5}), []),
         (
-            with_(formation={"phase_rate": 0.3, "alpha": 4}, robot={"phase_rate_max": 0.05}),
+            points(formation={"phase_rate": 0.3, "alpha": 4}, robot={"phase_rate_max": 0.05}),
             ["the formation moves at omega / alpha = 0.075 rad/s, the points reach 0.05 rad/s (robot.phase_rate_max)"],
         ),
     ],
@@ -88,31 +88,31 @@ def test_cars_say_what_they_cannot_do():
 
 
 def test_what_ships_warns_nobody():
-    assert said(lambda: [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]) == []
+    assert warnings_of(lambda: [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]) == []
     # The paper's cars cut 7.6 % of its arc; whoever changes something else is told nothing of it.
-    assert said(lambda: lissajous_env.scenario("experiment", **{"task.duration": 5.0})) == []
-    assert said(lambda: lissajous_env.parallel_env("intruders", **{"targets.speed": 0.1})) == []
-    assert said(lambda: lissajous_env.Simulation(lissajous_env.scenario("redundant"))) == []
+    assert warnings_of(lambda: lissajous_env.scenario("experiment", **{"task.duration": 5.0})) == []
+    assert warnings_of(lambda: lissajous_env.parallel_env("intruders", **{"targets.speed": 0.1})) == []
+    assert warnings_of(lambda: lissajous_env.Simulation(lissajous_env.scenario("redundant"))) == []
     # Where actions are velocities, no policy drives the formation.
-    assert said(lambda: lissajous_env.scenario("watch", **{"robot.count": 6, "robot.radius": 1.0})) == []
+    assert warnings_of(lambda: lissajous_env.scenario("watch", **{"robot.count": 6, "robot.radius": 1.0})) == []
 
 
 def test_one_of_ones_own_warns_once(tmp_path):
     # Story: seven robots on a curve for five, from each of the doors through which a scenario is made.
     path = tmp_path / "mine.toml"
     path.write_text('base = "failure"\n[robot]\ncount = 7\n[faults]\nschedule = []\n', encoding="utf-8")
-    (words,) = said(lambda: [lissajous_env.scenario(str(path)) for _ in range(3)])
+    (words,) = warnings_of(lambda: [lissajous_env.scenario(str(path)) for _ in range(3)])
     assert words.startswith("scenario mine: 7 robots on a curve with a + b = 5: the paper's bounds require N = a + b")
     changed = {"robot.radius": 0.2}
     with pytest.warns(AssumptionWarning) as caught:
         lissajous_env.parallel_env("failure", **changed)
     assert caught[0].filename == __file__, "the place is the line of the caller, not one within the package"
     assert str(caught[0].message).startswith("scenario failure: bodies of 0.2 m, bound (6) allows 0.1503 m")
-    assert said(lambda: lissajous_env.vector_env("failure", 2, **changed)) == []
+    assert warnings_of(lambda: lissajous_env.vector_env("failure", 2, **changed)) == []
     scenario = Scenario(name="hand", curve=Curve(2.0, 1.0), sensing=Sensing(radius=0.4), robot=Robot(kind="curve"))
-    (words,) = said(lambda: lissajous_env.parallel_env(scenario))
+    (words,) = warnings_of(lambda: lissajous_env.parallel_env(scenario))
     assert words.startswith("scenario hand: sensors reach 0.4 m, (8) requires ")
-    assert said(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), scenario, [0])) == []
+    assert warnings_of(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), scenario, [0])) == []
 
 
 @pytest.fixture
@@ -129,13 +129,13 @@ def plan_of_partition(tmp_path):
 def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
     """Story: a plan of a partition from Python; then the paper's method on its scenario, which does use a formation."""
     path = plan_of_partition / "scenario.toml"
-    assert said(lambda: lissajous_env.evaluate(baselines.make(plan_of_partition, path), path, [0])) == []
+    assert warnings_of(lambda: lissajous_env.evaluate(baselines.make(plan_of_partition, path), path, [0])) == []
     scenario = lissajous_env.scenario(path)
     assert violations(scenario)
-    assert said(lambda: [lissajous_env.parallel_env(scenario), lissajous_env.scenario(path)]) == []
-    (words,) = said(lambda: baselines.make("consensus-mpcc", scenario))
+    assert warnings_of(lambda: [lissajous_env.parallel_env(scenario), lissajous_env.scenario(path)]) == []
+    (words,) = warnings_of(lambda: baselines.make("consensus-mpcc", scenario))
     assert words.startswith("scenario plan: p = 1 of 4 robots is not a stable equilibrium")
-    assert said(lambda: baselines.make("consensus-gvf", scenario)) == []
+    assert warnings_of(lambda: baselines.make("consensus-gvf", scenario)) == []
 
 
 def test_the_command_scenarios_lists_all(capsys):

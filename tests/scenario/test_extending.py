@@ -38,7 +38,7 @@ def call(line, folder, **environment):
     return subprocess.run([*start, *arguments], capture_output=True, text=True, timeout=120, cwd=folder, env=env)
 
 
-def brought(reference):
+def imported(reference):
     return import_attribute(reference, "it must be there")
 
 
@@ -149,10 +149,10 @@ def test_a_file_lists_extensions_with_their_settings(here):
     # Oracle: the same scenario made in Python, and the reward, which is the term at five times its weight.
     scenario = lissajous_env.scenario("walls.toml")
     fastest, near_wall = scenario.extensions
-    assert (fastest, near_wall.weight) == (brought("my_extras:fastest"), -0.5)
+    assert (fastest, near_wall.weight) == (imported("my_extras:fastest"), -0.5)
     assert pickle.loads(pickle.dumps(scenario)) == scenario
     plain = lissajous_env.scenario("experiment", extensions="my_extras:near_wall", **{"task.duration": 5.0})
-    assert brought("my_extras:near_wall").weight == plain.extensions[0].weight == -0.1
+    assert imported("my_extras:near_wall").weight == plain.extensions[0].weight == -0.1
     env, other = lissajous_env.parallel_env("walls.toml"), lissajous_env.parallel_env(plain)
     env.reset(seed=3), other.reset(seed=3)
     actions = {agent: np.array([0.1, 0.9], np.float32) for agent in env.agents}
@@ -184,7 +184,7 @@ def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):
 def test_a_policy_of_ones_own_is_the_paper_s(here):
     # Oracle: the included policy, in Warp. Both round in float32, each in its own order.
     included = baselines.make("kuramoto", "failure", 2)
-    mine = brought("my_policies:MyKuramoto")("failure", 2)
+    mine = imported("my_policies:MyKuramoto")("failure", 2)
     simulation = lissajous_env.Simulation("failure", 2)
     for _ in range(150):
         observation = simulation.observation.numpy().copy()
@@ -197,7 +197,7 @@ def test_a_policy_of_ones_own_is_the_paper_s(here):
 
 def test_a_function_is_a_policy(here):
     # Oracle: the same function as a class that does all by itself.
-    act = brought("my_function:wait_for_targets")
+    act = imported("my_function:wait_for_targets")
 
     class Whole:
         name, num_worlds = "wait_for_targets", 3
@@ -218,7 +218,7 @@ def test_news_of_a_stopped_robot_goes_around_the_ring(here):
     # Oracle: the distance along the ring from robot 0, which fails from 5 s on: a step for each place.
     fails = {"formation.ring": (0, 1, 2, 3, 4), "faults.schedule": ((0, 5.0, float("inf")),)}
     scenario = lissajous_env.scenario("failure", **{"messages.size": 6, **fails})
-    policy, simulation = brought("my_messages:News")(scenario, 2), lissajous_env.Simulation(scenario, 2)
+    policy, simulation = imported("my_messages:News")(scenario, 2), lissajous_env.Simulation(scenario, 2)
     messages = []
     for _ in range(60):
         action = policy.act(simulation.observation.numpy())

@@ -34,7 +34,7 @@ def attacked(tmp_path, marker, capsys):
                 copy = tmp_path / "copy"
                 shutil.copytree(original, copy)
                 plant(copy / name, data)
-                endings[str(name), form] = ended(command(copy), capsys)
+                endings[str(name), form] = exit_code(command(copy), capsys)
                 assert not opened(marker), f"{name} was unpickled"
                 shutil.rmtree(copy)
         return endings
@@ -42,7 +42,7 @@ def attacked(tmp_path, marker, capsys):
     return attack
 
 
-def ended(arguments, capsys):
+def exit_code(arguments, capsys):
     """Exit code of a command: 2 for bad input, with why in one line; 1 where a table says that a policy failed."""
     with pytest.raises(SystemExit) as raised:
         main([str(argument) for argument in arguments])
@@ -56,7 +56,7 @@ def ended(arguments, capsys):
 def test_a_folder_of_a_training(attacked, tmp_path, marker, capsys):
     pytest.importorskip("stable_baselines3")
     run = tmp_path / "run"
-    assert ended(["train", *TRAINING, "--steps", "80", "--out", run], capsys) == 0
+    assert exit_code(["train", *TRAINING, "--steps", "80", "--out", run], capsys) == 0
 
     def go_on(folder):
         return ["train", *TRAINING, "--steps", "160", "--out", folder]
@@ -67,9 +67,9 @@ def test_a_folder_of_a_training(attacked, tmp_path, marker, capsys):
         copy = tmp_path / form
         shutil.copytree(run, copy)
         plant(copy / state.name, payloads(marker)[form])
-        assert ended(go_on(copy), capsys) == 2
+        assert exit_code(go_on(copy), capsys) == 2
         assert not opened(marker)
-    assert ended(go_on(run), capsys) == 0
+    assert exit_code(go_on(run), capsys) == 0
     assert not opened(marker)
     refused = {name.partition("-")[0] for (name, _), code in endings.items() if code}
     # The best, the curve and the log are made anew.
@@ -99,7 +99,7 @@ def test_a_folder_of_a_benchmark(attacked, tmp_path, capsys):
         played = "--scenarios", "failure", "--policies", "still", "--episodes", "1"
         return ["benchmark", *played, "--out", folder, *SHORT]
 
-    assert ended(play(original), capsys) == 0
+    assert exit_code(play(original), capsys) == 0
     endings = attacked(original, play)
     assert endings["settings.json", "plain"] == 2
     assert endings["episodes.csv", "plain"] == 0
@@ -108,7 +108,7 @@ def test_a_folder_of_a_benchmark(attacked, tmp_path, capsys):
 def test_a_recording(attacked, tmp_path, capsys):
     original = tmp_path / "made"
     original.mkdir()
-    assert ended(["run", "failure", "still", "--out", original / "one.npz", *SHORT], capsys) == 0
+    assert exit_code(["run", "failure", "still", "--out", original / "one.npz", *SHORT], capsys) == 0
     forms = ("plain", "archive", "npy", "npz")
     replay = lambda folder: ["replay", folder / "one.npz", "--out", tmp_path / "out.html"]  # noqa: E731
     assert set(attacked(original, replay, forms).values()) == {2}
@@ -123,4 +123,4 @@ def test_what_a_checkpoint_names_stays_in_its_folder(tmp_path, capsys):
     weights.rename(tmp_path / weights.name)
     text["files"]["weights"]["name"] = f"../{weights.name}"
     (folder / "checkpoint.json").write_text(json.dumps(text))
-    assert ended(["evaluate", "watch", folder, "--episodes", "1", *SHORT], capsys) == 2
+    assert exit_code(["evaluate", "watch", folder, "--episodes", "1", *SHORT], capsys) == 2

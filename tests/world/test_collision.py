@@ -31,11 +31,11 @@ def parked(positions, seed=0, **overrides):
         **overrides,
     }
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", **settings), seed=seed)
-    put(simulation, places)
+    place_robots(simulation, places)
     return simulation
 
 
-def put(simulation, places, speeds=0.0, headings=0.0):
+def place_robots(simulation, places, speeds=0.0, headings=0.0):
     robots = simulation.robots
     robots.position.assign(np.pad(np.array(places, dtype=np.float32), ((0, 0), (0, 1)))[None])
     robots.speed.assign(np.full((1, len(places)), speeds, dtype=np.float32))
@@ -51,7 +51,7 @@ def test_fast_cars_do_not_jump_through_each_other():
     # Story: two cars at 5.85 m/s, head on; between the two sub-steps they swap sides, and at no instant do they touch.
     simulation = parked([[-0.44, 0.015], [0.44, -0.015]])
     top = simulation.scenario.robot.top_speed
-    put(simulation, [[-0.44, 0.015], [0.44, -0.015]], speeds=top, headings=[0.0, np.pi])
+    place_robots(simulation, [[-0.44, 0.015], [0.44, -0.015]], speeds=top, headings=[0.0, np.pi])
     simulation.step(np.broadcast_to(np.array([0.0, 1.0], dtype=np.float32), simulation.action_shape))
     track = simulation.robots.path.numpy()[0]
     at_instants = np.linalg.norm(track[0] - track[1], axis=-1)
@@ -68,7 +68,7 @@ def test_a_collision_is_counted_once_until_the_pair_has_parted_by_five_percent()
     events, contacts = [], []
     simulation = parked([[0, 0], [1, 0]])
     for distance in distances:
-        put(simulation, [[0, 0], [distance * TOUCH, 0]])
+        place_robots(simulation, [[0, 0], [distance * TOUCH, 0]])
         rest(simulation)
         events.append(int(simulation.latest.collisions.numpy()[0, 0]))
         contacts.append(simulation.score()[0]["contact_time"])

@@ -49,7 +49,7 @@ def labels_now(simulation):
     return np.where(e == int(NEVER), 10**6, e)
 
 
-def go(simulation, steps):
+def advance(simulation, steps):
     for _ in range(steps):
         simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
 
@@ -69,7 +69,7 @@ def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
     there[0, columns // 2 + 2, columns // 2 // 32 + 1] = 1 << columns // 2 % 32
     simulation.contamination.labelled.assign(there)
     time = 3.0 / speed
-    go(simulation, round(time / 0.1))
+    advance(simulation, round(time / 0.1))
     nodes = np.linspace(-5, 5, columns)
     away = np.hypot(nodes, nodes[:, None])
     reached = labels_now(simulation) < 10**6
@@ -81,7 +81,7 @@ def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
 def test_a_cell_that_a_disc_leaves_is_contaminated_from_its_edge():
     # Story: one disc, at rest, in a rectangle of rogues that were there from the start; it stays clear inside.
     simulation = standing(0.5, (90, 40))
-    go(simulation, 50)
+    advance(simulation, 50)
     assert simulation.contamination.age.numpy()[0] == 50
     row = simulation.score()[0]
     assert row["guaranteed_detection_time"] == row["unseen_at_end"] == pytest.approx(5.0)
@@ -99,19 +99,19 @@ def test_where_rogues_enter():
     overrides = {"targets.count": 0, "targets.entry": "boundary", "targets.speed_limit": 0.2}
     simulation = standing(0.01, (90, 40), **overrides)
     assert (labels_now(simulation) == 10**6).all()
-    go(simulation, 1)
+    advance(simulation, 1)
     now = labels_now(simulation)
     assert (now[[0, -1]] == 1).all()
     assert (now[:, [0, -1]] == 1).all()
     assert (now[2:-2, 2:-2] == 10**6).all()
-    go(simulation, 20)  # 0.4 m: ten cells
+    advance(simulation, 20)  # 0.4 m: ten cells
     assert labels_now(simulation)[9, 45] < 10**6
     assert labels_now(simulation)[12, 45] == 10**6
 
 
 def test_without_rogues_there_is_nothing_to_guarantee():
     simulation = standing(0.5, (36, 16), **{"targets.count": 0, "targets.arrival_rate": 0.0})
-    go(simulation, 5)
+    advance(simulation, 5)
     row = simulation.score()[0]
     assert (row["guaranteed_detection_time"], row["contaminated_age_mean"]) == (0.0, 0.0)
     simulation = standing(0.5, None)

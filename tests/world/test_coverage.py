@@ -43,7 +43,7 @@ def parked(places, worlds=1, **overrides):
     return simulation
 
 
-def stand(simulation, steps=1):
+def stand_still(simulation, steps=1):
     for _ in range(steps):
         simulation.step(np.broadcast_to(STANDING, simulation.action_shape))
 
@@ -69,7 +69,7 @@ def test_the_cells_sensed_are_those_whose_centre_is_in_a_disc(grid, radius):
     clear = (np.abs(away - radius) > 1e-5).all(axis=(1, 2, 3))  # worlds in which no edge of a disc is on a centre
     assert clear.sum() > 50
     forget(simulation)
-    stand(simulation)
+    stand_still(simulation)
     expected = (away < radius)[clear]
     columns = grid[0]
     seen_by = bits(simulation.cells.sensed_by.numpy()[clear], columns)  # (W, N, rows, columns)

@@ -11,7 +11,7 @@ SCENARIOS = ["evaders", "intruders", "hall"]
 SHARP = {"curve.a": 1, "curve.b": 4}
 
 
-def goes_on(place, heading, turning, half):
+def has_room_ahead(place, heading, turning, half):
     """Return whether a car can go straight on for some way and then around a circle, all of it within a rectangle."""
     ahead = np.array([np.cos(heading), np.sin(heading)])
     arc = np.linspace(0, 2 * np.pi, 200)[:, None]
@@ -41,11 +41,11 @@ def test_every_car_can_go_on_within_the_walls(name):
     places, headings, speeds = starts(scenario)
     for place, heading, speed in zip(places, headings, speeds, strict=True):
         turning = max(turning_radius(robot.wheelbase, robot.steering_max), speed**2 / robot.lateral_acceleration_max)
-        assert goes_on(place, heading, turning, half)
+        assert has_room_ahead(place, heading, turning, half)
     on_curve = starts(lissajous_env.scenario(scenario, **{"task.boundary": "open", "curve.inset": scenario.inset}))
     np.testing.assert_allclose(places, on_curve[0], atol=1e-6)
     tightest = turning_radius(robot.wheelbase, robot.steering_max)
-    stuck = [not goes_on(place, heading, tightest, half) for place, heading in zip(*on_curve[:2], strict=True)]
+    stuck = [not has_room_ahead(place, heading, tightest, half) for place, heading in zip(*on_curve[:2], strict=True)]
     assert any(stuck)
     turned = np.abs(np.angle(np.exp(1j * (headings - on_curve[1])))) > 1e-4
     assert turned[stuck].all(), "a car that cannot go on is turned"

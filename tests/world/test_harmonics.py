@@ -19,7 +19,7 @@ def bean(gamma):
     return 1.4 * np.cos(gamma), 0.55 * np.sin(gamma) + 0.15 * np.cos(2 * gamma)
 
 
-def on(curve, name="failure", **overrides):
+def task_on(curve, name="failure", **overrides):
     return lissajous_env.scenario(name, curve=curve, **GIVEN | overrides)
 
 
@@ -35,7 +35,7 @@ def test_the_lissajous_curve_as_harmonics_is_the_lissajous_curve(kind):
     series = lissajous_env.Curve(half_width=1.8, half_height=0.8, harmonics=LISSAJOUS)
     plain = lissajous_env.Curve(half_width=1.8, half_height=0.8, a=3, b=2)
     rng, rows = np.random.default_rng(0), []
-    scenarios = [on(curve, "experiment", **{"robot.kind": kind}) for curve in (series, plain)]
+    scenarios = [task_on(curve, "experiment", **{"robot.kind": kind}) for curve in (series, plain)]
     both = [lissajous_env.Simulation(scenario, 3, seed=4) for scenario in scenarios]
     for _ in range(25):
         action = rng.uniform(-0.5, 0.5, both[0].action_shape).astype(np.float32)
@@ -62,7 +62,7 @@ def test_contouring_control_is_the_same_on_the_same_curve():
 
 @pytest.mark.parametrize("name", ["laps", "consensus-gvf", "kuramoto-mpcc"])
 def test_policies_of_cars_drive_on_any_curve(name):
-    scenario = on(lissajous_env.Curve.through(bean), "experiment", **{"task.duration": 3.0})
+    scenario = task_on(lissajous_env.Curve.through(bean), "experiment", **{"task.duration": 3.0})
     row = lissajous_env.evaluate(baselines.make(name, scenario, 2), scenario, seeds=[0, 1])[0]
     assert np.isfinite(row["return_mean"])
 
@@ -70,8 +70,8 @@ def test_policies_of_cars_drive_on_any_curve(name):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: on(CIRCLE, **{"robot.count": None}), "robot.count must be given for a curve of harmonics"),
-        (lambda: on(CIRCLE, **{"sensing.radius": None}), "sensing.radius must be given for a curve of harmonics"),
+        (lambda: task_on(CIRCLE, **{"robot.count": None}), "robot.count must be given for a curve of harmonics"),
+        (lambda: task_on(CIRCLE, **{"sensing.radius": None}), "sensing.radius must be given for a curve of harmonics"),
         (lambda: lissajous_env.Curve(harmonics=((1, 0, 0),)), "curve.harmonics must contain at most 64 rows of four"),
         (lambda: lissajous_env.Curve(harmonics=((0, 0, 0, 0),)), "curve.harmonics must contain a number that is not 0"),
         (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),) * 65), "curve.harmonics must contain at most 64 rows"),

@@ -20,7 +20,7 @@ def simulation_of(name="failure", **overrides):
     return lissajous_env.Simulation(lissajous_env.scenario(name, **STILL, **overrides))
 
 
-def stand(simulation, steps=1):
+def stand_still(simulation, steps=1):
     for _ in range(steps):
         simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
     return simulation.score()[0]
@@ -32,7 +32,7 @@ def test_contact_and_collisions(before):
     simulation = simulation_of(**{"robot.radius": 10.0})
     simulation.tally.contact_steps.fill_(before)
     simulation.tally.collisions.fill_(before)
-    row = stand(simulation, 3)
+    row = stand_still(simulation, 3)
     assert row["contact_time"] == pytest.approx(0.1 * (before + 30), rel=1e-12)
     assert row["collisions"] == before + 10
 
@@ -43,7 +43,7 @@ def test_the_idleness_that_a_step_ends():
     simulation = simulation_of(**everywhere)
     simulation.cells.sensed_at.fill_(1 - 2**21)
     simulation.cells.in_discs.zero_()
-    stand(simulation)
+    stand_still(simulation)
     assert simulation.latest.idle_ended.numpy()[0] == 2**33
     assert simulation.reward_terms.numpy()[0, 0, 3] == pytest.approx(0.1 * 2**21)
 

@@ -19,7 +19,7 @@ def undisturbed(worlds=1, seed=0, name="experiment", **overrides):
     return lissajous_env.Simulation(lissajous_env.scenario(name, **{**ALONE, **overrides}), worlds, seed=seed)
 
 
-def stand(simulation, steps=1):
+def stand_still(simulation, steps=1):
     """Let the robots roll out, or stand where they are points."""
     action = np.zeros(simulation.action_shape, dtype=np.float32)
     if simulation.scenario.robot.kind == "car":
@@ -110,7 +110,7 @@ def test_a_wandering_heading_walks_at_random():
     far_inside = (np.abs(place) < [38, 28]).all(axis=-1)
     headings = [before]
     for _ in range(10):
-        stand(simulation)
+        stand_still(simulation)
         headings.append(simulation.targets.heading.numpy().astype(float))
         moved = places(simulation)
         way = np.linalg.norm(moved - place, axis=-1)
