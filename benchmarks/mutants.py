@@ -3,8 +3,9 @@
 A mutant is a copy of the code with one change: another operator, comparison or number, a negated condition, a loop that
 does not run. In a clone of a commit, tests run until one fails, the shortest first: those that execute the changed line
 in this process, or, if none is known to, as for kernels, all tests of the room; and at most for `MOST_SECONDS` of
-processor time. A mutant *dies* if a test fails or does not end. Some of those that survive are equivalent: their change
-has no effect, as that of a limit that nothing reaches. Tests of other rooms might find some more.
+processor time. With `--again`, those that survived are tried again without this limit. A mutant *dies* if a test fails
+or does not end. Some of those that survive are equivalent: their change has no effect, as that of a limit that nothing
+reaches. Tests of other rooms might find some more.
 
 `benchmarks/mutants.jsonl` contains all mutants that were tried, and a second call with the same commit continues its
 sample. `--commit` tries those of another commit by the tests of that commit. The table counts all of them.
@@ -140,33 +141,68 @@ def tests_of_lines(room: str, root: Path) -> tuple[CoverageData, dict[str, float
     return coverage, json.loads((root / SECONDS).read_text(encoding="utf-8"))
 
 
-def try_mutants(room: str, count: int, commit: str, root: Path) -> None:
-    """Append the results of mutants of a room to the file, until it has `count` of this room and commit."""
-    every = list(mutants_of(room, root))
-    random.Random(f"{room}/{commit}").shuffle(every)
-    tried = sum((entry["room"], entry["commit"]) == (room, commit) for entry in entries())
-    if tried >= min(count, len(every)):
-        return
-    coverage, seconds = tests_of_lines(room, root)
-    print(f"{room}: {len(every)} mutants, {len(seconds)} tests, {sum(seconds.values()):.0f} s", flush=True)
-    for mutant in every[tried:count]:
-        contexts = coverage.contexts_by_lineno(str(mutant.module_path))
+def sample_of(room: str, commit: str, root: Path) -> list[MutationSpec]:
+    """Return all mutants of a room's code in a clone, in the random order in which they are tried."""
+    sample = list(mutants_of(room, root))
+    random.Random(f"{room}/{commit}").shuffle(sample)
+    return sample
+
+
+class Tests:
+    """The tests of a room in a clone, which run for its mutants; `most` is the processor time for each [s]."""
+
+    def __init__(self, room: str, root: Path, most: float):
+        self.root, self.most = root, most
+        self.coverage, self.seconds = tests_of_lines(room, root)
+        print(f"{room}: {len(self.seconds)} tests, {sum(self.seconds.values()):.0f} s", flush=True)
+
+    def find(self, mutant: MutationSpec) -> bool:
+        """Return whether a test fails, or does not end, with a mutant."""
+        contexts, seconds = self.coverage.contexts_by_lineno(str(mutant.module_path)), self.seconds
         lines = range(mutant.start_pos[0], mutant.end_pos[0] + 1)
         executing = {context.partition("|")[0] for line in lines for context in contexts.get(line, ())} & seconds.keys()
         order = sorted(executing or seconds, key=lambda test: seconds[test])
-        order = order[: np.searchsorted(np.cumsum([seconds[test] for test in order]), MOST_SECONDS) + 1]
+        order = order[: np.searchsorted(np.cumsum([seconds[test] for test in order]), self.most) + 1]
         files = sorted({test.partition("::")[0] for test in order})
         with use_mutation(mutant.module_path, get_operator(mutant.operator_name)(), mutant.occurrence):
             compiled = Path(cache_from_source(str(mutant.module_path)))
             compiled.unlink(missing_ok=True)  # Its time stamp has seconds, and a mutant may live for less.
-            survived = run(["-x", *files], order, timeout=TIMEOUT)
+            passed = run(["-x", *files], order, timeout=TIMEOUT)
             compiled.unlink(missing_ok=True)
-        place = f"{mutant.module_path.relative_to(root)}:{mutant.start_pos[0]}"
-        operator, outcome = mutant.operator_name.removeprefix("core/"), "survived" if survived else "died"
+        return not passed
+
+    def place(self, mutant: MutationSpec) -> str:
+        """Return the file and the line of a mutant."""
+        return f"{mutant.module_path.relative_to(self.root)}:{mutant.start_pos[0]}"
+
+
+def try_mutants(room: str, count: int, commit: str, root: Path) -> None:
+    """Append the results of mutants of a room to the file, until it has `count` of this room and commit."""
+    sample = sample_of(room, commit, root)
+    tried = sum((entry["room"], entry["commit"]) == (room, commit) for entry in entries())
+    if tried >= min(count, len(sample)):
+        return
+    tests = Tests(room, root, MOST_SECONDS)
+    for mutant in sample[tried:count]:
+        place, outcome = tests.place(mutant), "died" if tests.find(mutant) else "survived"
+        operator = mutant.operator_name.removeprefix("core/")
         entry = {"commit": commit, "room": room, "place": place, "operator": operator, "outcome": outcome}
         with TRIED.open("a", encoding="utf-8") as file:
             file.write(json.dumps(entry) + "\n")
         print(room, place, operator, outcome, flush=True)
+
+
+def try_again(room: str, commit: str, root: Path) -> None:
+    """Try the mutants of a room and commit that survived again, with all tests, and store those that die."""
+    tried = [entry for entry in entries() if (entry["room"], entry["commit"]) == (room, commit)]
+    tests = Tests(room, root, np.inf)
+    for mutant, entry in zip(sample_of(room, commit, root), tried, strict=False):
+        assert tests.place(mutant) == entry["place"]
+        if entry["outcome"] == "survived" and tests.find(mutant):
+            known = entries()
+            known[known.index(entry)]["outcome"] = "died"
+            TRIED.write_text("".join(json.dumps(one) + "\n" for one in known), encoding="utf-8")
+            print(room, *list(entry.values())[2:4], "died", flush=True)
 
 
 def entries() -> list[dict[str, str]]:
@@ -203,6 +239,7 @@ def main() -> None:
     parser.add_argument("--rooms", nargs="+", default=list(ROOMS))
     parser.add_argument("--mutants", type=int, default=20, help="mutants of each room")
     parser.add_argument("--commit", default="HEAD")
+    parser.add_argument("--again", action="store_true", help="try those that survived again, with all tests")
     options = parser.parse_args()
     here = Path(__file__).parents[1]
     show = ["git", "rev-parse", "--short=8", options.commit]
@@ -217,7 +254,10 @@ def main() -> None:
         sys.path[0] = str(root)
         os.chdir(root)
         for room in options.rooms:
-            try_mutants(room, options.mutants, commit, root)
+            if options.again:
+                try_again(room, commit, root)
+            else:
+                try_mutants(room, options.mutants, commit, root)
         os.chdir(here)
     figures.publish("mutants", "mutants that the tests of their room find", table(), options.store)
 
