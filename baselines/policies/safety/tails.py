@@ -19,7 +19,7 @@ from lissajous_env.world.robots.contacts import closest_approach
 PIECES = wp.constant(16)
 """Pieces of a tail between its sampled points, in equal steps of q."""
 POINTS = wp.constant(int(PIECES) + 3)
-"""Sampled points of a course: the position of the car, and the beginning, inner points and end of its tail."""
+"""Sampled points of a course: the position of the car, the middle of the step, and PIECES + 1 points of its tail."""
 Course = wp.array(dtype=wp.vec3)
 """Sampled points of a course (POINTS,), as `lay_out` writes them."""
 BLOCK = wp.constant(4)
