@@ -34,11 +34,11 @@ def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> 
 
 def as_table(outcome: BenchmarkOutcome) -> dict[str, list]:
     """Return a row for each policy and one for the best known plan; columns without any number are left out."""
-    table = Table.of(outcome.rows, outcome.scenarios)
+    table = Table.of(outcome.rows, outcome.table.scenarios)
     (policies,), (bounds,) = table.estimates.values(), table.bounds.values()
     columns = with_numbers(policies, SHOWN)
     rows = [
-        [f"*{line.name}*" if line.is_reference else f"`{line.name}`", *map(str, line.entries)]
+        [f"*{line.name}*" if line.is_best_known else f"`{line.name}`", *map(str, line.entries)]
         for line in lines_of(policies, columns, bounds.best_known)
     ]
     return {"columns": ["policy", *(column.heading for column in columns)], "rows": rows}

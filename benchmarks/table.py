@@ -23,7 +23,7 @@ def main() -> None:
     options = parser.parse_args()
     settings = Benchmark(episodes=options.episodes, out=options.out, replays=0)
     outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
-    table = table_of(Table.of(outcome.rows, outcome.scenarios))
+    table = table_of(Table.of(outcome.rows, outcome.table.scenarios))
     if options.store:
         figures.store({"policies": table})
     print(markdown(table), end="")

@@ -26,7 +26,7 @@ _TOGETHER = 4
 def write_report(folder: Folder, outcome: BenchmarkOutcome, console: Console) -> str:
     """Write `report.html` of all episodes of the folder, with replays of those of this call; return a line about these.
 
-    It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
+    The choice of the replays depends only on the score rows, so that a benchmark that was interrupted has the same.
     """
     table, cells = outcome.table, outcome.playable
     ranked = worst_first(table.rows, table.scenarios)

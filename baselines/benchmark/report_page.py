@@ -182,8 +182,8 @@ def _columns(table: Table) -> list[dict[str, Any]]:
 def _scenario(
     table: Table, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows], notes: Sequence[str]
 ) -> dict[str, Any]:
-    scenario, cells, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
-    columns = [column for column in columns_of(scenario, cells) if column.page]
+    scenario, policies, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
+    columns = [column for column in columns_of(scenario, policies) if column.page]
     reference = table.references.get(name)
     return {
         "name": name,
@@ -194,7 +194,7 @@ def _scenario(
         "tradeoff": [task_score(scenario).name, COLLISIONS.name],
         "measures": [
             _described(column)
-            | {"best": best_value([*cells.values()], column)}
+            | {"best": best_value([*policies.values()], column)}
             | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
             for column in columns
         ],
@@ -204,9 +204,9 @@ def _scenario(
                 "episodes": len(episodes),
                 "failed": np.sum([failed(row) for row in episodes], axis=0).tolist(),
                 "collisions": _rounded(float(numbers(episodes, COLLISIONS).mean())),
-                "cells": {column.name: _cell(cells[policy][column.name], column, episodes) for column in columns},
+                "cells": {column.name: _cell(policies[policy][column.name], column, episodes) for column in columns},
             }
-            for policy, episodes in ((policy, rows[policy]) for policy in cells)
+            for policy, episodes in ((policy, rows[policy]) for policy in policies)
         ],
     }
 
@@ -295,7 +295,7 @@ def _cell(estimate: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
 
 def _episodes(
     rows: Sequence[Row],
-    columns: Sequence[Row],
+    columns: Sequence[Mapping[str, Any]],
     scenario_of: Mapping[str, int],
     number_of: Mapping[str, int],
 ) -> dict[str, list[Any]]:

@@ -63,8 +63,7 @@ class Terms:
     walls: Walls
     """The walls, zeros without any."""
     widest: wp.array(dtype=wp.vec4)
-    """(N,) bounds of curvature and drive of a car before it has learned: `baselines.policies.safety.proved.widest_of`.
-    """
+    """(N,) bounds of curvature and drive of a car before it has learned, which `proved.widest_of` returns."""
     changes: wp.array(dtype=wp.vec2)
     """(K,) changes of an action that are tried, in this order."""
     stops: wp.array(dtype=wp.int32)
