@@ -7,14 +7,10 @@ the plan are then played on the same other seeds. A worst case is the longest wo
 episodes; if an episode shows no bound, it counts as twice the episode. Tables show the median over scenarios of its
 ratio to that of the plan, over all scenarios and over those in which robots fail, and collisions per episode; the
 intervals (95 %) are bootstrapped over scenarios. If the command is interrupted and called again, it resumes.
-
-    python benchmarks/guard.py --rehearsals --scenarios 24
-
-`--rehearsals` compares the choice with and without rehearsals instead, on `monitoring-v1:validation`: the geometric
-mean over scenarios of the ratio to the worst case without, on other seeds than those of the rehearsals.
 """
 
 import argparse
+import itertools
 import json
 import math
 import warnings
@@ -24,20 +20,18 @@ from typing import Any
 import figures
 import numpy as np
 from patrol import geometric_mean, in_words
-from prior import FIRST_SEED, scenarios_of
 
-from baselines.planning.portfolio import GUARANTEE, NAMES, Prior, chosen, ordered, result_of
+from baselines.planning.portfolio import GUARANTEE, NAMES, chosen, result_of
 from baselines.planning.request import Request
 from baselines.planning.search import PlanOutcome
+from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
-from lissajous_env import Scenario, scenario_space
+from lissajous_env import Scenario, scenario, scenario_space
 from lissajous_env.parameters.assumptions import AssumptionWarning
 
 CLASSICAL = ("line-abreast", "partition", "partition-repair", "sweep", "laps", "kuramoto-mpcc")
 PLAN = "best plan"
-GUARD = "portfolio-guarantee"
-REHEARSED = 0, 5, 10, 18
-"""Numbers of rehearsed patrols that are compared, the first without any."""
+FIRST_SEED = 900_000
 
 Results = dict[tuple[str, str], dict[str, Any]]
 
@@ -59,8 +53,12 @@ def settings_of(name: str, scenario: Scenario, seconds: float) -> PolicySettings
 
 def played(settings: PolicySettings | None, scenario: Scenario, episodes: int) -> dict[str, Any]:
     """Return the worst case [s] and the collisions of a policy; a time of None for none, and one that does not suit."""
-    result = None if settings is None else result_of(settings, scenario, episodes, GUARANTEE, FIRST_SEED)
-    return {"time": None} if result is None else result._asdict()
+    if settings is None:
+        return {"time": None}
+    try:
+        return result_of(settings, scenario, episodes, GUARANTEE, FIRST_SEED)._asdict()
+    except UnsuitableScenarioError:
+        return {"time": None}
 
 
 def results(path: Path, scenarios: list[Scenario], policies: list[str], options: argparse.Namespace) -> Results:
@@ -107,48 +105,24 @@ def as_table(scores: Results, policies: list[str]) -> figures.Table:
     return {"columns": titles, "rows": rows}
 
 
-def rehearsals(scenarios: list[Scenario], options: argparse.Namespace) -> figures.Table:
-    """Return a row for each number of rehearsed patrols."""
-    prior, times, collisions = Prior.read(GUARD), [], []
-    for scenario in scenarios:
-        best = [ordered(prior, scenario, count)[0] for count in REHEARSED]
-        scores = [played(settings, scenario, options.episodes) for settings in best]
-        if all(row["time"] is not None for row in scores):
-            times.append([row["time"] for row in scores])
-            collisions.append([row["collisions"] for row in scores])
-            print(scenario.name, *(f"{time:.3g}" for time in times[-1]), flush=True)
-    ratios = np.array(times) / np.array(times)[:, :1]
-    rows = [
-        [str(count) if count else "none", str(len(times)), in_words(ratios[:, k], geometric_mean),
-         f"{100 * np.mean(ratios[:, k] < 1):.0f}", f"{100 * np.mean(ratios[:, k] > 1):.0f}",
-         in_words(np.array(collisions)[:, k], np.mean)]
-        for k, count in enumerate(REHEARSED)
-    ]  # fmt: skip
-    titles = ["rehearsed", "scenarios", "worst case over that without (geometric mean)", "shorter [%]", "longer [%]"]
-    return {"columns": [*titles, "collisions"], "rows": rows}
-
-
 def main() -> None:
     parser = figures.parser(__doc__)
-    parser.add_argument("--policies", nargs="*", default=[GUARD], help="names")
+    parser.add_argument("--policies", nargs="*", default=[GUARANTEE], help="names")
     parser.add_argument("--space", default="monitoring-v1")
     parser.add_argument("--scenarios", type=int, default=24)
     parser.add_argument("--seconds", type=float, default=30.0, help="duration of each search [s]")
     parser.add_argument("--episodes", type=int, default=8)
-    parser.add_argument("--rehearsals", action="store_true", help="compare a choice with and without rehearsals")
     parser.add_argument("--out", type=Path, default=Path("results/guard"))
     options = parser.parse_args()
     warnings.simplefilter("ignore", AssumptionWarning)
     options.out.mkdir(parents=True, exist_ok=True)
-    policies, split = [PLAN, *options.policies, *CLASSICAL], "validation" if options.rehearsals else "test"
-    scenarios = list(scenarios_of(scenario_space(options.space), split, options.scenarios, GUARANTEE))
-    if options.rehearsals:
-        name, table = "guard rehearsed", rehearsals(scenarios, options)
-    else:
-        scores = results(options.out / "worst-cases.jsonl", scenarios, policies, options)
-        name, table = "guard", as_table(scores, policies)
-    title = f"{options.space}:{split}, {options.scenarios} scenarios, {options.episodes} episodes each"
-    figures.publish(name, title, table, options.store)
+    policies = [PLAN, *options.policies, *CLASSICAL]
+    drawn = itertools.islice(scenario_space(options.space).scenarios("test"), options.scenarios)
+    scores = results(
+        options.out / "worst-cases.jsonl", [scenario(task, **{"task.grid": None}) for task in drawn], policies, options
+    )
+    title = f"{options.space}:test, {options.scenarios} scenarios, {options.episodes} episodes each"
+    figures.publish("guard", title, as_table(scores, policies), options.store)
 
 
 if __name__ == "__main__":

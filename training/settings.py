@@ -80,8 +80,6 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     """Number of attention heads with which a robot pools its tokens; 0 for their mean."""
     hidden: int = whole(128, 1, 65_536)
     """Size of the hidden layers."""
-    memory: int = whole(0, 0, 65_536)
-    """Size of the memory of a robot, a gated recurrent unit; 0 for none."""
     rollout: int = whole(25, 2, 1_000_000)
     """Steps of each world between updates; a minibatch needs two rows for the deviation of its advantages."""
     minibatch: int = whole(512, 2, 10**9)

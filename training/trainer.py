@@ -123,9 +123,7 @@ class Training:
         self.settings = settings
         self.worlds = Worlds(settings, settings.worlds, FIRST_SEED * (1 + settings.seed))
         size = self.worlds.batch.scenario.action_size
-        self.actor = TeamModule(
-            settings, len(TOKEN), size, settings.heads, settings.memory, settings.corrected_base is not None
-        )
+        self.actor = TeamModule(settings, len(TOKEN), size, settings.heads, settings.corrected_base is not None)
         self.critic = TeamModule(settings, len(TRUTH if settings.critic == "central" else TOKEN), 1)
         self.networks = nn.ModuleList([self.actor, self.critic])
         self.optimizer = torch.optim.Adam(self.networks.parameters(), settings.learning_rate, eps=1e-5)
@@ -136,9 +134,7 @@ class Training:
         of exploration, averaged over about 200 steps."""
         self.limit = settings.collisions or 0.0
         self._returns = np.zeros(self.worlds.count)
-        self._memory = torch.zeros(self.worlds.count, settings.memory)
         self._noise = torch.randn(self.worlds.count, size)
-        self._begins = np.ones(self.worlds.count, np.float32)
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
 
     def schedule(self) -> tuple[float, float]:
@@ -150,23 +146,21 @@ class Training:
     def collect(self) -> Rollout:
         """Play T steps in all worlds, with noise, and compute advantages and returns."""
         settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
-        memory, transitions, steps, values = self._memory, [], [], []
+        transitions, steps, values = [], [], []
         for _ in range(settings.rollout):
-            begins = torch.from_numpy(self._begins)
+            rows = [torch.from_numpy(part) for part in self._rows]
             with torch.no_grad():
-                rows = [torch.from_numpy(part) for part in self._rows]
-                mean, self._memory = self.actor([part[None] for part in rows], self._memory, begins[None])
-                fresh = torch.randn_like(mean[0])
-                self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
-                action = mean[0] + deviation * self._noise
-                likelihood = -0.5 * ((action - mean[0]) / deviation).square().sum(-1)
+                mean = self.actor(rows)
+            fresh = torch.randn_like(mean)
+            self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
+            action = mean + deviation * self._noise
+            likelihood = -0.5 * ((action - mean) / deviation).square().sum(-1)
             critic_rows, value = self._valued()
             values.append(value)
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
-            transitions.append((rows, critic_rows, action, likelihood, torch.from_numpy(step.acted), begins))
+            transitions.append((rows, critic_rows, action, likelihood, torch.from_numpy(step.acted)))
             steps.append((self._reward(step, *self._truth[2:]), step))
-            self._begins = np.repeat(step.over, worlds.side.slots).astype(np.float32)
             worlds.begin(step.over)
             if step.over.any():
                 self._truth = worlds.truth()
@@ -176,9 +170,9 @@ class Training:
         advantages = self._advantages(steps, np.stack(values))
         of_actor, of_critic, *others = zip(*transitions, strict=True)
         rows, truth = ([torch.stack(part) for part in zip(*inputs, strict=True)] for inputs in (of_actor, of_critic))
-        actions, likelihood, acted, begins = (torch.stack(part) for part in others)
+        actions, likelihood, acted = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(rows, truth, actions, likelihood, acted, begins, memory, advantages, returns, deviation)
+        return Rollout(rows, truth, actions, likelihood, acted, advantages, returns, deviation)
 
     def _reward(self, step: StepResult, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers.
@@ -207,8 +201,7 @@ class Training:
         parts = self._truth[:2] if self.settings.critic == "central" else self._rows[1:]
         own, *critic_rows = [torch.from_numpy(part) for part in (self._rows[0], *parts)]
         with torch.no_grad():
-            rows, none = [part[None] for part in (own, *critic_rows)], torch.zeros(len(own), 0)
-            return critic_rows, self.critic(rows, none, torch.zeros(1, len(own)))[0][0, :, 0].numpy()
+            return critic_rows, self.critic([own, *critic_rows])[:, 0].numpy()
 
     def _advantages(self, steps: Sequence[tuple[np.ndarray, StepResult]], values: np.ndarray) -> Tensor:
         """Return generalized advantages (T, B), for rewards divided by the standard deviation of the returns."""
@@ -232,8 +225,7 @@ class Training:
         for _ in range(settings.epochs):
             for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
                 acted, truth = rollout.acted[:, chosen], [part[:, chosen] for part in rollout.truth]
-                none = torch.zeros(len(chosen), 0)
-                value = self.critic([rollout.rows[0][:, chosen], *truth], none, torch.zeros_like(acted))[0][..., 0]
+                value = self.critic([rollout.rows[0][:, chosen], *truth])[..., 0]
                 loss = (0.5 * (value - rollout.returns[:, chosen]).square() * acted).mean()
                 if updates_actor:
                     of_actor, divergence = self._actor_loss(rollout, chosen)
@@ -255,7 +247,7 @@ class Training:
         """Return the loss of the actor on the chosen rows, and its divergence (approximate KL) from the rollout's."""
         settings = self.settings
         rows, acted = [part[:, chosen] for part in rollout.rows], rollout.acted[:, chosen]
-        mean, _ = self.actor(rows, rollout.memory[chosen], rollout.begins[:, chosen])
+        mean = self.actor(rows)
         likelihood = -0.5 * ((rollout.actions[:, chosen] - mean) / rollout.deviation).square().sum(-1)
         change = likelihood - rollout.likelihood[:, chosen]
         ratio = change.exp()
@@ -275,8 +267,7 @@ class Training:
         arrays = save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
         if self.settings.space is None:
             arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
-            arrays |= {"begins": self._begins, "returns": self._returns, "memory": self._memory.numpy()}
-            arrays["noise"] = self._noise.numpy()
+            arrays |= {"returns": self._returns, "noise": self._noise.numpy()}
         return arrays
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
@@ -285,8 +276,7 @@ class Training:
         self.numbers |= {name: float(value[0]) for name, value in checkpoint.within("numbers", arrays).items()}
         if self.settings.space is None:
             self.worlds.load_state(checkpoint.within("worlds", arrays))
-            self._begins, self._returns = arrays["begins"], arrays["returns"]
-            self._memory, self._noise = torch.from_numpy(arrays["memory"]), torch.from_numpy(arrays["noise"])
+            self._returns, self._noise = arrays["returns"], torch.from_numpy(arrays["noise"])
         else:
             self.worlds.restart(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
         self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
@@ -300,57 +290,41 @@ class TeamModule(nn.Module):
         token: Size of a token.
         outputs: Size of the output.
         heads: Number of attention heads; 0 for the mean of the tokens' features.
-        memory: Size of a robot's memory; 0 for none.
         corrects: Add the action of the base, the last two own numbers, to the outputs, which are zeros at first.
     """
 
-    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, memory=0, corrects=False):
+    def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, corrects=False):
         super().__init__()
         self.corrects = corrects
         features, hidden = settings.features, settings.hidden
         self.own, self.token = nn.Linear(len(OWN), 64), nn.Linear(token, features)
         self.query = nn.Linear(64, heads * features) if heads else None
         self.trunk = nn.Linear(64 + max(heads, 1) * features, hidden)
-        self.memory = nn.GRUCell(hidden, memory) if memory else None
-        self.last, self.action = nn.Linear(hidden + memory, hidden), nn.Linear(hidden, outputs)
+        self.last, self.action = nn.Linear(hidden, hidden), nn.Linear(hidden, outputs)
         nn.init.orthogonal_(self.action.weight, 0.0 if corrects else 0.01)
         nn.init.zeros_(self.action.bias)
 
     @torch.autocast("cpu", torch.bfloat16)
-    def forward(self, rows: Sequence[Tensor], memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
-        """Return outputs (T, B, outputs) of T steps of B robots, and their memory (B, memory) after these.
-
-        Args:
-            rows: Own numbers (T, B, A), tokens (T, B, K, F), and 1 where there is a token (T, B, K).
-            memory: (B, memory) before the first step.
-            begins: (T, B) 1 in the first step of an episode.
-        """
-        own, tokens, present = (rows_of.flatten(0, 1) for rows_of in rows)
+    def forward(self, rows: Sequence[Tensor]) -> Tensor:
+        """Return the outputs (..., outputs) for own numbers (..., A), tokens (..., K, F), and presence (..., K)."""
+        own, tokens, present = rows
         own, features = torch.relu(self.own(own)), torch.relu(self.token(tokens))
         if self.query is None:
-            pooled = (features * present[..., None]).mean(1)
+            pooled = (features * present[..., None]).mean(-2)
         else:
-            query = self.query(own).view(len(own), -1, features.shape[-1])
-            score = query @ features.transpose(1, 2) + (present[:, None] - 1) * 1e4
-            weight = (torch.softmax(score, -1) * present[:, None]).to(features.dtype)
-            pooled = (weight @ features).flatten(1)
-        hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1))).view(*begins.shape, -1)
-        if self.memory is not None:
-            states = []
-            for step, begin in zip(hidden, begins, strict=True):
-                memory = self.memory(step, memory * (1 - begin)[:, None])
-                states.append(memory)
-            hidden = torch.cat([hidden, torch.stack(states)], -1)
+            query, present = self.query(own).unflatten(-1, (-1, features.shape[-1])), present[..., None, :]
+            score = query @ features.mT + (present - 1) * 1e4
+            weight = (torch.softmax(score, -1) * present).to(features.dtype)
+            pooled = (weight @ features).flatten(-2)
+        hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1)))
         outputs = self.action(torch.relu(self.last(hidden))).float()
         if self.corrects:
             outputs = outputs + nn.functional.pad(rows[0][..., -2:], (0, outputs.shape[-1] - 2))
-        return outputs, memory.float()
+        return outputs
 
     def arrays(self) -> TeamNetwork:
         """Copy the weights into a network that needs no PyTorch."""
-        names = {"memory.weight_ih": "memory.input.weight", "memory.weight_hh": "memory.hidden.weight"}
-        names |= {"memory.bias_ih": "memory.input.bias", "memory.bias_hh": "memory.hidden.bias"}
-        return TeamNetwork({names.get(name, name): tensor.numpy() for name, tensor in self.state_dict().items()})
+        return TeamNetwork({name: tensor.numpy() for name, tensor in self.state_dict().items()})
 
 
 def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str, np.ndarray]:

@@ -62,8 +62,6 @@ class Rollout(NamedTuple):
         actions: (T, B, A).
         likelihood: (T, B) logarithm of the density of the actions, up to a constant.
         acted: (T, B) 1 where a robot was in its world.
-        begins: (T, B) 1 in the first step of an episode.
-        memory: (B, memory) before the first step.
         advantages: (T, B).
         returns: (T, B) discounted returns, which the critic learns.
         deviation: Standard deviation of the actions.
@@ -74,8 +72,6 @@ class Rollout(NamedTuple):
     actions: Tensor
     likelihood: Tensor
     acted: Tensor
-    begins: Tensor
-    memory: Tensor
     advantages: Tensor
     returns: Tensor
     deviation: float

@@ -43,7 +43,7 @@ def arrays_of(folder):
 
 @pytest.mark.parametrize(("changes", "base"), [
     ({}, "greedy-herd"),
-    ({"scenario": "intercept", "memory": 8, "heads": 0}, "divided-pursuit"),
+    ({"scenario": "intercept", "heads": 0}, "divided-pursuit"),
     ({"scenario": "hotspots"}, "index-learned"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "messages.size": 1}}, "arc-mpcc"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "arc-mpcc"),
@@ -99,9 +99,8 @@ def test_ppo_learns_a_problem_of_one_step(tmp_path):
         state.actor.action.bias.fill_(0.8)
     for _ in range(30):
         state.update(state.collect())
-    rows = [torch.from_numpy(part)[None] for part in state.worlds.rows()]
-    mean, _ = state.actor(rows, torch.zeros(64, 0), torch.ones(1, 64))
-    assert mean.abs().max() < 0.15
+    rows = [torch.from_numpy(part) for part in state.worlds.rows()]
+    assert state.actor(rows).abs().max() < 0.15
 
 
 def test_advantages_are_sums_of_rewards_that_end_with_the_episode(tmp_path):
@@ -193,7 +192,7 @@ def test_trainings_that_differ_only_in_their_seeds_are_a_row_of_the_ablations(tm
     assert [row[3] for row in learned.on_curves([str(folders[2])], stores=False)["rows"]] == ["2", "1"]
 
 
-@pytest.mark.parametrize("changes", [{}, {"memory": 4, "base": "none", "critic": "own"}], ids=["base", "none"])
+@pytest.mark.parametrize("changes", [{}, {"base": "none", "critic": "own"}], ids=["base", "none"])
 def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, monkeypatch, changes):
     settings = small(tmp_path, **changes)
     train(settings, QUIET)
@@ -224,25 +223,20 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, mo
 
 def test_the_network_without_torch_is_that_of_the_training(tmp_path):
     # Oracle: the same module in float32.
-    for heads, memory in ((3, 0), (0, 0), (2, 6)):
-        settings = small(tmp_path, heads=heads, memory=memory)
-        module = TeamModule(settings, len(TOKEN), 2, heads, memory)
+    for heads in (3, 0):
+        module = TeamModule(small(tmp_path), len(TOKEN), 2, heads)
         draw = np.random.default_rng(0)
         own, tokens = draw.normal(size=(2, 3, len(OWN))), draw.normal(size=(2, 3, 5, len(TOKEN)))
         present = (draw.random((2, 3, 5)) < 0.6).astype(np.float32)
         present[0, 0] = 0
         seen = Perception(own.astype(np.float32), tokens.astype(np.float32) * present[..., None], present)
-        before = draw.normal(size=(2, 3, memory)).astype(np.float32)
-        flat = [torch.from_numpy(part.reshape(1, 6, *part.shape[2:])) for part in seen]
-        inputs = flat, torch.from_numpy(before.reshape(6, memory)), torch.zeros(1, 6)
-        outputs, after = module.arrays()(seen, before)
+        rows = [torch.from_numpy(part) for part in seen]
         with torch.no_grad(), torch.autocast("cpu", enabled=False):
-            wanted, wanted_after = TeamModule.forward.__wrapped__(module, *inputs)
+            wanted = TeamModule.forward.__wrapped__(module, rows)
             module.corrects = True
-            added, _ = TeamModule.forward.__wrapped__(module, *inputs)
-        assert outputs.reshape(6, 2) == pytest.approx(wanted[0].numpy(), abs=1e-5)
-        assert (added - wanted)[0].numpy() == pytest.approx(seen.own.reshape(6, -1)[:, -2:], abs=1e-5)
-        assert after.reshape(6, memory) == pytest.approx(wanted_after.numpy(), abs=1e-5)
+            added = TeamModule.forward.__wrapped__(module, rows)
+        assert module.arrays()(seen) == pytest.approx(wanted.numpy(), abs=1e-5)
+        assert (added - wanted).numpy() == pytest.approx(seen.own[..., -2:], abs=1e-5)
 
 
 def test_what_the_critic_reads_is_the_true_state(tmp_path):

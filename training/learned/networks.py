@@ -100,8 +100,7 @@ class TeamNetwork(Network):
 
     A layer maps each token to features, which attention pools: each head has a query, computed from the robot's own
     numbers, and returns the mean of the features with the weights softmax(query . features). Without heads (no layer
-    `query`), the features are averaged over all slots for tokens, where those of an empty slot are zeros. With a memory
-    (layers `memory.*`), a gated recurrent unit follows (Cho et al., EMNLP 2014).
+    `query`), the features are averaged over all slots for tokens, where those of an empty slot are zeros.
     """
 
     prefix = "team"
@@ -109,15 +108,13 @@ class TeamNetwork(Network):
     """Number of `Card.inputs` that it requires: none, because it reads a `Perception`."""
 
     def _fitting(self, sizes: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
-        required, optional = {"own", "token", "trunk", "last", "action"}, {"query", "memory.input", "memory.hidden"}
-        if not required <= set(sizes) <= required | optional or ("memory.input" in sizes) != ("memory.hidden" in sizes):
-            words = f"{few_of(sorted(required))}, and perhaps query, and memory.input with memory.hidden"
-            raise ValueError(f"layers must be {words}, got {few_of(sorted(sizes))}")
-        own, features, hidden, memory = sizes["own"][0], sizes["token"][0], sizes["trunk"][0], self.memory
+        required = {"own", "token", "trunk", "last", "action"}
+        rule = f"must be {few_of(sorted(required))}, and perhaps query"
+        require(set(sizes) - {"query"} == required, "layers", rule, few_of(sorted(sizes)))
+        own, features, hidden = sizes["own"][0], sizes["token"][0], sizes["trunk"][0]
         heads = sizes["query"][0] // features if "query" in sizes else 1
         fitting = {"own": (own, len(OWN)), "token": (features, len(TOKEN)), "query": (heads * features, own)}
-        fitting |= {"trunk": (hidden, own + heads * features), "last": (sizes["last"][0], hidden + memory)}
-        fitting |= {"memory.input": (3 * memory, hidden), "memory.hidden": (3 * memory, memory)}
+        fitting |= {"trunk": (hidden, own + heads * features), "last": (sizes["last"][0], hidden)}
         return fitting | {"action": (sizes["action"][0], sizes["last"][0])}
 
     @property
@@ -125,13 +122,8 @@ class TeamNetwork(Network):
         """Number of components of an action."""
         return self.arrays["action.bias"].shape[0]
 
-    @property
-    def memory(self) -> int:
-        """Size of a robot's memory."""
-        return self.arrays["memory.hidden.weight"].shape[1] if "memory.hidden.weight" in self.arrays else 0
-
-    def __call__(self, seen: Perception, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the outputs (W, N, A), and the memory (W, N, memory) for the next step."""
+    def __call__(self, seen: Perception) -> np.ndarray:
+        """Return the outputs (W, N, A)."""
         own = np.maximum(self._layer("own", seen.own), 0)
         worlds, robots, count, size = seen.tokens.shape
         features = np.maximum(self._layer("token", seen.tokens.reshape(worlds, robots * count, size)), 0)
@@ -145,17 +137,7 @@ class TeamNetwork(Network):
         else:
             pooled = (features * seen.present[..., None]).mean(axis=2)
         hidden = np.maximum(self._layer("trunk", np.concatenate([own, pooled], axis=-1)), 0)
-        if self.memory:
-            memory = self._remember(hidden, memory)
-            hidden = np.concatenate([hidden, memory], axis=-1)
-        return self._layer("action", np.maximum(self._layer("last", hidden), 0)), memory
-
-    def _remember(self, values: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Return h' = (1 - z) n + z h with the reset gate r, the update gate z and the candidate n, as in PyTorch."""
-        r, z, n = np.split(self._layer("memory.input", values), 3, axis=-1)
-        r_old, z_old, n_old = np.split(self._layer("memory.hidden", memory), 3, axis=-1)
-        r, z = 1 / (1 + np.exp(-r - r_old)), 1 / (1 + np.exp(-z - z_old))
-        return (1 - z) * np.tanh(n + r * n_old) + z * memory
+        return self._layer("action", np.maximum(self._layer("last", hidden), 0))
 
 
 def _numbers(name: str, array: Any) -> np.ndarray:

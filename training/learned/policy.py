@@ -81,8 +81,8 @@ def names() -> tuple[str, ...]:
 class LearnedTeam(Policy):
     """Policy whose action is a network's output, added to the action of the base if the card has one, in [-1, 1].
 
-    `actions_of` changes velocities. The same network computes the action of each robot, from the robot's
-    own row and memory alone, on the CPU.
+    `actions_of` changes velocities. The same network computes the action of each robot, from the robot's own row and
+    the base's action alone, on the CPU.
 
     Raises:
         ValueError: the network does not fit the card, or the robots or actions of the scenario do not fit the policy.
@@ -99,18 +99,13 @@ class LearnedTeam(Policy):
         card.check(self.scenario)
         self.network, self.card, self.kind = network, card, card.kind
         self.base = baselines.make(card.base, self.scenario, num_worlds) if card.base else None
-        self._memory = np.zeros((*self.shape, network.memory), np.float32)
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Reset the memory of the robots in the masked worlds."""
-        self._memory[mask] = 0.0
 
     def decide(self, observation: np.ndarray) -> np.ndarray:
         """Return the actions; entries of rows are clipped to [-10, 10], for rows far outside of their ranges."""
         observation = observation.clip(-10.0, 10.0)
         of_base = None if self.base is None else base_action(self.base, observation)
         seen = perceive(observation, self.scenario, of_base)
-        outputs, self._memory = self.network(seen, self._memory)
+        outputs = self.network(seen)
         if of_base is not None:
             outputs[..., :2] += seen.own[..., -2:][..., : outputs.shape[-1]]
         action = np.zeros(self.action.shape, np.float32)
