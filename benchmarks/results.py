@@ -53,7 +53,7 @@ def main() -> None:
     for name in options.scenarios:
         started = time.process_time()
         settings = settings_for(lissajous_env.scenario(name), options.episodes, options.out)
-        outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
+        outcome = measure(settings, console=Console(quiet=True), progress_console=make_console(stderr=True))
         table = as_table(outcome)
         figures.show(f"{name}, {settings.episodes} seeds, {time.process_time() - started:.0f} s of processors", table)
         for failure in outcome.failures:

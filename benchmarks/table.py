@@ -22,7 +22,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Benchmark.out)
     options = parser.parse_args()
     settings = Benchmark(episodes=options.episodes, out=options.out, replays=0)
-    outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
+    outcome = measure(settings, console=Console(quiet=True), progress_console=make_console(stderr=True))
     table = table_of(Table.of(outcome.rows, outcome.table.scenarios))
     if options.store:
         figures.store({"policies": table})

@@ -118,7 +118,7 @@ def worst_first(rows: Rows, scenarios: Mapping[str, Scenario]) -> Rows:
 
 def page(
     table: Table,
-    ranked: Rows,
+    rows: Rows,
     replays: Mapping[Key, dict[str, Any]],
     origin: Mapping[str, str],
     failures: Sequence[Failure] = (),
@@ -128,7 +128,7 @@ def page(
 
     Args:
         table: The table.
-        ranked: Its score rows, the worst first.
+        rows: Its score rows, the worst first.
         replays: Playable episodes, from `lissajous_env.replay.contents.contents`.
         origin: Command, machine and versions of the numbers, in words.
         failures: Policies that raised.
@@ -138,7 +138,7 @@ def page(
     policies = list(dict.fromkeys(row["policy"] for row in table.rows))
     number_of = {name: k for k, name in enumerate(policies)}
     scenario_of = {name: k for k, name in enumerate(table.estimates)}
-    columns, by = _columns(table), grouped(ranked)
+    columns, by = _columns(table), grouped(rows)
     replayed = {f"replay-{k}": key for k, key in enumerate(replays)}
     data = {
         "format": FORMAT,
@@ -149,11 +149,11 @@ def page(
         "scenarios": [_scenario(table, name, number_of, by.get(name, {}), notes.get(name, ())) for name in scenario_of],
         "failures": [[failure.scenario, failure.policy, failure.error] for failure in failures],
         "columns": columns,
-        "total": len(ranked),
-        "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
+        "total": len(rows),
+        "episodes": _episodes(rows[:MOST_EPISODES], columns, scenario_of, number_of),
         "replays": {name: [scenario_of[s], number_of[p], seed] for name, (s, p, seed) in replayed.items()},
     }
-    played = f"{counted(len(ranked), 'episode')} of {counted(len(policies), 'policy', 'policies')}"
+    played = f"{counted(len(rows), 'episode')} of {counted(len(policies), 'policy', 'policies')}"
     words = {"title": "Benchmark", "counted": f"{played} on {counted(len(scenario_of), 'scenario')}"}
     viewer, blocks = "", {name: replays[key] for name, key in replayed.items()}
     if replays:  # the replay page without episodes, in a frame

@@ -31,6 +31,7 @@ FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
+"""Beginnings of the names of entries of `played` that are no policies."""
 
 _Key = tuple[str, str, int]
 

@@ -63,7 +63,7 @@ class Estimate:
     """Median; of largest values it counts open ones as infinite."""
     max: float = np.nan
     open: int = 0
-    """Number of those that show no bound."""
+    """Number of open values, which show no bound."""
     at_least: bool = False
     """True if `value` is a lower bound of the largest value."""
     worst: int | None = None
@@ -252,11 +252,8 @@ OVERALL = (SCORE_OVER_BEST, WORST_CASE_OVER_BEST, OVER_LOWER_BOUND, COLLISIONS, 
 """Columns with the same meaning on every scenario, so that scenarios can be combined."""
 DERIVED = {column.name: column for column in OVERALL if column is not COLLISIONS}
 """Columns that `baselines.benchmark.table` adds to score rows, by name."""
-SHOWN = tuple(
-    sorted(
-        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.order), key=lambda column: column.order
-    )
-)
+_ORDERED = [column for column in (*COLUMNS.values(), *DERIVED.values()) if column.order]
+SHOWN = tuple(sorted(_ORDERED, key=lambda column: column.order))
 """Columns of tables of policies, the most important first."""
 MAIN = tuple(column for column in SHOWN if column.main)
 _KNOWN = IDENTITY | COLUMNS | DERIVED

@@ -57,12 +57,12 @@ def _theorem_of(cell: Cell, seeds: Sequence[int], device: Any) -> str:
         parameters = policy.filter.parameters
     if unmet := unmet_conditions(scenario):
         return f"{DOES_NOT_APPLY}: {'; '.join(unmet)}"
-    apart = compatible_starts(scenario, parameters, seeds, device)
+    compatible = compatible_starts(scenario, parameters, seeds, device)
     episodes = counted(len(seeds), "episode")
-    if apart.all():
+    if compatible.all():
         return f"applies from the start of {episodes}: no robots collide"
     rule = "in the others robots start too close (condition 6), and may collide until all can come to rest apart"
-    return f"applies from the start of {apart.sum():,} of {episodes} only: {rule}"
+    return f"applies from the start of {compatible.sum():,} of {episodes} only: {rule}"
 
 
 def compatible_starts(

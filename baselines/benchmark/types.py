@@ -225,17 +225,17 @@ def _drives(name: str, scenario: Scenario) -> bool:
     return entry is None or entry.drives(scenario.actuation)
 
 
-def _default(scenario: Scenario, everything: bool) -> list[str]:
+def _default(scenario: Scenario, plays_all: bool) -> list[str]:
     """Return the policies that are played where none is named: the standard ones and those that users registered.
 
-    `everything` adds all other registered ones; of those with a filter, the paper's method alone and policies that were
+    `plays_all` adds all other registered ones; of those with a filter, the paper's method alone and policies that were
     made for this very scenario.
     """
     fitting = registry.names(scenario)
     chosen = [name for name in POLICIES if name in fitting]
     for name in fitting:
-        is_added = registry.is_default_on(name, scenario.name) and (everything or not registry.is_included(name))
-        is_plain = not registry.split_suffix(name)[1] or (everything and registry.describe(name)["made_for"])
+        is_added = registry.is_default_on(name, scenario.name) and (plays_all or not registry.is_included(name))
+        is_plain = not registry.split_suffix(name)[1] or (plays_all and registry.describe(name)["made_for"])
         if is_added and is_plain and name not in chosen:
             chosen.append(name)
     return chosen

@@ -67,6 +67,7 @@ class Bags(contextlib.ExitStack):
         paths: Files (.mcap) or folders of rosbag2.
 
     Attributes:
+        paths: Its files and folders.
         name: Name of the log.
         poses: Poses of the topics that `lissajous_env.logs.samples.poses_of` has read, by topic and part.
         kinds: Types of each topic's messages; a topic may have several. A type of another encoding than that of ROS 2

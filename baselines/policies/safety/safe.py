@@ -15,8 +15,8 @@ radius is 0. With d_k(t) their distance and D = 2 r + clearance,
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
 
-V is a control barrier function of the sampled car, by backup manoeuvres: while V >= 0 there is a way out. Where V(w) of
-the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a way out b is chosen, and
+V is a control barrier function of the sampled car, by backup manoeuvres: while V >= 0 there is a way out. Where V of
+the wanted action w, clipped to the limits below, is not below 0, it passes, bit for bit. Elsewhere b is chosen, and
 
     minimise   (u_0 - w_0)^2 + throttle_weight (u_1 - w_1)^2
     subject to m_k(v; b) + dm_k/du(v; b) (u - v) >= 0 for every k,  u_0 in [-1, 1],  u_1 in [-1, top]
@@ -24,18 +24,18 @@ the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a
 is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; if the rows contradict
 each other, all are relaxed by the same smallest amount. `top` is the throttle that leads to `speed_max`.
 
-`speed_max` is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up, and the
-worst-case undetected time would be several times as long. A car gives way late and little, which preserves that time
-best; cars whose motor hardly lets them catch up lose it all the same.
+By default `speed_max` is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up,
+and the worst-case undetected time would be several times as long. A car gives way late and little, which preserves that
+time best; cars whose motor hardly lets them catch up lose it all the same.
 
 Two cars that avoid each other must not choose the same side, so both compute the same best pair of ways out
 (`agreed_way_out`). A symmetric pair passes on the right.
 
-Limits: the filter accounts for `sensing.robots_seen` robots and, beyond the radius of sight, only ring neighbours, as
-long as no message is lost; where they are late, their senders are assumed to have driven straight on. Other cars that
-approach at 2 m/s in `intruders` are sensed too late. A car that stops abruptly less than about 0.45 m ahead cannot be
-avoided. There are only nine ways out, so a car between two others may have none. Of three cars, two may agree on ways
-out that do not suit the third.
+Limits: the filter accounts for `sensing.robots_seen` robots, at most 8, and, beyond the radius of sight, only for ring
+neighbours, as long as no message is lost; where they are late, their senders are assumed to have driven straight on.
+Other cars that approach at 2 m/s in `intruders` are sensed too late. A car that stops abruptly less than about 0.45 m
+ahead cannot be avoided. There are only nine ways out, so a car between two others may have none. Of three cars, two may
+agree on ways out that do not suit the third.
 """
 
 import dataclasses
