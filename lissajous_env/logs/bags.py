@@ -132,6 +132,9 @@ class Bags(contextlib.ExitStack):
             topic: The topic.
             decoders: Functions that decode its messages, by their types.
             bag: Number of the only file that counts; None for all.
+
+        Raises:
+            ValueError: a file is damaged.
         """
         rows: dict[str, list[tuple]] = defaultdict(list)
         forms: dict[str, tuple[tuple[str, ...], int]] = {}
