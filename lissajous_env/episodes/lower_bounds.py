@@ -176,6 +176,5 @@ def _swept_and_whole(scenario: Scenario) -> tuple[_Swept, float]:
 
 def _least_swept(swept: _Swept, radius: float, driven: np.ndarray, moved: np.ndarray, on_boundary: bool) -> np.ndarray:
     """Return the swept size for targets that have moved a distance [m] independently of the discs."""
-    within_reach = swept(radius + moved, driven)
     # The relative speed gives a smaller value, which is not proved for the corners of a boundary.
-    return within_reach if on_boundary else np.minimum(within_reach, swept(radius, driven + moved))
+    return swept(radius + moved, driven) if on_boundary else swept(radius, driven + moved)

@@ -158,11 +158,9 @@ def longest_path(played: PlayedEpisode) -> Path | None:
     with wp.ScopedDevice("cpu"):
         for since, until in rogues[:_ROGUES]:
             for k, (fineness, least) in enumerate(LATTICES):
-                # The second lattice is left out only if the path of the first is as long as the stage reports.
-                wanted = until - since - (0 if k == 1 else enough)
                 search = _Search(played, fineness, least)
                 is_large = k > 0 and search.nodes * (until - since) / search.period > _MOST
-                if is_large or (longest is not None and longest.steps >= wanted):
+                if is_large or (longest is not None and longest.steps >= until - since - enough):
                     break
                 longest = _longer(longest, search.path(since))
         return _with_later(longest, played, rogues, enough)
@@ -283,10 +281,10 @@ class _Search:
         return Path(ends[0], np.stack([np.interp(steps, ends, places[:, axis]) for axis in range(2)], axis=1))
 
     def _moves(self, steps: int) -> np.ndarray:
-        """Return the moves (H, 2): none, and those of about the whole and of half the distance of some steps."""
-        reach, wide = steps * self.moved * (1 + _ROUNDING), self.spacing.max()
+        """Return the moves (H, 2): none, and those of about the distance of some steps."""
+        reach = steps * self.moved * (1 + _ROUNDING)
         columns, rows = (np.arange(-most, most + 1) for most in (reach / self.spacing).astype(int))
         moves = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
         length = np.linalg.norm(moves * self.spacing, axis=1)
-        is_ring = np.any([(length <= most) & (length > most - wide) for most in (reach, reach / 2)], axis=0)
-        return np.concatenate([np.zeros((1, 2), dtype=int), moves[is_ring & (length > 0)]])
+        is_ring = (length > max(reach - self.spacing.max(), 0)) & (length <= reach)
+        return np.concatenate([np.zeros((1, 2), dtype=int), moves[is_ring]])
