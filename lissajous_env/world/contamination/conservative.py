@@ -2,16 +2,17 @@
 
 A tick is P steps. A label L[n, c] is a lower bound: every target that is somewhere in cell c at the end of tick n, and
 that no working robot has sensed until then, was introduced at the end of step L[n, c] or later. The proof is by
-induction over steps. A target moves in any way at no more than the speed limit v, and D(c, c') is the least distance of two cells.
+induction over steps. A target moves in any way at no more than the speed limit v, and D(c, c') is the least distance of
+two cells.
 
 * At the start, cells in which targets are introduced have label 0, and targets that are present came at step 0.
-* A target that is in c' at the end of tick n, and was there k ticks ago, was in a cell c with D(c,
-  c') <= k P v dt. It was undetected at that time, so L[n - k, c] applies to it. So for each k, the least L[n - k, c] of
-  these cells is a bound, and so is the largest of these bounds.
+* A target that is in c' at the end of tick n, and was present k ticks ago, was in a cell c with D(c, c') <= k P v dt.
+  It was undetected at that time, so L[n - k, c] applies to it. So for each k, the least L[n - k, c] of these cells is a
+  bound, and so is the largest of these bounds.
 * A target that came since then was introduced in a cell where targets are introduced, at most k P v dt away. A
   target that is introduced in tick n - k is treated as present since that tick. This is safe: the bound covers every
-  place that it can reach. Targets that came later came at the end of step (n - k + 1) P - 1 or later, which enters the bound of the lag k of
-  cells that are so near.
+  place that it can reach. Targets that came later came at the end of step (n - k + 1) P - 1 or later, which enters the
+  bound of the lag k of cells that are so near.
 * In the steps s = 1 ... P - 1 between two ticks, labels stay with the cell in which a target was in the tick before. It
   is within s v dt of that cell. If a disc covers the cell and a margin of that width, the target has been sensed, and
   the label is deleted; for s = 0, the disc must cover the cell. A target that comes between two ticks counts, as above,
