@@ -80,9 +80,9 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     hidden: int = whole(128, 1, 65_536)
     """Size of the hidden layers."""
     rollout: int = whole(25, 2, 1_000_000)
-    """Steps of each world between updates; a minibatch needs two rows for the deviation of its advantages."""
+    """Steps of each world between updates; a minibatch needs two robot steps for the deviation of its advantages."""
     minibatch: int = whole(512, 2, 10**9)
-    """Rows per minibatch."""
+    """Robot steps per minibatch."""
     epochs: int = whole(4, 1, 10_000)
     """Passes over each rollout."""
     learning_rate: float = number(1e-3, 1e-12, 1)

@@ -28,7 +28,7 @@ import baselines
 from lissajous_env.console.terminal import make_console, print_line
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.networks import ABSENT, TeamNetwork
+from training.learned.networks import ABSENT, TeamNetwork, prefixed, within
 from training.learned.perception import BASE, OWN, TOKEN, unread_entries
 from training.learned.policy import LearnedTeam
 from training.settings import TrainingSettings
@@ -136,7 +136,7 @@ class Training:
         self.limit = 0.0  # collisions per episode above which their cost rises: `train` replaces it by `limit_of`
         self._returns = np.zeros(self.worlds.count)
         self._noise = torch.randn(self.worlds.count, size)
-        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
+        self._perception, self._truth = self.worlds.perception(), self.worlds.truth()
 
     def schedule(self) -> tuple[float, float]:
         """Return the standard deviation of the actions, whose logarithm changes linearly, and the learning rate."""
@@ -149,31 +149,31 @@ class Training:
         settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
         transitions, steps, values = [], [], []
         for _ in range(settings.rollout):
-            rows = [torch.from_numpy(part) for part in self._rows]
+            perception = [torch.from_numpy(part) for part in self._perception]
             with torch.no_grad():
-                mean = self.actor(rows)
+                mean = self.actor(perception)
             fresh = torch.randn_like(mean)
             self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
             action = mean + deviation * self._noise
             likelihood = -0.5 * ((action - mean) / deviation).square().sum(-1)
-            critic_rows, value = self._valued()
+            critic_inputs, value = self._valued()
             values.append(value)
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
-            transitions.append((rows, critic_rows, action, likelihood, torch.from_numpy(step.acted)))
+            transitions.append((perception, critic_inputs, action, likelihood, torch.from_numpy(step.acted)))
             steps.append((self._reward(step, *self._truth[2:]), step))
             worlds.begin(step.over)
             if step.over.any():
                 self._truth = worlds.truth()
-            self._rows = worlds.rows()
+            self._perception = worlds.perception()
             self.numbers["steps"] += float(step.acted.sum())
         values.append(self._valued()[1])
         advantages = self._advantages(steps, np.stack(values))
         of_actor, of_critic, *others = zip(*transitions, strict=True)
-        rows, truth = ([torch.stack(part) for part in zip(*inputs, strict=True)] for inputs in (of_actor, of_critic))
+        perception, truth = ([torch.stack(part) for part in zip(*one, strict=True)] for one in (of_actor, of_critic))
         actions, likelihood, acted = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(rows, truth, actions, likelihood, acted, advantages, returns, deviation)
+        return Rollout(perception, truth, actions, likelihood, acted, advantages, returns, deviation)
 
     def _reward(self, step: StepResult, alone: np.ndarray, nearness: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers.
@@ -200,10 +200,10 @@ class Training:
 
     def _valued(self) -> tuple[list[Tensor], np.ndarray]:
         """Return tokens and presence, which the critic reads besides the robots' own numbers, and its values (B,)."""
-        parts = self._truth[:2] if self.settings.critic == "central" else self._rows[1:]
-        own, *critic_rows = [torch.from_numpy(part) for part in (self._rows[0], *parts)]
+        parts = self._truth[:2] if self.settings.critic == "central" else self._perception[1:]
+        own, *critic_inputs = [torch.from_numpy(part) for part in (self._perception[0], *parts)]
         with torch.no_grad():
-            return critic_rows, self.critic([own, *critic_rows])[:, 0].numpy()
+            return critic_inputs, self.critic([own, *critic_inputs])[:, 0].numpy()
 
     def _advantages(self, steps: Sequence[tuple[np.ndarray, StepResult]], values: np.ndarray) -> Tensor:
         """Return generalized advantages (T, B), for rewards divided by the standard deviation of the returns."""
@@ -227,7 +227,7 @@ class Training:
         for _ in range(settings.epochs):
             for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
                 acted, truth = rollout.acted[:, chosen], [part[:, chosen] for part in rollout.truth]
-                value = self.critic([rollout.rows[0][:, chosen], *truth])[..., 0]
+                value = self.critic([rollout.perception[0][:, chosen], *truth])[..., 0]
                 loss = (0.5 * (value - rollout.returns[:, chosen]).square() * acted).mean()
                 if updates_actor:
                     of_actor, divergence = self._actor_loss(rollout, chosen)
@@ -246,10 +246,10 @@ class Training:
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
 
     def _actor_loss(self, rollout: Rollout, chosen: Tensor) -> tuple[Tensor, float]:
-        """Return the loss of the actor on the chosen rows, and its divergence (approximate KL) from the rollout's."""
+        """Return the actor's loss on the chosen robots, and its divergence (approximate KL) from the rollout's."""
         settings = self.settings
-        rows, acted = [part[:, chosen] for part in rollout.rows], rollout.acted[:, chosen]
-        mean = self.actor(rows)
+        perception, acted = [part[:, chosen] for part in rollout.perception], rollout.acted[:, chosen]
+        mean = self.actor(perception)
         likelihood = -0.5 * ((rollout.actions[:, chosen] - mean) / rollout.deviation).square().sum(-1)
         change = likelihood - rollout.likelihood[:, chosen]
         ratio = change.exp()
@@ -259,29 +259,30 @@ class Training:
         gain = torch.min(ratio * advantage, ratio.clamp(1 - settings.clip, 1 + settings.clip) * advantage)
         cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
         if self.actor.corrects:
-            base_action = rows[0][..., BASE][..., : mean.shape[-1]]
+            base_action = perception[0][..., BASE][..., : mean.shape[-1]]
             cost = cost + _RESTRAINT * (mean[..., :2] - base_action).square().sum(-1)
         return ((cost - gain) * acted).mean(), divergence.item()
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy what a resumed training needs, as arrays by name."""
         numbers = {name: np.array([value]) for name, value in self.numbers.items()}
-        arrays = save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
+        arrays = save_state(self.networks, self.optimizer) | prefixed("numbers", numbers)
         if self.settings.space is None:
-            arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
+            arrays |= prefixed("worlds", self.worlds.save_state())
             arrays |= {"returns": self._returns, "noise": self._noise.numpy()}
         return arrays
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned: in the same episodes or, of a space, in new ones."""
         load_state(self.networks, self.optimizer, arrays)
-        self.numbers |= {name: float(value[0]) for name, value in checkpoint.within("numbers", arrays).items()}
+        self.numbers |= {name: float(value[0]) for name, value in within("numbers", arrays).items()}
         if self.settings.space is None:
-            self.worlds.load_state(checkpoint.within("worlds", arrays))
+            self.worlds.load_state(within("worlds", arrays))
             self._returns, self._noise = arrays["returns"], torch.from_numpy(arrays["noise"])
         else:
+            # Seeds that no earlier part of the training has begun with.
             self.worlds.restart(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
-        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
+        self._perception, self._truth = self.worlds.perception(), self.worlds.truth()
 
 
 class TeamModule(nn.Module):
@@ -307,9 +308,9 @@ class TeamModule(nn.Module):
         nn.init.zeros_(self.action.bias)
 
     @torch.autocast("cpu", torch.bfloat16)
-    def forward(self, rows: Sequence[Tensor]) -> Tensor:
+    def forward(self, perception: Sequence[Tensor]) -> Tensor:
         """Return the outputs (..., outputs) for own numbers (..., A), tokens (..., K, F), and presence (..., K)."""
-        own, tokens, present = rows
+        own, tokens, present = perception
         own, features = torch.relu(self.own(own)), torch.relu(self.token(tokens))
         if self.query is None:
             pooled = (features * present[..., None]).mean(-2)
@@ -321,7 +322,7 @@ class TeamModule(nn.Module):
         hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1)))
         outputs = self.action(torch.relu(self.last(hidden))).float()
         if self.corrects:
-            outputs = outputs + nn.functional.pad(rows[0][..., BASE], (0, outputs.shape[-1] - 2))
+            outputs = outputs + nn.functional.pad(perception[0][..., BASE], (0, outputs.shape[-1] - 2))
         return outputs
 
     def network(self) -> TeamNetwork:
@@ -340,11 +341,9 @@ def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str,
 
 def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict[str, np.ndarray]) -> None:
     """Resume from what `save_state` returned; other names are ignored."""
-    module.load_state_dict(
-        {name: torch.from_numpy(array) for name, array in checkpoint.within("model", arrays).items()}
-    )
+    module.load_state_dict({name: torch.from_numpy(array) for name, array in within("model", arrays).items()})
     state: dict[str, Any] = optimizer.state_dict()
-    for name, array in checkpoint.within("optimizer", arrays).items():
+    for name, array in within("optimizer", arrays).items():
         k, moment = name.split(".")
         state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
     optimizer.load_state_dict(state)

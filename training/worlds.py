@@ -17,7 +17,7 @@ from lissajous_env.envs.sides import padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from lissajous_env.world.targets.motion import DRIFTING, FLEEING, WANDERING
-from training.learned.checkpoint import prefixed, within
+from training.learned.networks import prefixed, within
 from training.learned.perception import FAR, actions_of, axes_of, base_action, columns_of, half_of, perceive, to_walls
 from training.settings import TrainingSettings
 
@@ -55,7 +55,7 @@ class Rollout(NamedTuple):
     """T steps of B robots, as tensors.
 
     Attributes:
-        rows: (T, B, ...) inputs of the actor: `Worlds.rows`.
+        perception: (T, B, ...) inputs of the actor: `Worlds.perception`.
         truth: (T, B, ...) inputs of the critic besides the robot's own numbers: tokens and presence.
         actions: (T, B, A).
         likelihood: (T, B) logarithm of the density of the actions, up to a constant.
@@ -65,7 +65,7 @@ class Rollout(NamedTuple):
         deviation: Standard deviation of the actions.
     """
 
-    rows: list[Tensor]
+    perception: list[Tensor]
     truth: list[Tensor]
     actions: Tensor
     likelihood: Tensor
@@ -85,7 +85,7 @@ class Worlds:
             threads=settings.threads, overrides=settings.lean_overrides,
         )  # fmt: skip
         self.side = self.batch.sides[0]
-        self.count = worlds * self.side.slots
+        self.count = worlds * self.side.slots  # B
         self._base = settings.corrected_base
         self._bases: list[Policy] = []
         """Policies that the network corrects, one for each group; empty without any."""
@@ -106,7 +106,7 @@ class Worlds:
         self._left, self._bases = self._first.copy(), []
         self._update_base_actions()
 
-    def rows(self) -> list[np.ndarray]:
+    def perception(self) -> list[np.ndarray]:
         """Return the inputs of the actor, as `perceive` does: own numbers (B, A), tokens (B, K, F), presence (B, K)."""
         scenarios = [simulation.scenario for simulation in self.batch.simulations]
         base_actions: Sequence[np.ndarray | None] = self._base_actions or [None] * len(scenarios)

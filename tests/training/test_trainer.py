@@ -99,7 +99,7 @@ def test_ppo_learns_a_problem_of_one_step(tmp_path):
         state.actor.action.bias.fill_(0.8)
     for _ in range(30):
         state.update(state.collect())
-    rows = [torch.from_numpy(part) for part in state.worlds.rows()]
+    rows = [torch.from_numpy(part) for part in state.worlds.perception()]
     assert state.actor(rows).abs().max() < 0.15
 
 
@@ -148,7 +148,7 @@ def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tm
     state = Training(small(tmp_path, base="none"))
     before = state.actor.action.weight.detach().clone()
     rollout = state.collect()
-    assert not rollout.rows[0][..., -2:].any()
+    assert not rollout.perception[0][..., -2:].any()
     state.update(rollout)
     assert (state.actor.action.weight != before).any()
 
@@ -156,7 +156,7 @@ def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tm
 def test_a_critic_of_its_own_reads_what_the_robot_perceives(tmp_path):
     # The truth of the critic is the true state, which has more tokens than a robot perceives from what it sees.
     own, central = (Training(small(tmp_path, critic=critic)).collect() for critic in ("own", "central"))
-    assert all(torch.equal(*pair) for pair in zip(own.truth, own.rows[1:], strict=True))
+    assert all(torch.equal(*pair) for pair in zip(own.truth, own.perception[1:], strict=True))
     assert central.truth[1].sum() > own.truth[1].sum()
 
 
@@ -313,4 +313,4 @@ def test_a_base_begins_anew_with_its_world(tmp_path):
     fresh = baselines.make("greedy-herd", simulation.scenario, 2)
     observation = simulation.observation.numpy()
     wish = base_action(fresh, observation) * axes_of(observation, simulation.scenario)
-    assert (worlds.rows()[0][:5, -2:] == wish[0]).all()
+    assert (worlds.perception()[0][:5, -2:] == wish[0]).all()

@@ -183,17 +183,6 @@ def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[s
         yield contents, arrays
 
 
-def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return arrays with the name of their set before their own names."""
-    return {f"{part}.{name}": array for name, array in arrays.items()}
-
-
-def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the arrays of one set, without the name of the set."""
-    start = f"{part}."
-    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
-
-
 def scenario_of(card: Card) -> Scenario:
     """Return the scenario on which a policy was trained, from the values in its folder.
 

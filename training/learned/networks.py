@@ -51,7 +51,7 @@ class Network:
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Return the arrays by name, as stored in a checkpoint."""
-        return {f"{self.prefix}.{name}": array for name, array in self.arrays.items()}
+        return prefixed(self.prefix, self.arrays)
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, Any]) -> Self:
@@ -60,8 +60,7 @@ class Network:
         Raises:
             ValueError: the arrays do not fit together.
         """
-        start = f"{cls.prefix}."
-        return cls({name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)})
+        return cls(within(cls.prefix, arrays))
 
 
 class RogueNetwork(Network):
@@ -138,6 +137,17 @@ class TeamNetwork(Network):
             pooled = (features * seen.present[..., None]).mean(axis=2)
         hidden = np.maximum(self._layer("trunk", np.concatenate([own, pooled], axis=-1)), 0)
         return self._layer("action", np.maximum(self._layer("last", hidden), 0))
+
+
+def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return arrays with the name of their set before their own names."""
+    return {f"{part}.{name}": array for name, array in arrays.items()}
+
+
+def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays of one set, without the name of the set."""
+    start = f"{part}."
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
 def _numbers(name: str, array: Any) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.base import Policy
-from baselines.policies.own_row import Rows
+from baselines.policies.own_row import COS_HEADING, COS_PHASE, SIN_HEADING, SIN_PHASE, SPEED, WORKS, Rows
 from baselines.policies.reacting import Reacting, away_from_others
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
@@ -155,14 +155,14 @@ def perceive(observation: np.ndarray, scenario: Scenario, of_base: np.ndarray | 
         token[..., columns_of(TOKEN, "right", "lower")] = to_walls(here[:, :, None] + offset, half, 2)
         token *= part[..., :1] > 0.5
     own = np.zeros((*here.shape[:2], len(OWN)), np.float32)
-    own[..., columns_of(OWN, "cos_heading", "works")] = observation[..., [2, 3, 4, 7]]
+    own[..., columns_of(OWN, "cos_heading", "works")] = observation[..., [COS_HEADING, SIN_HEADING, SPEED, WORKS]]
     own[..., columns_of(OWN, "cos_heading", "sin_heading")] *= axes
     own[..., columns_of(OWN, "right", "lower")] = to_walls(here, half, 4)
     own[..., columns_of(OWN, "width", "height")] = half / 8
     own[..., OWN.index("team")] = scenario.num_robots / 8
     own[..., OWN.index("pace")] = top * scenario.task.step / sight
     if scenario.task.action != "velocity":
-        own[..., columns_of(OWN, "cos_phase", "sin_phase")] = observation[..., 5:7]
+        own[..., columns_of(OWN, "cos_phase", "sin_phase")] = observation[..., [COS_PHASE, SIN_PHASE]]
         links = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES)]
         own[..., OWN.index("pace") + 1 : OWN.index("first_base")] = links
     if of_base is not None:

@@ -119,7 +119,7 @@ def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
     ),
 )
 def update_undetected_time(w, target, task, hops, clock, robots, tally, contamination):
-    """Compute the worst-case undetected time t - min e, its largest value in the episode and its mean over cells."""
+    """Compute the worst-case undetected time t - min e [step], its largest value so far and its mean over cells."""
     now = clock.step[w]
     oldest = int(NEVER)
     ages = wp.int64(0)
