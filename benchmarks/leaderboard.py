@@ -99,7 +99,7 @@ def play(task, policy, out):
     if outcome.failures:
         failure = outcome.failures[0]
         raise ValueError(f"{policy} must play every scenario of {task}, but on {failure.scenario}: {failure.error}")
-    by_scenario = [[row for row in outcome.rows if row["scenario"] == name] for name in outcome.scenarios]
+    by_scenario = [[row for row in outcome.rows if row["scenario"] == name] for name in outcome.table.scenarios]
     score = task_score(lissajous_env.scenario_space(task).base).name
     return np.array([
         [np.mean([row[column] for row in chosen]) for chosen in by_scenario] for column in (score, "collisions")

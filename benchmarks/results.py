@@ -34,11 +34,11 @@ def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> 
 
 def as_table(outcome: BenchmarkOutcome) -> dict[str, list]:
     """Return a row for each policy and one for the best known plan; columns without any number are left out."""
-    table = Table.of(outcome.rows, outcome.scenarios)
+    table = Table.of(outcome.rows, outcome.table.scenarios)
     (policies,), (bounds,) = table.estimates.values(), table.bounds.values()
     columns = with_numbers(policies, SHOWN)
     rows = [
-        [f"*{line.name}*" if line.is_reference else f"`{line.name}`", *map(str, line.entries)]
+        [f"*{line.name}*" if line.is_best_known else f"`{line.name}`", *map(str, line.entries)]
         for line in lines_of(policies, columns, bounds.best_known)
     ]
     return {"columns": ["policy", *(column.heading for column in columns)], "rows": rows}
@@ -53,7 +53,7 @@ def main() -> None:
     for name in options.scenarios:
         started = time.process_time()
         settings = settings_for(lissajous_env.scenario(name), options.episodes, options.out)
-        outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
+        outcome = measure(settings, console=Console(quiet=True), progress_console=make_console(stderr=True))
         table = as_table(outcome)
         figures.show(f"{name}, {settings.episodes} seeds, {time.process_time() - started:.0f} s of processors", table)
         for failure in outcome.failures:

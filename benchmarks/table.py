@@ -22,8 +22,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Benchmark.out)
     options = parser.parse_args()
     settings = Benchmark(episodes=options.episodes, out=options.out, replays=0)
-    outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
-    table = table_of(Table.of(outcome.rows, outcome.scenarios))
+    outcome = measure(settings, console=Console(quiet=True), progress_console=make_console(stderr=True))
+    table = table_of(Table.of(outcome.rows, outcome.table.scenarios))
     if options.store:
         figures.store({"policies": table})
     print(markdown(table), end="")

@@ -74,7 +74,7 @@ def connected(address: str | None) -> Iterator[Any]:
 def play_all(settings: Benchmark, work: Work, progress: Progress, finish: Finish) -> None:
     """Play the remaining episodes on a cluster; the arguments are those of `baselines.benchmark.local.play_all`.
 
-    A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that ended are
+    A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that end are
     stored, and the other policies continue.
 
     Raises:

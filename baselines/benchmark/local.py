@@ -71,8 +71,8 @@ def on_cores(work: Work, device: str, job: Callable[[Cell, list[int], threading.
 def may_be_shared(cell: Cell, device: str) -> bool:
     """Return whether a cell may be played on any thread: all of its code is of this package, and runs on the CPU."""
     model = MODELS[cell.scenario.robot.kind]
-    ships = registry.is_included(cell.policy) and not cell.scenario.extensions and MODELS.is_included(model)
-    return ships and device == "cpu"
+    is_included = registry.is_included(cell.policy) and MODELS.is_included(model)
+    return is_included and not cell.scenario.extensions and device == "cpu"
 
 
 def batches_or_failure(

@@ -48,8 +48,8 @@ _STYLE: dict[Any, Any] = STYLE | {
 }
 _MARGINS = 0.8
 """Height of the title and the axis of a row of panels [inch]."""
-_ROW = 0.17
-"""Height of a line [inch]."""
+_LINE = 0.17
+"""Height of the line of a policy in a panel [inch]."""
 
 
 def draw(table: Table, form: str) -> Iterator[tuple[str, bytes]]:
@@ -81,7 +81,7 @@ def _figure(
     columns = with_numbers(policies, columns)
     across = min(max(len(columns), 1), 4)
     down = -(-len(columns) // across)
-    figure = Figure(figsize=(WIDTH, (_MARGINS + _ROW * len(policies)) * max(down, 1)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, (_MARGINS + _LINE * len(policies)) * max(down, 1)), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03)  # type: ignore[union-attr]
     figure.suptitle(title, x=0.005, ha="left", fontsize=8, fontweight="bold")
     for k, column in enumerate(columns):

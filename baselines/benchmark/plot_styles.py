@@ -2,7 +2,7 @@
 
 The first six colours and the eighth are those of Okabe and Ito (Color Universal Design, 2008) without yellow, which is
 too pale for a line on white, and with a softer black; the other six were chosen to be as far from them, and from each
-other, as can be. No two of the thirteen are one to a reader without red, green or blue cones, and the first thirteen
+other, as can be. No two of the thirteen look alike to a reader without red, green or blue cones, and the first thirteen
 styles differ in their marks as well. More things than that share a colour or a mark, and from 170 on both.
 """
 
@@ -38,7 +38,6 @@ STYLE: dict[Any, Any] = {
 }
 """Style of all pictures, for matplotlib."""
 
-
 _UNDATED = {"png": "Software", "svg": "Date", "pdf": "CreationDate"}
 """Metadata that is left out, by format, so that the same picture makes the same file."""
 
@@ -64,7 +63,7 @@ def style_at(place: int) -> PlotStyle:
 
 
 def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
-    """Return how each policy is drawn; one with a filter is drawn as the same without.
+    """Return the style of each policy; one with a filter has that of the same policy without it.
 
     The standard policies always have the same style; the others have the next ones, in the order of their names.
     """

@@ -26,20 +26,20 @@ _TOGETHER = 4
 def write_report(folder: Folder, outcome: BenchmarkOutcome, console: Console) -> str:
     """Write `report.html` of all episodes of the folder, with replays of those of this call; return a line about these.
 
-    It depends only on the score rows and their seeds, so that a benchmark that was interrupted has the same report.
+    The choice of the replays depends only on the score rows, so that a benchmark that was interrupted has the same.
     """
     table, cells = outcome.table, outcome.playable
-    ranked = worst_first(table.rows, table.scenarios)
-    wanted = chosen(outcome.settings.replays, ranked, cells, table.references)
+    rows = worst_first(table.rows, table.scenarios)
+    wanted = chosen(outcome.settings.replays, rows, cells, table.references)
     recorded, failed = _recorded(wanted, cells, outcome.device, console) if wanted else ({}, [])
     origin = provenance(outcome.stored["device"])
-    folder.write(REPORT, page(table, ranked, recorded, origin, outcome.failures, outcome.theorem))
+    folder.write(REPORT, page(table, rows, recorded, origin, outcome.failures, outcome.theorem))
     note = f"{REPORT} plays {len(recorded):,} of the episodes; --replays NUMBER adds more"
     return "\n".join([note, *(f"not replayed: {words}" for words in failed)]) if wanted else ""
 
 
 def chosen(
-    count: int, ranked: Iterable[Row], cells: Container[tuple[str, str]], references: Mapping[str, str]
+    count: int, rows: Iterable[Row], cells: Container[tuple[str, str]], references: Mapping[str, str]
 ) -> list[Key]:
     """Return the episodes to replay: the worst of each policy on each scenario, then the second worst, and so on.
 
@@ -47,12 +47,12 @@ def chosen(
 
     Args:
         count: Number of episodes, without these.
-        ranked: Score rows, the worst first.
+        rows: Score rows, the worst first.
         cells: Scenario and policy of those that can be played.
         references: Policy that the others of a scenario are compared with.
     """
     turns: dict[tuple[str, str], list[Key]] = {}
-    for row in ranked:
+    for row in rows:
         if (place := (row["scenario"], row["policy"])) in cells:
             turns.setdefault(place, []).append((*place, row["seed"]))
     every = {key for keys in turns.values() for key in keys}

@@ -118,7 +118,7 @@ def worst_first(rows: Rows, scenarios: Mapping[str, Scenario]) -> Rows:
 
 def page(
     table: Table,
-    ranked: Rows,
+    rows: Rows,
     replays: Mapping[Key, dict[str, Any]],
     origin: Mapping[str, str],
     failures: Sequence[Failure] = (),
@@ -128,7 +128,7 @@ def page(
 
     Args:
         table: The table.
-        ranked: Its score rows, the worst first.
+        rows: Its score rows, the worst first.
         replays: Playable episodes, from `lissajous_env.replay.contents.contents`.
         origin: Command, machine and versions of the numbers, in words.
         failures: Policies that raised.
@@ -138,7 +138,7 @@ def page(
     policies = list(dict.fromkeys(row["policy"] for row in table.rows))
     number_of = {name: k for k, name in enumerate(policies)}
     scenario_of = {name: k for k, name in enumerate(table.estimates)}
-    columns, by = _columns(table), grouped(ranked)
+    columns, by = _columns(table), grouped(rows)
     replayed = {f"replay-{k}": key for k, key in enumerate(replays)}
     data = {
         "format": FORMAT,
@@ -149,11 +149,11 @@ def page(
         "scenarios": [_scenario(table, name, number_of, by.get(name, {}), notes.get(name, ())) for name in scenario_of],
         "failures": [[failure.scenario, failure.policy, failure.error] for failure in failures],
         "columns": columns,
-        "total": len(ranked),
-        "episodes": _episodes(ranked[:MOST_EPISODES], columns, scenario_of, number_of),
+        "total": len(rows),
+        "episodes": _episodes(rows[:MOST_EPISODES], columns, scenario_of, number_of),
         "replays": {name: [scenario_of[s], number_of[p], seed] for name, (s, p, seed) in replayed.items()},
     }
-    played = f"{counted(len(ranked), 'episode')} of {counted(len(policies), 'policy', 'policies')}"
+    played = f"{counted(len(rows), 'episode')} of {counted(len(policies), 'policy', 'policies')}"
     words = {"title": "Benchmark", "counted": f"{played} on {counted(len(scenario_of), 'scenario')}"}
     viewer, blocks = "", {name: replays[key] for name, key in replayed.items()}
     if replays:  # the replay page without episodes, in a frame
@@ -182,8 +182,8 @@ def _columns(table: Table) -> list[dict[str, Any]]:
 def _scenario(
     table: Table, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows], notes: Sequence[str]
 ) -> dict[str, Any]:
-    scenario, cells, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
-    columns = [column for column in columns_of(scenario, cells) if column.page]
+    scenario, policies, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
+    columns = [column for column in columns_of(scenario, policies) if column.page]
     reference = table.references.get(name)
     return {
         "name": name,
@@ -194,7 +194,7 @@ def _scenario(
         "tradeoff": [task_score(scenario).name, COLLISIONS.name],
         "measures": [
             _described(column)
-            | {"best": best_value([*cells.values()], column)}
+            | {"best": best_value([*policies.values()], column)}
             | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
             for column in columns
         ],
@@ -204,9 +204,9 @@ def _scenario(
                 "episodes": len(episodes),
                 "failed": np.sum([failed(row) for row in episodes], axis=0).tolist(),
                 "collisions": _rounded(float(numbers(episodes, COLLISIONS).mean())),
-                "cells": {column.name: _cell(cells[policy][column.name], column, episodes) for column in columns},
+                "cells": {column.name: _cell(policies[policy][column.name], column, episodes) for column in columns},
             }
-            for policy, episodes in ((policy, rows[policy]) for policy in cells)
+            for policy, episodes in ((policy, rows[policy]) for policy in policies)
         ],
     }
 
@@ -295,7 +295,7 @@ def _cell(estimate: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
 
 def _episodes(
     rows: Sequence[Row],
-    columns: Sequence[Row],
+    columns: Sequence[Mapping[str, Any]],
     scenario_of: Mapping[str, int],
     number_of: Mapping[str, int],
 ) -> dict[str, list[Any]]:

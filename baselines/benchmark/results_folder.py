@@ -27,10 +27,11 @@ from lissajous_env.wording import outside, shown
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
 CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
 FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
-"""Files of the folder, all of which are derived from the first two."""
+"""Files of the folder; the first two are stored, and all others are derived from them."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
+"""Beginnings of the names of entries of `played` that are no policies."""
 
 _Key = tuple[str, str, int]
 

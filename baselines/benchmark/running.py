@@ -52,21 +52,21 @@ def measure(
     policies: Mapping[str, Factory | ActingPolicy] | None = None,
     scenarios: Iterable[Scenario] | None = None,
     console: Console | None = None,
-    progress: Console | None = None,
+    progress_console: Console | None = None,
 ) -> BenchmarkOutcome:
-    """Do the same as `run`, and return the whole outcome; `progress` is shown on a console of its own."""
+    """Do the same as `run`, and return the whole outcome; the progress is shown on a console of its own."""
     if scenarios is None:
         scenarios = [as_played(name) for name in settings.scenarios]
     cells = cells_of(settings, policies, scenarios)
     if settings.engine == "ray":
         cluster.check(settings.device)
     console = console or make_console()
-    progress = progress or make_console(stderr=True, quiet=console.quiet)
+    progress_console = progress_console or make_console(stderr=True, quiet=console.quiet)
     started = time.monotonic()
     with Folder(settings.out, results_folder.FILES) as folder:
         results = Results(folder, settings, cells)
         resumed = len(results.of(cells, settings.episodes))
-        raised = _play_missing(settings, cells, results, progress)
+        raised = _play_missing(settings, cells, results, progress_console)
         rows, stored_rows = results.of(cells, settings.episodes), results.rows()
         table = Table.of(stored_rows, results.scenarios, settings.against)
         elapsed = time.monotonic() - started
@@ -76,7 +76,7 @@ def measure(
             (outcome.failures if is_wanted else outcome.left_out).append(failure)
         outcome.theorem = about_theorem(outcome.playable.values(), stored_rows, outcome.device)
         written.write_files(folder, outcome, stored_rows)
-        note = replays.write_report(folder, outcome, progress)
+        note = replays.write_report(folder, outcome, progress_console)
     shown.print_outcome(console, outcome, note)
     return outcome
 

@@ -25,6 +25,7 @@ from baselines.benchmark.statistics import (
     with_numbers,
 )
 from baselines.benchmark.table import Table
+from baselines.benchmark.theorem import DOES_NOT_APPLY
 from baselines.benchmark.types import BenchmarkOutcome
 from lissajous_env.console import terminal
 from lissajous_env.console.terminal import print_line, print_table
@@ -49,11 +50,11 @@ class Entry(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A line of a table: a policy, or a reference that is no competitor."""
+    """A line of a table: a policy, or the best known worst-case time, which does not compete."""
 
     name: str
     entries: list[Entry]
-    is_reference: bool = False
+    is_best_known: bool = False
 
 
 def lines_of(
@@ -125,14 +126,14 @@ def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -
 def print_lines(
     console: Console, title: Text, columns: Sequence[Column], lines: Sequence[Line], where: str = "--json has them"
 ) -> None:
-    """Print a table, the references below a rule; `where` names the place of the columns that do not fit."""
+    """Print a table, the best known time below a rule; `where` names the place of the columns that do not fit."""
     rows = []
     for line in lines:
-        label = Text(line.name, "italic" if line.is_reference else "")
+        label = Text(line.name, "italic" if line.is_best_known else "")
         rows.append([label, *(_in_two_lines(entry) for entry in line.entries)])
     head = [terminal.Column("policy", left=True, style="cyan")]
     head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]
-    rivals = sum(not line.is_reference for line in lines)
+    rivals = sum(not line.is_best_known for line in lines)
     _print_title(console, title)
     print_table(console, head, rows, [rivals - 1] if 0 < rivals < len(rows) else [], where)
     console.print()
@@ -181,7 +182,7 @@ def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> N
     """Print by scenario whether the theorem of the proved filter applies: the result of `about_theorem`."""
     for scenario, of_scenario in sentences.items():
         for words in of_scenario:
-            print_line(console, f"{scenario}: {words}", "dim" if "not apply" not in words else "yellow")
+            print_line(console, f"{scenario}: {words}", "yellow" if DOES_NOT_APPLY in words else "dim")
 
 
 def _broken(title: str) -> str:

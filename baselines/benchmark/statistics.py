@@ -63,7 +63,7 @@ class Estimate:
     """Median; of largest values it counts open ones as infinite."""
     max: float = np.nan
     open: int = 0
-    """Number of those that show no bound."""
+    """Number of open values, which show no bound."""
     at_least: bool = False
     """True if `value` is a lower bound of the largest value."""
     worst: int | None = None
@@ -75,8 +75,8 @@ class Estimate:
 def interquartile_mean(values: Values) -> float:
     """Return the mean of the middle half: int(n / 4) of n sorted values are cut off at each end; NaN for no values."""
     ordered = np.sort(np.asarray(values, dtype=float))
-    cut = int(CUT * len(ordered))
-    return float(ordered[cut : len(ordered) - cut].mean()) if len(ordered) else np.nan
+    outside = int(CUT * len(ordered))
+    return float(ordered[outside : len(ordered) - outside].mean()) if len(ordered) else np.nan
 
 
 def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
@@ -89,7 +89,7 @@ def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
     if n < 2:
         return np.nan, np.nan
     outside = int(cut * n)
-    resamples = np.repeat(np.tile(samples, RESAMPLES), draws(n, RESAMPLES).ravel()).reshape(RESAMPLES, n)
+    resamples = np.repeat(np.tile(samples, RESAMPLES), draws(n).ravel()).reshape(RESAMPLES, n)
     means = np.sort(resamples)[:, outside : n - outside].mean(axis=1)
     # Between two infinite values there is no point, so an end is then one of the values.
     method = "linear" if np.isfinite(means).all() else "inverted_cdf"
@@ -125,7 +125,7 @@ def summarize_largest(
     """
     worst = np.asarray(values, dtype=float)
     known = ~np.isnan(worst)
-    is_open, last = (np.broadcast_to(flags, worst.shape)[known] for flags in (without_bound, growing))
+    is_open, still_growing = (np.broadcast_to(flags, worst.shape)[known] for flags in (without_bound, growing))
     worst = worst[known]
     if not len(worst):
         return Estimate(LARGEST, len(known), 0)
@@ -141,15 +141,15 @@ def summarize_largest(
         median=float(np.median(np.where(is_open, np.inf, worst))),
         max=largest,
         open=int(is_open.sum()),
-        at_least=bool(is_open.any() or last[worst == largest].all()),
+        at_least=bool(is_open.any() or still_growing[worst == largest].all()),
     )
 
 
 @lru_cache(maxsize=16)
-def draws(size: int, resamples: int) -> np.ndarray:
-    """Return (resamples, size) how often each of `size` values is drawn, with replacement."""
+def draws(size: int) -> np.ndarray:
+    """Return counts (RESAMPLES, size) of the draws of each of `size` values, with replacement."""
     generator = np.random.default_rng([0, size])
-    return generator.multinomial(size, np.full(size, 1 / size), size=resamples).astype(np.int32)
+    return generator.multinomial(size, np.full(size, 1 / size), size=RESAMPLES).astype(np.int32)
 
 
 def number(value: float) -> str:
@@ -201,8 +201,8 @@ def between(low: float, high: float, form: Callable[[float], str] = number) -> s
 def best_value(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
     """Return the best `Entry.value` of a column; "" if all policies have the same.
 
-    Only policies compete of which most episodes have a number, and whose estimate is not a lower bound; by the share of
-    seeds on which they are better than the reference, only those that are better than it on more than half of them.
+    Only policies compete whose share of episodes with a number is the largest, and whose estimate is no lower bound; by
+    the share of seeds on which they are better than the reference, only those that are better on more than half.
     """
     estimates = [of_policy[column.name] for of_policy in policies if column.name in of_policy]
     most = max((estimate.known / estimate.n for estimate in estimates), default=0)
@@ -252,15 +252,10 @@ OVERALL = (SCORE_OVER_BEST, WORST_CASE_OVER_BEST, OVER_LOWER_BOUND, COLLISIONS, 
 """Columns with the same meaning on every scenario, so that scenarios can be combined."""
 DERIVED = {column.name: column for column in OVERALL if column is not COLLISIONS}
 """Columns that `baselines.benchmark.table` adds to score rows, by name."""
-SHOWN = tuple(
-    sorted(
-        (column for column in (*COLUMNS.values(), *DERIVED.values()) if column.order), key=lambda column: column.order
-    )
-)
+_ORDERED = [column for column in (*COLUMNS.values(), *DERIVED.values()) if column.order]
+SHOWN = tuple(sorted(_ORDERED, key=lambda column: column.order))
 """Columns of tables of policies, the most important first."""
 MAIN = tuple(column for column in SHOWN if column.main)
-
-
 _KNOWN = IDENTITY | COLUMNS | DERIVED
 
 
@@ -271,7 +266,7 @@ def column_of(name: str) -> Column:
 
 
 def refusal_of(row: Mapping[str, Any], added: Sequence[str] = ()) -> str | None:
-    """Return the rule that a score row violates, as JSON represents one; None for a valid row.
+    """Return the rule that a score row of plain values, as in JSON, violates; None for a valid row.
 
     Args:
         row: The row.
@@ -304,7 +299,7 @@ def columns_of(
 ) -> list[Column]:
     """Return the columns with numbers of a scenario's table: its score, the main ones, those it adds, all others.
 
-    The recovery time is left out without a fault. `policies` has estimates by policy and column.
+    The recovery time is left out without a fault, and all others if `only_main`. `policies` has estimates by policy.
     """
     first = task_score(scenario), *MAIN, *added_columns(policies.values())
     others = () if only_main else (c for c in SHOWN if c is not RECOVERY or scenario.faults != Faults())

@@ -34,7 +34,7 @@ actions are velocities."""
 
 Row = Mapping[str, Any]
 Rows = list[dict[str, Any]]
-"""Score rows of episodes."""
+"""Score rows of episodes, by column."""
 Estimates = dict[str, dict[str, Estimate]]
 """Estimates by policy and column."""
 

@@ -16,6 +16,8 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import counted
 from lissajous_env.world.simulation import Simulation
 
+DOES_NOT_APPLY = "does not apply"
+"""Words in a sentence on a theorem that does not apply."""
 _MOST_SEEDS = 1024
 """Limit on the episodes whose starts are tested, all at once: a world of `hall` takes 0.8 MB and a millisecond."""
 
@@ -54,13 +56,13 @@ def _theorem_of(cell: Cell, seeds: Sequence[int], device: Any) -> str:
             return ""
         parameters = policy.filter.parameters
     if unmet := unmet_conditions(scenario):
-        return f"does not apply: {'; '.join(unmet)}"
-    apart = compatible_starts(scenario, parameters, seeds, device)
+        return f"{DOES_NOT_APPLY}: {'; '.join(unmet)}"
+    compatible = compatible_starts(scenario, parameters, seeds, device)
     episodes = counted(len(seeds), "episode")
-    if apart.all():
+    if compatible.all():
         return f"applies from the start of {episodes}: no robots collide"
     rule = "in the others robots start too close (condition 6), and may collide until all can come to rest apart"
-    return f"applies from the start of {apart.sum():,} of {episodes} only: {rule}"
+    return f"applies from the start of {compatible.sum():,} of {episodes} only: {rule}"
 
 
 def compatible_starts(

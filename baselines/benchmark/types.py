@@ -96,7 +96,7 @@ class Benchmark(Checked, with_defaults=False, part=""):
     @property
     def worlds(self) -> int:
         """Return the number of episodes that are played together."""
-        # This never depends on the episodes that are left: a policy may round otherwise in another batch.
+        # This never depends on the episodes that are left: a user's policy may round otherwise in another batch.
         return min(self.batch, self.episodes)
 
 
@@ -150,11 +150,6 @@ class BenchmarkOutcome:
     """Result of `baselines.benchmark.theorem.about_theorem` for all score rows of the folder."""
 
     @property
-    def scenarios(self) -> dict[str, Scenario]:
-        """Return the scenarios that were played, by name."""
-        return {cell.scenario.name: cell.scenario for cell in self.cells}
-
-    @property
     def playable(self) -> dict[tuple[str, str], Cell]:
         """Return the cells of this call that did not fail, by scenario and policy."""
         failed = {(failure.scenario, failure.policy) for failure in (*self.failures, *self.left_out)}
@@ -186,7 +181,7 @@ def cells_of(
 ) -> list[Cell]:
     """Return the policies on scenarios that some settings name.
 
-    Of the standard scenarios, and with a policy in a folder of any, those that no policy drives are left out.
+    Scenarios that no policy drives are left out if the scenarios are the standard ones, or if a policy is a folder.
 
     Raises:
         ValueError: an unknown name or device, scenarios of the same name, a policy that drives no scenario, or another
@@ -209,7 +204,7 @@ def cells_of(
             names = list(dict.fromkeys([*_default(scenario, plays_all), *given]))
         cells += [Cell(scenario, name, wanted.get(name) or registry.as_factory(name)) for name in names]
     idle = [scenario for scenario in played if all(cell.scenario is not scenario for cell in cells)]
-    leaves_out = settings.scenarios == SCENARIOS or any(map(registry.is_folder, wanted))
+    leaves_out = tuple(scenario.name for scenario in played) == SCENARIOS or any(map(registry.is_folder, wanted))
     if idle and not (leaves_out and cells):
         kind, got = f"robots of kind {idle[0].actuation}", few_of(wanted) or "none"
         raise ValueError(f"policies must contain one for {idle[0].name}, which has {kind}; got {got}")
@@ -230,17 +225,17 @@ def _drives(name: str, scenario: Scenario) -> bool:
     return entry is None or entry.drives(scenario.actuation)
 
 
-def _default(scenario: Scenario, everything: bool) -> list[str]:
+def _default(scenario: Scenario, plays_all: bool) -> list[str]:
     """Return the policies that are played where none is named: the standard ones and those that users registered.
 
-    `everything` adds all other registered ones; of those with a filter, the paper's method alone and policies that were
+    `plays_all` adds all other registered ones; of those with a filter, the paper's method alone and policies that were
     made for this very scenario.
     """
     fitting = registry.names(scenario)
     chosen = [name for name in POLICIES if name in fitting]
     for name in fitting:
-        is_added = registry.is_default_on(name, scenario.name) and (everything or not registry.is_included(name))
-        is_plain = not registry.split_suffix(name)[1] or (everything and registry.describe(name)["made_for"])
+        is_added = registry.is_default_on(name, scenario.name) and (plays_all or not registry.is_included(name))
+        is_plain = not registry.split_suffix(name)[1] or (plays_all and registry.describe(name)["made_for"])
         if is_added and is_plain and name not in chosen:
             chosen.append(name)
     return chosen

@@ -80,7 +80,7 @@ def table_of(table: Table) -> dict[str, list]:
     for name, policies in table.estimates.items():
         where = f"`{name}`{bounds_in_words(table.bounds[name])}"
         for line in lines_of(policies, columns, table.bounds[name].best_known):
-            label = f"*{line.name}*" if line.is_reference else f"`{line.name}`"
+            label = f"*{line.name}*" if line.is_best_known else f"`{line.name}`"
             rows.append([where, label, *map(str, line.entries)])
             where = ""
     return {"columns": ["scenario", "policy", *(column.heading for column in columns)], "rows": rows}

@@ -34,7 +34,7 @@ def benchmark(
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides, rogues))
     try:
-        outcome = measure(settings, console=output.console(), progress=output.progress())
+        outcome = measure(settings, console=output.console(), progress_console=output.progress())
     except KeyboardInterrupt:
         words = f"finished episodes are stored in {settings.out}; run the same command again to resume"
         raise KeyboardInterrupt(words) from None

@@ -67,8 +67,9 @@ class Bags(contextlib.ExitStack):
         paths: Files (.mcap) or folders of rosbag2.
 
     Attributes:
+        paths: Its files and folders.
         name: Name of the log.
-        poses: Poses of the topics that were read, by topic and part.
+        poses: Poses of the topics that `lissajous_env.logs.samples.poses_of` has read, by topic and part.
         kinds: Types of each topic's messages; a topic may have several. A type of another encoding than that of ROS 2
             has it in its name.
         remarks: Number of messages with a remark, by remark and topic.
@@ -106,7 +107,7 @@ class Bags(contextlib.ExitStack):
             return [self.enter_context(rosbags().Reader(file)) for file in files or [path]]
 
     def remark(self, topic: str, words: str, count: int = 1) -> None:
-        """Note some messages of a topic, which are `words`."""
+        """Count some messages of a topic that a note describes as "are `words`"."""
         self.remarks[words][topic] += count
 
     def notes(self) -> list[str]:
@@ -131,6 +132,9 @@ class Bags(contextlib.ExitStack):
             topic: The topic.
             decoders: Functions that decode its messages, by their types.
             bag: Number of the only file that counts; None for all.
+
+        Raises:
+            ValueError: a file is damaged.
         """
         rows: dict[str, list[tuple]] = defaultdict(list)
         forms: dict[str, tuple[tuple[str, ...], int]] = {}
@@ -167,7 +171,7 @@ class Bags(contextlib.ExitStack):
                 for connection, logged, raw in reader.messages(known) if known else ():
                     try:
                         content = self._store.deserialize_cdr(raw, connection.msgtype)
-                    except Exception:  # damaged bytes make the library raise almost any
+                    except Exception:  # damaged bytes can raise almost any error in the library
                         self.remark(topic, f"ignored: cut off or damaged, of type {connection.msgtype}")
                         continue
                     try:

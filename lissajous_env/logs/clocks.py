@@ -22,7 +22,7 @@ SAME_STAMP = 1e-4
 """Difference up to which two stamps of a robot's poses are the same [s]."""
 _DAY = 86_400.0
 """Least difference from the other stamps at which a stamp counts as not set [s]."""
-_LAG = 1.0
+_LEAST_LEAD = 1.0
 """Least difference of two clocks that a note names [s]."""
 _LEAP = 10.0
 """Least time by which stamps jump ahead of the recorder's times if the clock was set [s]."""
@@ -79,11 +79,11 @@ class Clock:
         return converted
 
     def lead_of(self, samples: Samples, stamp: np.ndarray) -> float:
-        """Return by how much stamps of samples are ahead of this clock [s], 0 below a second; NaN if all are equal."""
+        """Return the time by which stamps of samples lead this clock [s], 0 below a second; NaN if all are equal."""
         if len(stamp) > 1 and not np.ptp(stamp) > 0:
             return np.nan
         lead = float(np.median(stamp - self.times(samples)))
-        return lead if abs(lead) > _LAG else 0.0
+        return lead if abs(lead) > _LEAST_LEAD else 0.0
 
     def _refuse_breaks(self, robot: int, poses: Samples) -> None:
         """Refuse a log in which the clock of a robot's poses is set within a file.
@@ -102,13 +102,13 @@ class Clock:
 
     def _deviating(self, stamped: dict[int, Samples]) -> set[int]:
         """Return the robots in a file whose clocks differ from those of the others, and note them."""
-        if len(stamped) < 3:  # of two clocks, nobody knows which one is off
+        if len(stamped) < 3:  # of two clocks, either may be wrong
             return set()
         pairs = _pairs_of([max(stamped.values(), key=len)])
-        lags = {k: np.median(own.stamp - _converted(own.logged, *pairs)) for k, own in stamped.items()}
-        middle = sorted(lags.values())[len(lags) // 2]  # that of a robot, also of an even number
-        ahead = {k: lag - middle for k, lag in lags.items()}
-        deviating = {k for k, time in ahead.items() if abs(time) > _LAG}
+        leads = {k: np.median(own.stamp - _converted(own.logged, *pairs)) for k, own in stamped.items()}
+        middle = sorted(leads.values())[len(leads) // 2]  # that of a robot, also of an even number
+        ahead = {k: lead - middle for k, lead in leads.items()}
+        deviating = {k for k, time in ahead.items() if abs(time) > _LEAST_LEAD}
         for k in deviating:
             got = f"{abs(ahead[k]):.3g} s {'ahead of' if ahead[k] > 0 else 'behind'} those of the others"
             self.notes.append(f"by the recorder's times, the clock of {self._log.called([k])} is {got}")
@@ -135,7 +135,7 @@ def _converted(given: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.n
 
 
 def _first_break(poses: Samples) -> int | None:
-    """Return the first row of a robot's poses, in the order of their recording, at which its clock was set."""
+    """Return the first row of a robot's poses, as recorded, at which its clock was set; None if it was not."""
     stamp, place = poses.stamp, poses.values[:, :2]
     leaps = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1
     top = np.maximum.accumulate(stamp)

@@ -24,23 +24,23 @@ _UNITS = {"steering": "rad", "speed": "m/s", "yaw rate": "rad/s"}
 
 @wp.kernel
 def convert(
-    robot: RobotStruct, is_car: int, is_action: int, given: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec2)
+    robot: RobotStruct, is_car: int, is_action: int, given: wp.array(dtype=wp.vec2), result_out: wp.array(dtype=wp.vec2)
 ):
     """Write the commands of actions, or the actions of commands."""
     k = wp.tid()
     value = given[k]
     if is_action == 1 and is_car == 1:
-        out[k] = steering_and_throttle(robot, value)
+        result_out[k] = steering_and_throttle(robot, value)
     elif is_action == 1:
-        out[k] = wp.vec2(commanded_speed(robot, value[0]), value[1] * robot.yaw_rate_max)
+        result_out[k] = wp.vec2(commanded_speed(robot, value[0]), value[1] * robot.yaw_rate_max)
     elif is_car == 1:
-        out[k] = action_of_input(robot, value[0], value[1])
+        result_out[k] = action_of_input(robot, value[0], value[1])
     else:
-        out[k] = drive_action(robot, value[0], value[1])
+        result_out[k] = drive_action(robot, value[0], value[1])
 
 
 def named_commands(series: Series, names: Sequence[str]) -> np.ndarray:
-    """Return the commands (K, A) with some names, beside which there may be others; without names, all of their number.
+    """Return the columns (K, A) of commands with some names; commands without names must be as many, in this order.
 
     Raises:
         ValueError: there are no such commands, or steering angles are not in radians.

@@ -32,7 +32,6 @@ wp.set_module_options(OPTIONS)
 State = wp.types.vector(5, wp.float32)
 """x, y [m], heading [rad], speed [m/s], and of differential drives the yaw rate [rad/s]."""
 
-
 MODELS = {
     "car": {
         "wheelbase": ("m", 1e-4), "drag": ("1/s", 1e-5), "drive": ("m/s^2", 1e-5), "offset": ("m/s^2", 0.0),
@@ -47,7 +46,7 @@ MODELS = {
 commands with factors and limited changes. They are four of the motion, the delay of the commands, and of cars the dead
 zone, on which alone a prediction does not depend smoothly."""
 _LIMITS = ("acceleration_max", "yaw_acceleration_max")
-"""Constants that a log does not determine whose commands stay below them."""
+"""Constants that are not determined by a log whose commands stay below them."""
 _LEAST_UNITS = (1e-3, 1e-2, 1e-2, 1e-1, 0.1)
 """Least units in which the smooth constants are fitted."""
 _LONGEST = wp.constant(wp.float64(0.05))
@@ -196,7 +195,7 @@ class _Fit:
         rule = f"must be of a robot whose speed and {COMMAND_NAMES[guess.kind][turning]} change"
         require(min(changes) >= 1e-3, "log", rule, "changes of {:.3g} and {:.3g}".format(*changes))
         segment = ((time - time[0]) / duration).astype(int)
-        failed = np.zeros(count, bool) if status is None else status.before(time) != WORKING
+        failed = np.zeros(count, bool) if status is None else status.in_force(time) != WORKING
         used = np.setdiff1d(segment, segment[failed])
         require(len(used), "log", f"must have {duration:.3g} s in which the robot works", "none")
         if len(used) > _MOST_SEGMENTS:
@@ -219,7 +218,7 @@ class _Fit:
         self._robot = to_struct(RobotStruct, guess), int(is_car)
 
     def run(self) -> Identified:
-        """Fit in turns the constants, the scale of the residuals, and between fits the dead zone."""
+        """Fit the constants, first with the dead zone, then in turns with the scale of the residuals."""
         limits = np.isin(self._names, _LIMITS)
         constants, zone_error = self._best_of(map(self._estimate, _DELAYS)), ()
         if self._is_car:
@@ -244,7 +243,7 @@ class _Fit:
         if not self._is_car:
             changes = np.abs(acceleration[1:]), np.abs(np.diff(yaw_rate) / width[1:])
             return np.array([1.0, 1.0, *np.quantile(changes, _REACHED, axis=1), delay])
-        steering, throttle = self._commands.before(time - delay).T
+        steering, throttle = self._commands.in_force(time - delay).T
         driven = 0.5 * (self._measured[1:, 3] + self._measured[:-1, 3])[same]
         turning = driven * np.tan(steering)
         on = throttle > self._guess[5]

@@ -26,7 +26,7 @@ class Series:
     names: tuple[str, ...] = ()
     """Names of the columns, where the messages have any."""
 
-    def before(self, time: np.ndarray, late: float = 1e-6) -> np.ndarray:
+    def in_force(self, time: np.ndarray, late: float = 1e-6) -> np.ndarray:
         """Return the value in force at each of some times [s]: the latest until `late` [s] after it, else the first."""
         return self.value[np.maximum(np.searchsorted(self.time, time + late, side="right") - 1, 0)]
 
@@ -76,7 +76,7 @@ class Log:
     episode: dict[str, Any] | None = None
     """Scenario, seed and policy of a log that a simulation wrote."""
     begin: float | None = None
-    """Time at which this episode begins [s]; None for the first time at which every robot has a pose."""
+    """Recorded value of `start` [s]; None if there is none."""
     labels: tuple[str, ...] = ()
     """Numbers of the robots in the log's names; by default 0, 1, 2 ..."""
     notes: tuple[str, ...] = ()
@@ -87,7 +87,7 @@ class Log:
         return self.labels[robot] if self.labels else str(robot)
 
     def called(self, robots: Sequence[int]) -> str:
-        """Return robots in words, such as "robots 0, 1 and 4"."""
+        """Return robots in words, by their labels, such as "robots 0, 1 and 4"."""
         *others, last = [self.label(robot) for robot in robots]
         return f"robots {', '.join(others)} and {last}" if others else f"robot {last}"
 
@@ -100,5 +100,5 @@ class Log:
 
     @property
     def start(self) -> float:
-        """Time at which the episode begins [s]."""
+        """Time at which the episode begins [s]: `begin`, or the first time at which every robot has a pose."""
         return max(float(track.time[0]) for track in self.tracks) if self.begin is None else self.begin

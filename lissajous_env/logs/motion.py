@@ -26,7 +26,7 @@ _WINDOWS = (5, 7, 11, 17, 25, 41, 61, 101, 161)
 _PRECISE = 0.02
 """Standard deviation of a velocity up to which it is precise, in typical speeds of the robot."""
 _LONGEST = 1.0
-"""Longest time over which a velocity is derived where fewer poses are less precise [s]."""
+"""Time between the poses of a velocity above which no more of them are used, even if it is not precise [s]."""
 _CONTRADICTING = 0.25
 """Share of the poses of a moving robot above which logged speeds that do not match contradict them."""
 _CHUNK = 4096
@@ -130,10 +130,10 @@ def motion_of(
     velocity, error = _velocities(track, edges, deviation)
     heading, has_headings = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
-    length = np.linalg.norm(velocity[:, :2], axis=1)
-    judged = np.repeat(np.diff(edges) >= _WINDOWS[0], np.diff(edges))
-    speed = length * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
-    impossible = judged & (np.abs(track.speed) > 4 * length.max(initial=0) + 4 * error + 1e-3)
+    derived = np.linalg.norm(velocity[:, :2], axis=1)
+    compared = np.repeat(np.diff(edges) >= _WINDOWS[0], np.diff(edges))
+    speed = derived * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
+    impossible = compared & (np.abs(track.speed) > 4 * derived.max(initial=0) + 4 * error + 1e-3)
     width, logged = width[:, None], along * track.speed[:, None]
     ends = width * logged[:-1], width * logged[1:]
     reason = ""
@@ -141,7 +141,7 @@ def motion_of(
         reason = "were not logged"
     elif trusted:
         speed, velocity, heading = track.speed, logged, _with_whole_turns(track, *ends, heading)
-    elif impossible.any() or _contradict(track, _driven(*ends, np.diff(heading)), known, deviation, length):
+    elif impossible.any() or _contradict(track, _driven(*ends, np.diff(heading)), known, deviation, derived):
         reason = "do not match the poses"
     else:
         speed, velocity = track.speed, logged

@@ -55,7 +55,7 @@ def robots_of(bags: Bags, topics: Sequence[str]) -> list[LoggedRobot]:
 
 
 def _numbered(bags: Bags, pattern: str) -> list[Source]:
-    """Return the robots whose numbers stand for {} in a name; of the default, else those of the one shared topic."""
+    """Return the robots whose numbers stand for {} in a name; if the default has none, of the only shared topic."""
     topic, _, part = pattern.partition(":")
     names = [f"{topic}:{part}" for part in poses_of(bags, topic)] if part else list(bags.kinds)
     number = re.compile(re.escape(pattern).replace(r"\{\}", r"(\d+)"))

@@ -67,7 +67,7 @@ def hide(w, i, paths, clock, robots):
 
 @stage(ROBOT, writes="robots: status; tally: fault_end, faulted")
 def unhide(w, i, paths, clock, robots, tally):
-    """Mark these robots as failed again, unless they were removed."""
+    """Mark hidden robots as failed again, unless they were removed, for the score to count their faults."""
     moment = clock.step[w]
     if paths.hidden[moment, i] == 1 and paths.status[moment, i] == FAILED:
         robots.status[w, i] = FAILED

@@ -14,7 +14,7 @@ from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 TRANSFORMS, ARRAY = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/PoseArray"
 _UNIT = 0.01
-"""Difference from 1 up to which the square of a quaternion's length is rounded."""
+"""Difference from 1 up to which the square of a quaternion's length counts as rounded."""
 
 
 def poses_of(bags: Bags, topic: str) -> dict[str, Samples]:

@@ -23,7 +23,7 @@ from lissajous_env.wording import require
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
 GAP = 0.5
-"""Longest time between two poses of a robot during which it counts as working, by default [s], if steps are shorter."""
+"""Default of the longest time between two poses during which a robot counts as working [s], if steps are shorter."""
 _MOST_STEPS = 200_000
 """Largest number of control steps of a log."""
 _FAR = 5.0
@@ -132,8 +132,9 @@ def score(
 def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     """Return the times at which the scenario's steps begin and end [s].
 
-    They end with the last pose of a robot such that the poses of all others that ended before ended a gap before, or
-    with the episode of the log's own scenario if it has one and all robots were removed before.
+    They end with the last pose of a robot, the latest within a gap before which no other robot's poses end, so that
+    robots do not fail shortly before the end. If all robots were removed, they end with the episode of the log's own
+    scenario, if that is longer.
     """
     firsts, ends = ([float(track.time[place]) for track in log.tracks] for place in (0, -1))
     lasts, steps = np.sort(ends), 0
@@ -194,7 +195,7 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     """
     status = np.full(hidden.shape, WORKING)
     for robot, series in log.statuses.items():
-        status[:, robot] = series.before(times, _LATE_STATUS * (times[1] - times[0]))
+        status[:, robot] = series.in_force(times, _LATE_STATUS * (times[1] - times[0]))
     status[hidden & (status == WORKING)] = FAILED
     status[np.logical_or.accumulate(status == REMOVED)] = REMOVED
     return status
@@ -247,15 +248,17 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
     return {name: np.stack([column[name] for column in columns], axis=1) for name in columns[0]}
 
 
-def _phases(log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: np.ndarray, hidden: np.ndarray) -> Any:
+def _phases(
+    log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: np.ndarray, hidden: np.ndarray
+) -> np.ndarray:
     """Return the phases (M,) of a robot with poses (M, 3); NaN where they follow from its path, as between gaps.
 
-    The phase of a point is its place, so that all of its logged phases count.
+    The phase of a robot that is bound to the curve is its place, so that all of its logged phases count.
     """
     begins, logged = np.append(True, hidden[:-1] & ~hidden[1:]), log.phases.get(robot)
     if logged is not None:
         counts = begins | scenario.model.keeps_to_curve
-        return np.where(counts, logged.before(times, _LATE_STATUS * scenario.task.step), np.nan)
+        return np.where(counts, logged.in_force(times, _LATE_STATUS * scenario.task.step), np.nan)
     phase = np.full(len(times), np.nan)
     near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
     for k in np.flatnonzero(begins):
@@ -275,7 +278,7 @@ def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> tuple[np.ndarra
         except ValueError as error:
             return None, [f"the commands are ignored, because of {log.called([robot])}: {error}"]
         # A command that arrives in the first half of a step is the one in force for most of it.
-        commands.append(own.before(times[:-1], 0.499 * scenario.task.step))
+        commands.append(own.in_force(times[:-1], 0.499 * scenario.task.step))
     actions = np.stack(commands, axis=1)
     if scenario.robot.kind in COMMAND_NAMES:
         actions[..., :2] = actions_of_commands(scenario.robot, actions[..., :2])

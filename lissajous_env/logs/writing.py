@@ -1,6 +1,6 @@
 """Write a log as a rosbag2 file (MCAP), which tools of ROS 2 open.
 
-The page "On robots" (docs/robots.md) lists the topics, whose frame has its origin in the middle of the rectangle.
+docs/robots.md lists the topics, whose frame has its origin in the middle of the rectangle.
 """
 
 import heapq

@@ -55,8 +55,7 @@ def test_csv_has_the_columns_of_the_contract_and_nan_is_empty(whole):
     assert tuple(table[0]) == NAMES
     assert len(table) == 1 + len(rows) == 11
     for line, row in zip(table[1:], rows, strict=True):
-        for text, value in zip(line, row.values(), strict=True):
-            assert text == ("" if value != value else str(value))
+        assert line == ["" if value != value else str(value) for value in row.values()]
     assert "" in table[1]  # two seconds are over before any fault: no recovery
 
 
@@ -271,9 +270,10 @@ def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
 def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_all_plays_every_one():
     baselines.register("theirs", "car", lambda scenario, num_worlds, device: None)
     names = lambda *policies, **own: [cell.policy for cell in cells_of(Benchmark(("evaders",), policies), own)]  # noqa: E731
-    usual = names()
-    assert [name for name in usual if name not in types.POLICIES] == ["theirs"]
+    assert [name for name in names() if name not in types.POLICIES] == ["theirs"]
     assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))
     assert names("all", mine=Mine) == [*names("all"), "mine"]
+    with pytest.raises(ValueError, match="policies must contain one for failure, which has robots of kind curve"):
+        cells_of(Benchmark(policies=("sweep",)), scenarios=map(lissajous_env.scenario, ("evaders", "failure")))
     driven = [cell.scenario.name for cell in cells_of(Benchmark(policies=("sweep",)))]  # one of nine has points
     assert driven == [name for name in types.SCENARIOS if lissajous_env.scenario(name).actuation == "car"]

@@ -235,7 +235,7 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
             wanted = TeamModule.forward.__wrapped__(module, rows)
             module.corrects = True
             added = TeamModule.forward.__wrapped__(module, rows)
-        assert module.arrays()(seen) == pytest.approx(wanted.numpy(), abs=1e-5)
+        assert module.network()(seen) == pytest.approx(wanted.numpy(), abs=1e-5)
         assert (added - wanted).numpy() == pytest.approx(seen.own[..., -2:], abs=1e-5)
 
 

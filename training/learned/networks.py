@@ -11,7 +11,7 @@ import numpy as np
 from lissajous_env.wording import few_of, require
 from training.learned.perception import OWN, TOKEN, Perception
 
-_ABSENT = 1e4
+ABSENT = 1e4
 """Number that is subtracted from the score of an absent token."""
 
 
@@ -130,7 +130,7 @@ class TeamNetwork(Network):
         features = features.reshape(worlds, robots, count, -1)
         if "query.weight" in self.arrays:
             query = self._layer("query", own).reshape(worlds, robots, -1, features.shape[-1])
-            score = query @ features.swapaxes(2, 3) + (seen.present[:, :, None] - 1) * np.float32(_ABSENT)
+            score = query @ features.swapaxes(2, 3) + (seen.present[:, :, None] - 1) * np.float32(ABSENT)
             weight = np.exp(score - score.max(axis=-1, keepdims=True))
             weight = weight / weight.sum(axis=-1, keepdims=True) * seen.present[:, :, None]
             pooled = (weight @ features).reshape(worlds, robots, -1)

@@ -35,7 +35,7 @@ from lissajous_env.world.robots.contacts import closest_approach
 wp.set_module_options(OPTIONS)
 
 MANOEUVRES = wp.constant(9)
-"""Ways out: full right, straight on, full left; each while coasting, at this speed, and driving on."""
+"""Manoeuvres that can be ways out: full right, straight on, full left; each coasting, at this speed, driving on."""
 NEAREST = wp.constant(8)
 """Largest number of robots that are avoided, the nearest first."""
 _LONGEST = 40
@@ -49,7 +49,7 @@ Paths = wp.array2d(dtype=wp.vec2)
 """Places [m] on the manoeuvres of this car, then on those of another, at each step of the horizon."""
 
 Scores = wp.types.vector(length=int(MANOEUVRES), dtype=wp.float32)
-"""A number for each way out."""
+"""A number for each manoeuvre."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,11 @@ class SafetyParameters(Checked):
     horizon: int = whole(8, 1, 100)
     """Horizon of the prediction [control steps]."""
     ample: float = number(0.1, 0, 1e3, "m")
-    """Margin above which all ways out are equally good [m]."""
+    """Margin above which all manoeuvres are equally good [m]."""
     effort: float = number(0.1, 0, 1e3, "m")
-    """Margin that full steering must add to a way out; coasting and full throttle must add half of it [m]."""
+    """Margin that full steering must add to be chosen; coasting and full throttle must add half of it [m]."""
     right: float = number(0.01, -1e3, 1e3, "m")
-    """Margin that is added to a way out to the right, to break the symmetry of a meeting [m]."""
+    """Margin that is added to a manoeuvre to the right, to break the symmetry of a meeting [m]."""
     throttle_weight: float = number(0.5, 1e-6, 1e6)
     """Weight of a change of the throttle's action relative to one of the steering's."""
     passes: int = whole(3, 1, 20)
@@ -121,7 +121,10 @@ class Constants:
 
 @wp.func
 def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
-    """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max."""
+    """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max.
+
+    A dead zone of the motor is left out, except for cars that reverse.
+    """
     robot = c.robot
     h = c.step
     tau = throttle(robot, action[1])
@@ -145,23 +148,23 @@ def throttle_action(robot: RobotStruct, push: float) -> float:
 
 
 @wp.func
-def manoeuvre(robot: RobotStruct, k: int, speed: float) -> wp.vec2:
-    """Return the action of manoeuvre k of a car with some speed [m/s] at its beginning."""
+def manoeuvre(robot: RobotStruct, b: int, speed: float) -> wp.vec2:
+    """Return the action of manoeuvre b of a car with some speed [m/s] at its beginning."""
     throttling = float(1.0)
-    if k // 3 == 0:
+    if b // 3 == 0:
         throttling = car_action(robot, 0.0, robot.throttle_min)[1]
-    elif k // 3 == 1:
+    elif b // 3 == 1:
         throttling = throttle_action(robot, robot.drag * speed)
-    return wp.vec2(float(k % 3) - 1.0, throttling)
+    return wp.vec2(float(b % 3) - 1.0, throttling)
 
 
 @wp.func
-def price(safety: SafetyStruct, k: int) -> float:
-    """Return the margin that manoeuvre k must add to be chosen [m]."""
-    cost = 0.5 * safety.effort * wp.abs(float(k // 3) - 1.0)
-    if k % 3 != 1:
+def price(safety: SafetyStruct, b: int) -> float:
+    """Return the margin that manoeuvre b must add to be chosen [m]."""
+    cost = 0.5 * safety.effort * wp.abs(float(b // 3) - 1.0)
+    if b % 3 != 1:
         cost += safety.effort
-    if k % 3 == 0:
+    if b % 3 == 0:
         cost -= safety.right
     return cost
 
@@ -199,7 +202,7 @@ def barrier(c: Constants, car: wp.vec4, n: int, others: Others, action: wp.vec2,
 
 @wp.func
 def lay_out_manoeuvres(c: Constants, car: wp.vec4, first: int, count: int, moves: bool, path_out: Paths):
-    """Write the places [m] of a car on its first `count` manoeuvres, from row `first` on; it may stand instead."""
+    """Write the places [m] of a car, which stands unless it `moves`, on `count` manoeuvres to rows from `first` on."""
     for b in range(count):
         now = car
         action = manoeuvre(c.robot, b, car[3])
@@ -225,7 +228,7 @@ def margin_of_paths(c: Constants, one: int, other: int, path: Paths) -> float:
 
 @wp.func
 def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Paths) -> int:
-    """Return the manoeuvre b that two cars agree on if both compute the best pair of manoeuvres.
+    """Return the manoeuvre b that two cars agree on, because both compute the best pair of manoeuvres.
 
     b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin if this car
     follows b and the other b' from now on. Both cars of a pair observe the same two states, so they compute the same
@@ -264,13 +267,13 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
 
     The margins are divided by `safety.unit`.
     """
-    turn = wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE)
-    push = wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
+    steering = wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE)
+    throttling = wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
     for k in range(n):
         here = margin(c, car, others[k], at, way_out) / c.safety.unit
-        steered = margin(c, car, others[k], at + wp.vec2(turn, 0.0), way_out) / c.safety.unit
-        driven = margin(c, car, others[k], at + wp.vec2(0.0, push), way_out) / c.safety.unit
-        g = wp.vec2((steered - here) / turn, (driven - here) / push)
+        steered = margin(c, car, others[k], at + wp.vec2(steering, 0.0), way_out) / c.safety.unit
+        driven = margin(c, car, others[k], at + wp.vec2(0.0, throttling), way_out) / c.safety.unit
+        g = wp.vec2((steered - here) / steering, (driven - here) / throttling)
         rows_out[k] = wp.vec3(g[0], g[1], wp.dot(g, at) - here)
 
 
@@ -340,12 +343,12 @@ def avoid(
     way_out = manoeuvre(c.robot, agreed_way_out(c, car, n, others, path), car[3])
     way_out[1] = wp.min(way_out[1], top)
     at = u
-    for turn in range(c.safety.passes):
+    for k in range(c.safety.passes):
         linearise(c, car, n, others, at, way_out, rows)
         solution = solve_quadratic_program(n, rows, c.safety.throttle_weight, top, wanted)
         u = wp.vec2(solution[0], solution[1])
         at = u
-        if turn == 0 and solution[2] > 0.0:
+        if k == 0 and solution[2] > 0.0:
             # The linearised rows contradict one another there: begin again at the way out itself.
             at = way_out
         elif barrier(c, car, n, others, u, way_out) >= -TOLERANCE * c.safety.unit:

@@ -37,7 +37,7 @@ from lissajous_env.world.robots.inside import is_safe
 wp.set_module_options(OPTIONS)
 
 OLD, NEW = wp.constant(0), wp.constant(1)
-"""Courses of a robot for a step: it continues its old tail, or it takes an action and a new tail follows."""
+"""Courses of a robot for a step: it continues its old tail, or it applies an action and a new tail follows."""
 COURSES = wp.constant(2)
 UNHEARD, HEARD, REMOVED = wp.constant(0), wp.constant(1), wp.constant(2)
 """Presence of a robot, from its row: it has heard no ring neighbour yet; it has heard one; it was removed. All robots
@@ -65,7 +65,7 @@ class Memory:
     compatible: wp.array(dtype=wp.int32)
     """1 where all committed tails are compatible: from then on, by the theorem, no two robots collide."""
     decided: wp.array2d(dtype=wp.int32)
-    """1 where the robot has taken a new action, in its turn of this step; its old tail is void."""
+    """1 where the robot has applied a new action in its turn of this step."""
     courses: wp.array4d(dtype=wp.vec3)
     """(W, N, COURSES, POINTS) courses for this step, as `baselines.policies.safety.tails.lay_out` writes them."""
 
@@ -250,7 +250,7 @@ def propose(w: int, i: int, terms: Terms, car: wp.vec4, action: wp.vec2, steerin
 def steering_after(k: int, terms: Terms, factors: wp.vec4, speed: float, action: wp.vec2) -> float:
     """Return the steering of the k-th tail after an action: the action's, the largest to either side, or none.
 
-    Grip limits the steering also at `speed`, that before the action [m/s], and within the step.
+    The largest is what grip allows at `speed` [m/s], that before the action, and within the step.
     """
     if k == 0:
         return action[0]
@@ -293,7 +293,7 @@ def decide(w: int, i: int, terms: Terms, car: wp.vec4, want: wp.vec2, memory: Me
         steering = steering_after(k % terms.num_tails, terms, factors, car[3], action)
         tail = propose(w, i, terms, car, action, steering, memory)
         if ends_well and not leads_out(terms, tail):
-            gap = wp.vec2(-wp.inf, -1.0)  # not this one
+            gap = wp.vec2(-wp.inf, -1.0)  # the course that was laid out is not chosen
             continue
         gap = smallest_gap(w, i, NEW, enough, int(gap[1]), terms, memory)
         if gap[0] >= enough:

@@ -63,8 +63,7 @@ class Terms:
     walls: Walls
     """The walls, zeros without any."""
     widest: wp.array(dtype=wp.vec4)
-    """(N,) bounds of curvature and drive of a car before it has learned: `baselines.policies.safety.proved.widest_of`.
-    """
+    """(N,) bounds of curvature and drive of a car before it has learned, which `proved.widest_of` returns."""
     changes: wp.array(dtype=wp.vec2)
     """(K,) changes of an action that are tried, in this order."""
     stops: wp.array(dtype=wp.int32)
@@ -121,7 +120,7 @@ def step_from(terms: Terms, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> 
     """Return the car after an action of one step, the bounds of its errors, and the middle of the step.
 
     `car` is the measured x, y, heading, speed. The middle is x, y and the bound by which either half of the step leaves
-    the straight line [m]. v(t) = v e^(-ct) + (push / c) (1 - e^(-ct)).
+    the straight line [m]. v(t) = v e^(-ct) + (push / c) (1 - e^(-ct)), with the motor's acceleration, push [m/s^2].
     """
     robot = terms.robot
     curvature, bend = arc_of(terms, factors, action[0])
@@ -130,29 +129,29 @@ def step_from(terms: Terms, factors: wp.vec4, car: wp.vec4, action: wp.vec2) -> 
         bend += factors[1] * terms.noise.actuator * robot.steering_max * (1.0 + slope * slope) / robot.wheelbase
     tau = throttle(robot, action[1])
     push = float(0.0)
-    slack = float(0.0)
+    push_error = float(0.0)
     if tau > robot.dead_zone:
         push = 0.5 * (factors[2] + factors[3]) * robot.drive * tau - robot.offset
-        slack = 0.5 * (factors[3] - factors[2]) * robot.drive * tau
-        slack += factors[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * terms.noise.actuator
+        push_error = 0.5 * (factors[3] - factors[2]) * robot.drive * tau
+        push_error += factors[3] * robot.drive * 0.5 * (robot.throttle_max - robot.throttle_min) * terms.noise.actuator
     speed = car[3]
     lost = 1.0 - terms.decay
-    late = (terms.step - lost / robot.drag) / robot.drag  # way per push [s^2]
+    way_per_push = (terms.step - lost / robot.drag) / robot.drag
     after = wp.max(speed * terms.decay + push * lost / robot.drag, 0.0)
-    way = wp.max(speed * lost / robot.drag + push * late, 0.0)
-    way_error = terms.speed_error * lost / robot.drag + slack * late
-    way_error += 0.5 * terms.step * terms.step * wp.max(slack - push, 0.0)  # a car that stops within the step
+    way = wp.max(speed * lost / robot.drag + push * way_per_push, 0.0)
+    way_error = terms.speed_error * lost / robot.drag + push_error * way_per_push
+    way_error += 0.5 * terms.step * terms.step * wp.max(push_error - push, 0.0)  # a car that stops within the step
     turn_error = terms.heading_error + (wp.abs(curvature) + bend) * way_error
     errors = wp.vec3(
         terms.position_error + terms.coarseness * way + way_error + turn_error * way + 0.5 * bend * way * way,
         turn_error + bend * way,
-        terms.speed_error * terms.decay + slack * lost / robot.drag,
+        terms.speed_error * terms.decay + push_error * lost / robot.drag,
     )
     begin = wp.vec3(car[0], car[1], car[2])
     end = arc_end(begin, way, curvature)
     half_lost = 1.0 - wp.sqrt(terms.decay)
-    half_late = (0.5 * terms.step - half_lost / robot.drag) / robot.drag
-    half_way = wp.clamp(speed * half_lost / robot.drag + push * half_late, 0.0, way)
+    half_way_per_push = (0.5 * terms.step - half_lost / robot.drag) / robot.drag
+    half_way = wp.clamp(speed * half_lost / robot.drag + push * half_way_per_push, 0.0, way)
     middle = arc_end(begin, half_way, curvature)
     fastest = wp.max(speed, after)
     middle[2] = bulge_of(terms, wp.abs(push - robot.drag * speed) + fastest * fastest * wp.abs(curvature))
@@ -185,7 +184,6 @@ def learn(terms: Terms, factors: wp.vec4, widest: wp.vec4, last: wp.vec4, headin
     """Return the bounds of curvature and drive, narrowed by the motion of the latest step (condition 2 of the theorem).
 
     `last` is the measured heading [rad] and speed [m/s] before it, and its action.
-
     way = (v_0 - v_1 + push h) / c, kappa = turn / way.
     """
     robot = terms.robot
@@ -218,7 +216,6 @@ def mean_and_deviation(action: float, noise: float) -> wp.vec2:
     """Return mean and standard deviation of an action with noise of deviation `noise`, clipped to [-1, 1].
 
     A deviation of 0 means that they are not known: the noise may be clipped, or not.
-
     At an end of the range, half of the noise is clipped: of min(n, 0), the mean is -1 / sqrt(2 pi) and the variance
     1 / 2 - 1 / (2 pi).
     """

@@ -119,7 +119,7 @@ class Proved(Filter):
 
 
 def terms_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cpu") -> Any:
-    """Return the terms of the theorem for a scenario (conditions 1 to 3)."""
+    """Return the terms of the theorem for a scenario (conditions 1 to 3 and 5)."""
     curve, robot, noise, task = scenario.curve, scenario.robot, scenario.noise, scenario.task
     terms: Any = Terms()
     terms.step, terms.decay = task.step, math.exp(-robot.drag * task.step)
@@ -158,7 +158,7 @@ def may_fail(scenario: Scenario) -> np.ndarray:
 
 
 def stops_of(scenario: Scenario) -> np.ndarray:
-    """Return for each robot (N,) whether its tails are compatible although it stops dead, as 0 or 1."""
+    """Return for each robot (N,) whether it can stop dead, as 0 or 1."""
     return (may_fail(scenario) & (scenario.faults.stop == "dead")).astype(np.int32)
 
 
@@ -230,6 +230,8 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
     shows = "must be count or remove, since the row of a robot that a collision stops still shows its speed"
     prompt = f"must be below half a step of {task.step:g} s"
     rules = (
+        (scenario.actuation == "car", "1: kind of the robots", "must be car", scenario.actuation),
+        (not robot.reverses, "1: robot.speed_min", "must be 0, since tails end at rest", f"{robot.lowest_speed:g}"),
         (robot.throttle_min <= robot.dead_zone, "1: robot.throttle_min", off, f"{robot.throttle_min:g}"),
         (noise.actuator == 0, "1: noise.actuator", "must be 0", f"{noise.actuator:g}"),
         (coarse <= _COARSEST, "1: task.step", short, f"{task.step:g} with {coarse:.2g}"),

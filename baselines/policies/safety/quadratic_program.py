@@ -93,8 +93,6 @@ def nearest_action(n: int, rows: HalfPlanes, allowed: float, weight: float, top:
             cost = away[0] * away[0] + weight * away[1] * away[1]
             if in_box(u, top) and cost < best[2] and violation(n, rows, inside) <= allowed:
                 best = wp.vec3(inside[0], inside[1], cost)
-        if a < 0 and best[2] == 0.0:
-            return best
     return best
 
 

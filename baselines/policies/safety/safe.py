@@ -2,21 +2,21 @@
 
 This is Section IV-A (i) of the paper, "implement a lower level controller for collision avoidance", and it has the cost
 that the paper names, "deviating from the Lissajous path or from the desired velocity": a car that swerves leaves the
-curve by decimetres, and targets between two cars are detected later. `SafetyParameters` contains the constants.
+curve by decimetres, and targets between two cars are detected later. Its parameters are `SafetyParameters`.
 
 The car has no brakes: from 1.1 m/s it coasts 1.2 m, so it must steer, and in time. The filter therefore evaluates an
-action u by the manoeuvres that remain after it. The car applies u for one step and then one of nine ways out b (full
-right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes straight on. It is a car
-in sight, whose position and velocity are observed, or, where the radius of sight is too short for the speed
-of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and, by their
-difference, its velocity (`steps_of_velocity`). Without robots in observations (`sensing.robots_seen` = 0) this radius
-is 0. With d_k(t) their distance and D = 2 r + clearance,
+action u by the ways out that remain after it. The car applies u for one step and then, as its way out, one of nine
+manoeuvres b (full right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes
+straight on. It is a car in sight, whose position and velocity are observed, or, where the radius of sight is too short
+for the speed of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and,
+by their difference, its velocity (`steps_of_velocity`). Without robots in observations (`sensing.robots_seen` = 0) this
+radius is 0. With d_k(t) their distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
 
-V is a control barrier function of the sampled car, by backup manoeuvres: while V >= 0 there is a way out. Where V(w) of
-the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a way out b is chosen, and
+V is a control barrier function of the sampled car, by backup manoeuvres: while V >= 0 there is a way out. Where V of
+the wanted action w, clipped to the limits below, is not below 0, it passes, bit for bit. Elsewhere b is chosen, and
 
     minimise   (u_0 - w_0)^2 + throttle_weight (u_1 - w_1)^2
     subject to m_k(v; b) + dm_k/du(v; b) (u - v) >= 0 for every k,  u_0 in [-1, 1],  u_1 in [-1, top]
@@ -24,18 +24,18 @@ the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a
 is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; if the rows contradict
 each other, all are relaxed by the same smallest amount. `top` is the throttle that leads to `speed_max`.
 
-This limit is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up, and the
-worst-case undetected time would be several times as long. A car gives way late and little, which preserves that time
-best; cars whose motor hardly lets them catch up lose it all the same.
+By default `speed_max` is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up,
+and the worst-case undetected time would be several times as long. A car gives way late and little, which preserves that
+time best; cars whose motor hardly lets them catch up lose it all the same.
 
 Two cars that avoid each other must not choose the same side, so both compute the same best pair of ways out
 (`agreed_way_out`). A symmetric pair passes on the right.
 
-Limits: the filter accounts for `sensing.robots_seen` robots and, beyond the radius of sight, only ring neighbours, as
-long as no message is lost; where they are late, their senders are assumed to have driven straight on. Other cars that
-approach at 2 m/s in `intruders` are sensed too late. A car that stops abruptly less than about 0.45 m ahead cannot be
-avoided. There are only nine ways out, so a car between two others may have none. Of three cars, two may agree on ways
-out that do not suit the third.
+Limits: the filter accounts for `sensing.robots_seen` robots, at most 8, and, beyond the radius of sight, only for ring
+neighbours, as long as no message is lost; where they are late, their senders are assumed to have driven straight on.
+Other cars that approach at 2 m/s in `intruders` are sensed too late. A car that stops abruptly less than about 0.45 m
+ahead cannot be avoided. There are only nine ways out, so a car between two others may have none. Of three cars, two may
+agree on ways out that do not suit the third.
 """
 
 import dataclasses
@@ -81,10 +81,10 @@ class Safe(Filter):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
         scenario, constants = self.scenario, Constants()
-        formation = top_speed(scenario.driven, scenario.formation.phase_rate)
-        in_sight = speed_in_sight(scenario, self.parameters)
+        formation_speed = top_speed(scenario.driven, scenario.formation.phase_rate)
+        sight_speed = speed_in_sight(scenario, self.parameters)
         if self.parameters.speed_max is None:
-            limit = min(max(in_sight, HEADROOM * formation), scenario.robot.top_speed)
+            limit = min(max(sight_speed, HEADROOM * formation_speed), scenario.robot.top_speed)
             self.parameters = dataclasses.replace(self.parameters, speed_max=float(limit))
         constants.safety = to_struct(SafetyStruct, self.parameters)
         constants.robot = to_struct(RobotStruct, scenario.robot)
@@ -92,11 +92,11 @@ class Safe(Filter):
         constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
         constants.speed_unit = scenario.robot.top_speed
         constants.delay = round(scenario.noise.message_delay / scenario.task.step) * scenario.task.step
-        constants.listens = int(in_sight < formation)
+        constants.listens = int(sight_speed < formation_speed)
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
-        remembered = (*self.shape, 2, steps_of_velocity(scenario))
-        self._memory = wp.zeros(remembered, dtype=wp.vec3, device=self.device)
+        shape = (*self.shape, 2, steps_of_velocity(scenario))
+        self._memory = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         others, places = (*self.shape, int(NEAREST)), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
         self._others = wp.zeros(others, dtype=wp.vec4, device=self.device)
         self._paths = wp.zeros((*self.shape, *places), dtype=wp.vec2, device=self.device)
@@ -111,7 +111,7 @@ class Safe(Filter):
 
 
 def steps_of_velocity(scenario: Scenario) -> int:
-    """Return the number of control steps from one position in a message to the one that yields a velocity with it.
+    """Return the number of control steps between the two positions in messages from which a velocity follows.
 
     It is 1, and more where positions are noisy or messages are lost.
     """

@@ -19,7 +19,7 @@ from lissajous_env.world.robots.contacts import closest_approach
 PIECES = wp.constant(16)
 """Pieces of a tail between its sampled points, in equal steps of q."""
 POINTS = wp.constant(int(PIECES) + 3)
-"""Sampled points of a course: the position of the car, and the beginning, inner points and end of its tail."""
+"""Sampled points of a course: the position of the car, the middle of the step, and PIECES + 1 points of its tail."""
 Course = wp.array(dtype=wp.vec3)
 """Sampled points of a course (POINTS,), as `lay_out` writes them."""
 BLOCK = wp.constant(4)
@@ -201,7 +201,7 @@ def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, requir
         wide = chord_bound(one, block)
         length = wp.length(wp.vec2(end[0] - begin[0], end[1] - begin[1]))
         away = to_end - length - wide - other[0][2] - required
-        if away >= wp.max(enough, 0.0):
+        if away >= 0.0:
             least = wp.min(least, away)
             continue
         for other_block in range(BLOCKS):
@@ -221,8 +221,8 @@ def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, requir
 def gap_between(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
     """Return a lower bound of the distance of two cars on two courses, less `required` [m].
 
-    A car that `stops` may stop dead. If the bound is below `enough`, any value below `enough` is returned. For two
-    courses that are too far apart to meet, their reaches suffice.
+    A car that `stops` may stop dead. If the bound is below `enough`, which is at most 0, any value below `enough` is
+    returned. For two courses that are too far apart to meet, their reaches suffice.
     """
     apart = wp.length(wp.vec2(one[0][0] - other[0][0], one[0][1] - other[0][1])) - one[0][2] - other[0][2] - required
     if apart >= 0.0:
