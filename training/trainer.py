@@ -74,8 +74,8 @@ def train(
         began -= curve[-1]["seconds"] if curve else 0.0
         training.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
         while True:
-            steps, every = numbers["steps"], settings.evaluate_every
-            last, done = curve[-1]["steps"] if curve else -every, steps >= settings.steps
+            steps, every, done = numbers["steps"], settings.evaluate_every, numbers["steps"] >= settings.steps
+            last = curve[-1]["steps"] if curve else -every
             if steps // every > last // every or (done and last < steps):
                 network = training.actor.network()
                 results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
@@ -170,10 +170,10 @@ class Training:
         values.append(self._valued()[1])
         advantages = self._advantages(steps, np.stack(values))
         of_actor, of_critic, *others = zip(*transitions, strict=True)
-        perception, truth = ([torch.stack(part) for part in zip(*one, strict=True)] for one in (of_actor, of_critic))
+        perception, critic_inputs = (list(map(torch.stack, zip(*one, strict=True))) for one in (of_actor, of_critic))
         actions, likelihood, acted = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(perception, truth, actions, likelihood, acted, advantages, returns, deviation)
+        return Rollout(perception, critic_inputs, actions, likelihood, acted, advantages, returns, deviation)
 
     def _reward(self, step: StepResult, alone: np.ndarray, nearness: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers.
@@ -226,8 +226,8 @@ class Training:
         count = rollout.acted.shape[1]
         for _ in range(settings.epochs):
             for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
-                acted, truth = rollout.acted[:, chosen], [part[:, chosen] for part in rollout.truth]
-                value = self.critic([rollout.perception[0][:, chosen], *truth])[..., 0]
+                acted, inputs = rollout.acted[:, chosen], [part[:, chosen] for part in rollout.critic_inputs]
+                value = self.critic([rollout.perception[0][:, chosen], *inputs])[..., 0]
                 loss = (0.5 * (value - rollout.returns[:, chosen]).square() * acted).mean()
                 if updates_actor:
                     of_actor, divergence = self._actor_loss(rollout, chosen)

@@ -53,14 +53,14 @@ def rating_of(point: dict[str, float], limit: float) -> float:
     return point["worth"] * min(1.0, (limit + 0.05) / max(point["collisions"], 1e-9))
 
 
-def limit_of(collisions: float | None, rivals: Sequence[dict[str, float]]) -> float:
-    """Return the collisions per episode above which their cost rises: the setting, or a share of those of the rival."""
-    if collisions is None and rivals:
-        return _CAREFUL * mean_of(rivals)["collisions"]
+def limit_of(collisions: float | None, results: Sequence[dict[str, float]]) -> float:
+    """Return the collisions per episode above which their cost rises: the setting, or a share of those of a rival."""
+    if collisions is None and results:
+        return _CAREFUL * mean_of(results)["collisions"]
     return collisions or 0.0
 
 
-def described(means: dict[str, float], rival: str | None = None) -> str:
-    """Return the means of a validation in words, compared with a rival if one is named."""
-    compared = "" if rival is None else f"{means['worth']:.3f} times as good as {rival}, "
+def described(means: dict[str, float], reference: str | None = None) -> str:
+    """Return the means of a validation in words, compared with the reference if it is named."""
+    compared = "" if reference is None else f"{means['worth']:.3f} times as good as {reference}, "
     return f"score {means['score']:.4g}, {compared}{means['collisions']:.2f} collisions"

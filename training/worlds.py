@@ -56,7 +56,7 @@ class Rollout(NamedTuple):
 
     Attributes:
         perception: (T, B, ...) inputs of the actor: `Worlds.perception`.
-        truth: (T, B, ...) inputs of the critic besides the robot's own numbers: tokens and presence.
+        critic_inputs: (T, B, ...) inputs of the critic besides the robot's own numbers: tokens and presence.
         actions: (T, B, A).
         likelihood: (T, B) logarithm of the density of the actions, up to a constant.
         acted: (T, B) 1 where a robot was in its world.
@@ -66,7 +66,7 @@ class Rollout(NamedTuple):
     """
 
     perception: list[Tensor]
-    truth: list[Tensor]
+    critic_inputs: list[Tensor]
     actions: Tensor
     likelihood: Tensor
     acted: Tensor

@@ -156,8 +156,8 @@ def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tm
 def test_a_critic_of_its_own_reads_what_the_robot_perceives(tmp_path):
     # The truth of the critic is the true state, which has more tokens than a robot perceives from what it sees.
     own, central = (Training(small(tmp_path, critic=critic)).collect() for critic in ("own", "central"))
-    assert all(torch.equal(*pair) for pair in zip(own.truth, own.perception[1:], strict=True))
-    assert central.truth[1].sum() > own.truth[1].sum()
+    assert all(torch.equal(*pair) for pair in zip(own.critic_inputs, own.perception[1:], strict=True))
+    assert central.critic_inputs[1].sum() > own.critic_inputs[1].sum()
 
 
 def test_collisions_cost_more_where_there_are_too_many(tmp_path):

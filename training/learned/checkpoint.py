@@ -134,7 +134,7 @@ def read_contents(folder: str | Path) -> dict[str, Any]:
     return contents
 
 
-def digests(folder: str | Path) -> dict[str, str]:
+def fingerprint(folder: str | Path) -> dict[str, str]:
     """Return digests of the card and the weights, which identify a policy in a folder.
 
     Raises:

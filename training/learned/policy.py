@@ -65,7 +65,7 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.digests)
+    LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.fingerprint)
     for name in names():
         contents = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = contents["policy"], contents["settings"]["scenario"]
