@@ -134,7 +134,7 @@ def read_contents(folder: str | Path) -> dict[str, Any]:
     return contents
 
 
-def fingerprint(folder: str | Path) -> dict[str, str]:
+def digests(folder: str | Path) -> dict[str, str]:
     """Return digests of the card and the weights, which identify a policy in a folder.
 
     Raises:
@@ -183,7 +183,7 @@ def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[s
         yield contents, arrays
 
 
-def scenario_of(card: Card) -> Scenario:
+def scenario_of_card(card: Card) -> Scenario:
     """Return the scenario on which a policy was trained, from the values in its folder.
 
     A folder may come from anyone, so no module is imported because of it: the module of an extension must have been

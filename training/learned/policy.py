@@ -30,7 +30,7 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     network, card, _ = checkpoint.read(find(name))
     if not isinstance(network, TeamNetwork):
         raise ValueError(f"policy must drive robots, got {name}, which drives rogues")
-    task = checkpoint.scenario_of(card) if scenario is None else scenario
+    task = checkpoint.scenario_of_card(card) if scenario is None else scenario
     policy = LearnedTeam(network, card, task, num_worlds, device)
     policy.name = str(name)
     return policy
@@ -42,7 +42,7 @@ def own_scenario(name: str | Path) -> Scenario:
     Raises:
         ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
     """
-    return checkpoint.scenario_of(checkpoint.read(find(name))[1])
+    return checkpoint.scenario_of_card(checkpoint.read(find(name))[1])
 
 
 def find(name: str | Path) -> Path:
@@ -65,7 +65,7 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.fingerprint)
+    LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.digests)
     for name in names():
         contents = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = contents["policy"], contents["settings"]["scenario"]
