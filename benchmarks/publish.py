@@ -64,7 +64,7 @@ def _scores_of(network: TeamNetwork, card: Card, made_for: tuple[str, ...]) -> d
     scores = {}
     for played in made_for:
         # The scenario of the training is in its folder and need not be registered.
-        scenario = checkpoint.own_scenario(card) if played == card.scenario else named.scenario(played)
+        scenario = checkpoint.scenario_of_card(card) if played == card.scenario else named.scenario(played)
         rows = evaluate(LearnedTeam(network, card, scenario, len(HELD_OUT)), scenario, HELD_OUT)
         for name in (task_score(scenario).name, COLLISIONS.name):
             mean = summarize([row[name] for row in rows], MEAN)

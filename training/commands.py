@@ -39,16 +39,16 @@ def train(
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
     options = {"against": against, "rounds": rogue_rounds, "starts": rogue_starts}
-    of_rogues: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     # With --json, stdout is reserved for the result.
     console = make_console(stderr=output.json, quiet=output.quiet)
-    if side == "robots" and of_rogues:
-        raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
+    if side == "robots" and given:
+        raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(given)}), got robots")
     try:
         if side == "rogues":
             if against is None:
                 raise ValueError("against must be the policy from which the rogues learn to hide, got none")
-            rogue_training = RogueTraining.from_common(settings, **of_rogues)
+            rogue_training = RogueTraining.from_common(settings, **given)
             trainer = of_extra("training.rogue_trainer", "train", "train")
             history = trainer.train_rogues(rogue_training, console)
         else:

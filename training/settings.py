@@ -14,11 +14,10 @@ import tyro
 from baselines.policies import registry
 from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, ScenarioSpace
-from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
+from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import quietly
-from lissajous_env.parameters.named import scenario_space, space_and_split
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.wording import require
@@ -81,9 +80,9 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     hidden: int = whole(128, 1, 65_536)
     """Size of the hidden layers."""
     rollout: int = whole(25, 2, 1_000_000)
-    """Steps of each world between updates; a minibatch needs two rows for the deviation of its advantages."""
+    """Steps of each world between updates; a minibatch needs two robot steps for the deviation of its advantages."""
     minibatch: int = whole(512, 2, 10**9)
-    """Rows per minibatch."""
+    """Robot steps per minibatch."""
     epochs: int = whole(4, 1, 10_000)
     """Passes over each rollout."""
     learning_rate: float = number(1e-3, 1e-12, 1)
@@ -130,12 +129,12 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
         Raises:
             ValueError: a split of a space is given.
         """
-        if space_and_split(self.scenario) is None:
+        if named.space_and_split(self.scenario) is None:
             return None
         if ":" in self.scenario:
             rule = f"must be the name of a space without a split, because a training uses the split {TRAINING_SPLIT}"
             raise ValueError(f"scenario {rule} and is validated on {VALIDATION_SPLIT}, got {self.scenario}")
-        return scenario_space(self.scenario)
+        return named.scenario_space(self.scenario)
 
     def without_warnings(self) -> AbstractContextManager:
         """Return a context in which scenarios of a space that violate assumptions of the paper are not reported."""
@@ -158,17 +157,17 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
         return {"car": "arc-mpcc", "differential": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
 
     def make_scenario(self) -> Scenario:
-        """Return the scenario or, of a space, the first one of its validations."""
+        """Return the first scenario of the validations: without a space, the only one."""
         return self.make_validation_scenarios()[0]
 
     def make_checkpoint_scenario(self) -> Scenario:
-        """Return the scenario that a checkpoint contains: `make_scenario`, but with all of its grids."""
-        return self.make_scenario() if self.space is not None else make_scenario(self.scenario, **self.overrides)
+        """Return the scenario that a checkpoint contains, without `lean_overrides`; of a space, `make_scenario`."""
+        return self.make_scenario() if self.space is not None else named.scenario(self.scenario, **self.overrides)
 
     def make_validation_scenarios(self) -> list[Scenario]:
         """Return the scenarios of the validations, with `lean_overrides`."""
         if self.space is None:
-            return [make_scenario(self.scenario, **self.lean_overrides)]
+            return [named.scenario(self.scenario, **self.lean_overrides)]
         with self.without_warnings():
             scenarios = self.space.overridden(self.lean_overrides).scenarios(VALIDATION_SPLIT)
             return list(itertools.islice(scenarios, MAX_VALIDATION_SCENARIOS))
@@ -180,7 +179,7 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
         These are the grids that neither the reward nor the targets use and, if the reward is for targets in sight, the
         rewards for first detections, which would outweigh it.
         """
-        base = make_scenario(self.scenario, **self.overrides) if self.space is None else self.space.base
+        base = named.scenario(self.scenario, **self.overrides) if self.space is None else self.space.base
         task, fields = base.task, dict(self.overrides)
         if task.reward_observation > 0:
             fields |= {"task.reward_detection": 0.0, "task.reward_waiting": 0.0}
@@ -232,12 +231,12 @@ class RogueTraining(SharedSettings, part="training"):
 
     def make_scenario(self, rogues: str = AGENTS) -> Scenario:
         """Return the scenario with `starts` rogues per episode that `rogues` controls, and only the necessary grids."""
-        scenario = make_scenario(self.scenario, **self.overrides)
-        needs_grid = scenario.task.conservative
-        scenario = make_scenario(scenario, **{"task.grid": None} | ({} if needs_grid else {"task.contamination": None}))
+        scenario = named.scenario(self.scenario, **self.overrides)
+        grids = {"task.grid": None} | ({} if scenario.task.conservative else {"task.contamination": None})
         first = self.starts // 2
         starts = {"targets.count": first, "targets.arrival_rate": (self.starts - first) / scenario.task.duration}
-        return make_scenario(scenario, rogues=rogues, **starts, **{"targets.speed_limit": scenario.rogue_speed})
+        speed = {"targets.speed_limit": scenario.rogue_speed}
+        return named.scenario(scenario, rogues=rogues, **grids, **starts, **speed)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint."""

@@ -28,15 +28,15 @@ import baselines
 from lissajous_env.console.terminal import make_console, print_line
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.networks import TeamNetwork
-from training.learned.perception import OWN, TOKEN, unread_entries
+from training.learned.networks import ABSENT, TeamNetwork, prefixed, within
+from training.learned.perception import BASE, OWN, TOKEN, unread_entries
 from training.learned.policy import LearnedTeam
 from training.settings import TrainingSettings
 from training.validation import described, limit_of, mean_of, rating_of, validate
 from training.worlds import TRUTH, Rollout, StepResult, Worlds
 
 FIRST_SEED = 1_000_000
-"""Seed of the first world of a training."""
+"""Seed of the first world of a training with seed 0, and difference between the first seeds of two trainings."""
 _WARM_UP = 25
 """Rollouts at the beginning in which only the critic learns, so that its errors do not spoil the base."""
 _NEAR = 0.25
@@ -67,41 +67,42 @@ def train(
     say = partial(print_line, console)
     torch.set_num_threads(settings.threads or 1)
     with checkpoint.locked(settings.out) as folder, settings.without_warnings():
-        state, began, diagnostics = Training(settings), time.monotonic(), {}
+        training, began, diagnostics = Training(settings), time.monotonic(), {}
         card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
-        history = _resume_or_begin(settings, state, card, say)
-        curve, rivals, numbers = history["curve"], history["rivals"], state.numbers
+        history = _resume_or_begin(settings, training, card, say)
+        curve, rivals, numbers = history["curve"], history["rivals"], training.numbers
         began -= curve[-1]["seconds"] if curve else 0.0
-        state.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
+        training.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
         while True:
-            steps, every = numbers["steps"], settings.evaluate_every
-            last, done = curve[-1]["steps"] if curve else -every, steps >= settings.steps
+            steps, every, done = numbers["steps"], settings.evaluate_every, numbers["steps"] >= settings.steps
+            last = curve[-1]["steps"] if curve else -every
             if steps // every > last // every or (done and last < steps):
-                network = state.actor.arrays()
+                network = training.actor.network()
                 results = validate(settings, partial(LearnedTeam, network, card), rivals or history["first"])
                 history["first"], means = history["first"] or results, mean_of(results)
                 point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
                 curve.append(point)
                 say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
-                if history["best"] is None or rating_of(point, state.limit) > rating_of(history["best"], state.limit):
+                limit, best = training.limit, history["best"]
+                if best is None or rating_of(point, limit) > rating_of(best, limit):
                     history["best"] = point
                     checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
-                checkpoint.save(folder, network, card, state=state.save_state(), notes={"training": history})
+                checkpoint.save(folder, network, card, state=training.save_state(), notes={"training": history})
                 log(point)
             if done:
                 say(f"{settings.out / checkpoint.BEST}: {described(history['best'], against)}")
                 return history
-            diagnostics = state.update(state.collect())
+            diagnostics = training.update(training.collect())
 
 
 def _resume_or_begin(
-    settings: TrainingSettings, state: "Training", card: Card, say: Callable[[str], None]
+    settings: TrainingSettings, training: "Training", card: Card, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
         with checkpoint.resuming(settings, card) as (contents, arrays):
-            state.load_state(arrays)
-            say(f"{settings.out} has {state.numbers['steps']:,.0f} of {settings.steps:,} steps")
+            training.load_state(arrays)
+            say(f"{settings.out} has {training.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return contents["training"]
     history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
     if settings.rival is not None:
@@ -109,8 +110,8 @@ def _resume_or_begin(
         say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
     if unread := unread_entries(settings.make_checkpoint_scenario()):
         say(f"warning: the network does not read the entries that {', '.join(unread)} add to the observation")
-    first = _WARM_UP * settings.rollout * state.worlds.count
-    if state.actor.corrects and settings.steps <= first:
+    first = _WARM_UP * settings.rollout * training.worlds.count
+    if training.actor.corrects and settings.steps <= first:
         say(f"warning: only the critic learns in the first {first:,} steps: {settings.steps:,} do not change the rule")
     return history
 
@@ -132,10 +133,10 @@ class Training:
         """`steps` of robots and `rollouts` so far; `penalty`, the factor of the costs of collisions; `variance` of the
         returns over the last `counted` steps, at most 300; `collided`, a team's collisions per episode with the noise
         of exploration, averaged over about 200 steps."""
-        self.limit = settings.collisions or 0.0
+        self.limit = 0.0  # collisions per episode above which their cost rises: `train` replaces it by `limit_of`
         self._returns = np.zeros(self.worlds.count)
         self._noise = torch.randn(self.worlds.count, size)
-        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
+        self._perception, self._truth = self.worlds.perception(), self.worlds.truth()
 
     def schedule(self) -> tuple[float, float]:
         """Return the standard deviation of the actions, whose logarithm changes linearly, and the learning rate."""
@@ -148,43 +149,44 @@ class Training:
         settings, worlds, deviation = self.settings, self.worlds, self.schedule()[0]
         transitions, steps, values = [], [], []
         for _ in range(settings.rollout):
-            rows = [torch.from_numpy(part) for part in self._rows]
+            perception = [torch.from_numpy(part) for part in self._perception]
             with torch.no_grad():
-                mean = self.actor(rows)
+                mean = self.actor(perception)
             fresh = torch.randn_like(mean)
             self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
             action = mean + deviation * self._noise
             likelihood = -0.5 * ((action - mean) / deviation).square().sum(-1)
-            critic_rows, value = self._valued()
+            critic_inputs, value = self._valued()
             values.append(value)
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
-            transitions.append((rows, critic_rows, action, likelihood, torch.from_numpy(step.acted)))
+            transitions.append((perception, critic_inputs, action, likelihood, torch.from_numpy(step.acted)))
             steps.append((self._reward(step, *self._truth[2:]), step))
             worlds.begin(step.over)
             if step.over.any():
                 self._truth = worlds.truth()
-            self._rows = worlds.rows()
+            self._perception = worlds.perception()
             self.numbers["steps"] += float(step.acted.sum())
         values.append(self._valued()[1])
         advantages = self._advantages(steps, np.stack(values))
         of_actor, of_critic, *others = zip(*transitions, strict=True)
-        rows, truth = ([torch.stack(part) for part in zip(*inputs, strict=True)] for inputs in (of_actor, of_critic))
+        perception, critic_inputs = (list(map(torch.stack, zip(*one, strict=True))) for one in (of_actor, of_critic))
         actions, likelihood, acted = (torch.stack(part) for part in others)
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
-        return Rollout(rows, truth, actions, likelihood, acted, advantages, returns, deviation)
+        return Rollout(perception, critic_inputs, actions, likelihood, acted, advantages, returns, deviation)
 
-    def _reward(self, step: StepResult, sightings: np.ndarray, near: np.ndarray) -> np.ndarray:
+    def _reward(self, step: StepResult, alone: np.ndarray, nearness: np.ndarray) -> np.ndarray:
         """Return the rewards (B,) of a step, and update the running numbers.
 
         Args:
             step: Results of the step.
-            sightings: (B,) targets that a robot alone has in sight.
-            near: (B,) nearness to other robots.
+            alone: (B,) number of targets that a robot has in sight and no other robot has.
+            nearness: (B,) nearness to other robots.
         """
         settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
-        own = task.reward_observation * task.step * sightings
-        reward = step.reward + numbers["penalty"] * (step.collided + _NEAR * task.reward_collision * near * step.acted)
+        own = task.reward_observation * task.step * alone
+        cost = step.collided + _NEAR * task.reward_collision * nearness * step.acted
+        reward = step.reward + numbers["penalty"] * cost
         reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
         # Two robots take part in a collision.
         per_team = 0.5 * (step.collided / (task.reward_collision or 1.0)).sum() / len(step.over)
@@ -197,11 +199,11 @@ class Training:
         return reward
 
     def _valued(self) -> tuple[list[Tensor], np.ndarray]:
-        """Return what the critic reads besides the robots' own numbers, tokens and presence, and its values (B,)."""
-        parts = self._truth[:2] if self.settings.critic == "central" else self._rows[1:]
-        own, *critic_rows = [torch.from_numpy(part) for part in (self._rows[0], *parts)]
+        """Return tokens and presence, which the critic reads besides the robots' own numbers, and its values (B,)."""
+        parts = self._truth[:2] if self.settings.critic == "central" else self._perception[1:]
+        own, *critic_inputs = [torch.from_numpy(part) for part in (self._perception[0], *parts)]
         with torch.no_grad():
-            return critic_rows, self.critic([own, *critic_rows])[:, 0].numpy()
+            return critic_inputs, self.critic([own, *critic_inputs])[:, 0].numpy()
 
     def _advantages(self, steps: Sequence[tuple[np.ndarray, StepResult]], values: np.ndarray) -> Tensor:
         """Return generalized advantages (T, B), for rewards divided by the standard deviation of the returns."""
@@ -224,8 +226,8 @@ class Training:
         count = rollout.acted.shape[1]
         for _ in range(settings.epochs):
             for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
-                acted, truth = rollout.acted[:, chosen], [part[:, chosen] for part in rollout.truth]
-                value = self.critic([rollout.rows[0][:, chosen], *truth])[..., 0]
+                acted, inputs = rollout.acted[:, chosen], [part[:, chosen] for part in rollout.critic_inputs]
+                value = self.critic([rollout.perception[0][:, chosen], *inputs])[..., 0]
                 loss = (0.5 * (value - rollout.returns[:, chosen]).square() * acted).mean()
                 if updates_actor:
                     of_actor, divergence = self._actor_loss(rollout, chosen)
@@ -244,10 +246,10 @@ class Training:
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
 
     def _actor_loss(self, rollout: Rollout, chosen: Tensor) -> tuple[Tensor, float]:
-        """Return the loss of the actor on the chosen rows, and its divergence (approximate KL) from the rollout's."""
+        """Return the actor's loss on the chosen robots, and its divergence (approximate KL) from the rollout's."""
         settings = self.settings
-        rows, acted = [part[:, chosen] for part in rollout.rows], rollout.acted[:, chosen]
-        mean = self.actor(rows)
+        perception, acted = [part[:, chosen] for part in rollout.perception], rollout.acted[:, chosen]
+        mean = self.actor(perception)
         likelihood = -0.5 * ((rollout.actions[:, chosen] - mean) / rollout.deviation).square().sum(-1)
         change = likelihood - rollout.likelihood[:, chosen]
         ratio = change.exp()
@@ -257,29 +259,30 @@ class Training:
         gain = torch.min(ratio * advantage, ratio.clamp(1 - settings.clip, 1 + settings.clip) * advantage)
         cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
         if self.actor.corrects:
-            base_action = rows[0][..., -2:][..., : mean.shape[-1]]
+            base_action = perception[0][..., BASE][..., : mean.shape[-1]]
             cost = cost + _RESTRAINT * (mean[..., :2] - base_action).square().sum(-1)
         return ((cost - gain) * acted).mean(), divergence.item()
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy what a resumed training needs, as arrays by name."""
         numbers = {name: np.array([value]) for name, value in self.numbers.items()}
-        arrays = save_state(self.networks, self.optimizer) | checkpoint.prefixed("numbers", numbers)
+        arrays = save_state(self.networks, self.optimizer) | prefixed("numbers", numbers)
         if self.settings.space is None:
-            arrays |= checkpoint.prefixed("worlds", self.worlds.save_state())
+            arrays |= prefixed("worlds", self.worlds.save_state())
             arrays |= {"returns": self._returns, "noise": self._noise.numpy()}
         return arrays
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned: in the same episodes or, of a space, in new ones."""
         load_state(self.networks, self.optimizer, arrays)
-        self.numbers |= {name: float(value[0]) for name, value in checkpoint.within("numbers", arrays).items()}
+        self.numbers |= {name: float(value[0]) for name, value in within("numbers", arrays).items()}
         if self.settings.space is None:
-            self.worlds.load_state(checkpoint.within("worlds", arrays))
+            self.worlds.load_state(within("worlds", arrays))
             self._returns, self._noise = arrays["returns"], torch.from_numpy(arrays["noise"])
         else:
+            # Seeds that no earlier part of the training has begun with.
             self.worlds.restart(FIRST_SEED * (1 + self.settings.seed) + 200_000 + int(self.numbers["rollouts"]))
-        self._rows, self._truth = self.worlds.rows(), self.worlds.truth()
+        self._perception, self._truth = self.worlds.perception(), self.worlds.truth()
 
 
 class TeamModule(nn.Module):
@@ -290,7 +293,7 @@ class TeamModule(nn.Module):
         token: Size of a token.
         outputs: Size of the output.
         heads: Number of attention heads; 0 for the mean of the tokens' features.
-        corrects: Add the action of the base, the last two own numbers, to the outputs, which are zeros at first.
+        corrects: Add the action of the base, the own numbers `BASE`, to the outputs, which are zeros at first.
     """
 
     def __init__(self, settings: TrainingSettings, token: int, outputs: int, heads=0, corrects=False):
@@ -305,24 +308,24 @@ class TeamModule(nn.Module):
         nn.init.zeros_(self.action.bias)
 
     @torch.autocast("cpu", torch.bfloat16)
-    def forward(self, rows: Sequence[Tensor]) -> Tensor:
+    def forward(self, perception: Sequence[Tensor]) -> Tensor:
         """Return the outputs (..., outputs) for own numbers (..., A), tokens (..., K, F), and presence (..., K)."""
-        own, tokens, present = rows
+        own, tokens, present = perception
         own, features = torch.relu(self.own(own)), torch.relu(self.token(tokens))
         if self.query is None:
             pooled = (features * present[..., None]).mean(-2)
         else:
             query, present = self.query(own).unflatten(-1, (-1, features.shape[-1])), present[..., None, :]
-            score = query @ features.mT + (present - 1) * 1e4
+            score = query @ features.mT + (present - 1) * ABSENT
             weight = (torch.softmax(score, -1) * present).to(features.dtype)
             pooled = (weight @ features).flatten(-2)
         hidden = torch.relu(self.trunk(torch.cat([own, pooled], -1)))
         outputs = self.action(torch.relu(self.last(hidden))).float()
         if self.corrects:
-            outputs = outputs + nn.functional.pad(rows[0][..., -2:], (0, outputs.shape[-1] - 2))
+            outputs = outputs + nn.functional.pad(perception[0][..., BASE], (0, outputs.shape[-1] - 2))
         return outputs
 
-    def arrays(self) -> TeamNetwork:
+    def network(self) -> TeamNetwork:
         """Copy the weights into a network that needs no PyTorch."""
         return TeamNetwork({name: tensor.numpy() for name, tensor in self.state_dict().items()})
 
@@ -338,11 +341,9 @@ def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str,
 
 def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict[str, np.ndarray]) -> None:
     """Resume from what `save_state` returned; other names are ignored."""
-    module.load_state_dict(
-        {name: torch.from_numpy(array) for name, array in checkpoint.within("model", arrays).items()}
-    )
+    module.load_state_dict({name: torch.from_numpy(array) for name, array in within("model", arrays).items()})
     state: dict[str, Any] = optimizer.state_dict()
-    for name, array in checkpoint.within("optimizer", arrays).items():
+    for name, array in within("optimizer", arrays).items():
         k, moment = name.split(".")
         state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
     optimizer.load_state_dict(state)

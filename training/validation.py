@@ -16,15 +16,15 @@ _CAREFUL = 0.8
 
 
 def validate(
-    settings: TrainingSettings, make: Callable[[Scenario, int], Any], rival: Sequence[dict[str, float]] | None
+    settings: TrainingSettings, make: Callable[[Scenario, int], Any], reference: Sequence[dict[str, float]] | None
 ) -> list[dict[str, float]]:
     """Return the score, the collisions and the worth of a policy in each scenario of a validation.
 
     Args:
         settings: Settings of the training.
         make: Function that makes the policy for a scenario and a number of worlds.
-        rival: Results, in the same scenarios, of a rival or of the network before the training; the worth is the ratio
-            of the scores, above 1 if the policy is better. Without them, it is 1.
+        reference: Results, in the same scenarios, of a rival or of the network before the training; the worth is the
+            ratio of the scores, above 1 if the policy is better. Without them, it is 1.
     """
     scenarios, results = settings.make_validation_scenarios(), []
     count = max(settings.episodes // len(scenarios), 1)
@@ -35,8 +35,8 @@ def validate(
         # Without any target there is no score.
         known = [row[column.name] for row in rows if np.isfinite(row[column.name])]
         score = float(np.mean(known)) if known else 0.0
-        base = score if rival is None else rival[k]["score"]
-        worth = (max(score, 1e-9) / max(base, 1e-9)) ** column.better
+        compared = score if reference is None else reference[k]["score"]
+        worth = (max(score, 1e-9) / max(compared, 1e-9)) ** column.better
         collisions = float(np.mean([row["collisions"] for row in rows]))
         results.append({"score": score, "collisions": collisions, "worth": worth})
     return results
@@ -49,18 +49,18 @@ def mean_of(results: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def rating_of(point: dict[str, float], limit: float) -> float:
-    """Return the worth of a policy, divided by the ratio of its collisions to the limit if they exceed it."""
+    """Return the worth of a policy, divided by the ratio of its collisions to the limit + 0.05 if that is above 1."""
     return point["worth"] * min(1.0, (limit + 0.05) / max(point["collisions"], 1e-9))
 
 
-def limit_of(collisions: float | None, rivals: Sequence[dict[str, float]]) -> float:
-    """Return the collisions above which their cost rises: the setting, or a share of those of the rival."""
-    if collisions is None and rivals:
-        return _CAREFUL * mean_of(rivals)["collisions"]
+def limit_of(collisions: float | None, results: Sequence[dict[str, float]]) -> float:
+    """Return the collisions per episode above which their cost rises: the setting, or a share of those of a rival."""
+    if collisions is None and results:
+        return _CAREFUL * mean_of(results)["collisions"]
     return collisions or 0.0
 
 
-def described(means: dict[str, float], rival: str | None = None) -> str:
-    """Return the means of a validation in words, compared with a rival if one is named."""
-    compared = "" if rival is None else f"{means['worth']:.3f} times as good as {rival}, "
+def described(means: dict[str, float], reference: str | None = None) -> str:
+    """Return the means of a validation in words, compared with the reference if it is named."""
+    compared = "" if reference is None else f"{means['worth']:.3f} times as good as {reference}, "
     return f"score {means['score']:.4g}, {compared}{means['collisions']:.2f} collisions"

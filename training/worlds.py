@@ -17,8 +17,8 @@ from lissajous_env.envs.sides import padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from lissajous_env.world.targets.motion import DRIFTING, FLEEING, WANDERING
-from training.learned.checkpoint import prefixed, within
-from training.learned.perception import actions_of, axes_of, base_action, columns_of, half_of, perceive, to_walls
+from training.learned.networks import prefixed, within
+from training.learned.perception import FAR, actions_of, axes_of, base_action, columns_of, half_of, perceive, to_walls
 from training.settings import TrainingSettings
 
 TRUTH = (
@@ -30,10 +30,8 @@ to the walls [2 sights]; and of a target the number of other robots that have it
 the nearest other robot as d / (1 + d), 1 if it flees, and its velocity while it drifts or wanders [top speed]."""
 MOST_TARGETS = 16
 """Largest number of targets that the critic reads; it ignores those in later slots."""
-_FAR = 1e4
-"""Distance of a robot that does not exist [sight]."""
 _GOLDEN = 0.618034
-"""Its multiples modulo 1 are spread evenly: the shares of an episode after which the first ones of the worlds end."""
+"""Golden ratio less 1. Its multiples modulo 1, evenly spread, are the shares after which the first episodes end."""
 
 
 class StepResult(NamedTuple):
@@ -57,8 +55,8 @@ class Rollout(NamedTuple):
     """T steps of B robots, as tensors.
 
     Attributes:
-        rows: (T, B, ...) inputs of the actor: `Worlds.rows`.
-        truth: (T, B, ...) inputs of the critic besides the robot's own numbers: tokens and presence.
+        perception: (T, B, ...) inputs of the actor: `Worlds.perception`.
+        critic_inputs: (T, B, ...) inputs of the critic besides the robot's own numbers: tokens and presence.
         actions: (T, B, A).
         likelihood: (T, B) logarithm of the density of the actions, up to a constant.
         acted: (T, B) 1 where a robot was in its world.
@@ -67,8 +65,8 @@ class Rollout(NamedTuple):
         deviation: Standard deviation of the actions.
     """
 
-    rows: list[Tensor]
-    truth: list[Tensor]
+    perception: list[Tensor]
+    critic_inputs: list[Tensor]
     actions: Tensor
     likelihood: Tensor
     acted: Tensor
@@ -87,7 +85,7 @@ class Worlds:
             threads=settings.threads, overrides=settings.lean_overrides,
         )  # fmt: skip
         self.side = self.batch.sides[0]
-        self.count = worlds * self.side.slots
+        self.count = worlds * self.side.slots  # B
         self._base = settings.corrected_base
         self._bases: list[Policy] = []
         """Policies that the network corrects, one for each group; empty without any."""
@@ -102,13 +100,13 @@ class Worlds:
         self.restart(None)
 
     def restart(self, seed: int | None) -> None:
-        """Begin the first episode of all worlds again, with a seed if it is not None."""
+        """Begin a first episode in all worlds, again of different lengths; None leaves the seed as it is."""
         self.batch.seed(seed)
         self.batch.reset()
         self._left, self._bases = self._first.copy(), []
         self._update_base_actions()
 
-    def rows(self) -> list[np.ndarray]:
+    def perception(self) -> list[np.ndarray]:
         """Return the inputs of the actor, as `perceive` does: own numbers (B, A), tokens (B, K, F), presence (B, K)."""
         scenarios = [simulation.scenario for simulation in self.batch.simulations]
         base_actions: Sequence[np.ndarray | None] = self._base_actions or [None] * len(scenarios)
@@ -116,16 +114,16 @@ class Worlds:
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def truth(self) -> list[np.ndarray]:
-        """Return the inputs of the critic, tokens (B, K, F) and presence (B, K), and sightings and nearness (B,).
+        """Return the inputs of the critic, tokens (B, K, F) and presence (B, K), and two numbers (B,).
 
-        They are those of `true_view`.
+        They are those of `true_view`; the two numbers, of which rewards are computed, are not for the critic.
         """
         parts = []
-        for tokens, present, own, near in map(true_view, self.batch.simulations):
+        for tokens, present, *numbers in map(true_view, self.batch.simulations):
             # Scenarios of a space have different numbers of targets and robots.
             more = 0 if self.batch.space is None else MOST_TARGETS + self.side.slots - present.shape[2]
             wider = (0, 0), (0, 0), (0, more)
-            parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), own, near))
+            parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), *numbers))
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def step(self, actions: np.ndarray) -> StepResult:
@@ -144,13 +142,13 @@ class Worlds:
         ended = after.terminated.reshape(-1).astype(np.float32) * acted
         return StepResult(reward, collided.copy(), observed.copy(), acted, ended, batch.over | (self._left <= 0))
 
-    def begin(self, worlds: np.ndarray) -> None:
+    def begin(self, mask: np.ndarray) -> None:
         """Begin episodes in the masked worlds, and compute the actions of the base in all of them."""
-        if worlds.any():
-            self.batch.reset(worlds)
-            self._left[worlds] = self.steps
+        if mask.any():
+            self.batch.reset(mask)
+            self._left[mask] = self.steps
             for group, base in enumerate(self._bases):
-                base.reset(worlds[self.batch.worlds_of(group)])
+                base.reset(mask[self.batch.worlds_of(group)])
         self._update_base_actions()
 
     def _update_base_actions(self) -> None:
@@ -221,10 +219,10 @@ def true_view(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarra
     tokens[:, :, :count, TRUTH.index("other_distance")] = other_distance / (1 + other_distance)
     tokens[:, :, :count, TRUTH.index("flees")] = flees[:, None]
     tokens[:, :, :count, columns_of(TRUTH, "x_velocity", "y_velocity")] = velocity[:, None] * axes[:, :, None]
-    own = (sighted & (observers == 0)).sum(axis=-1).astype(np.float32)
+    alone = (sighted & (observers == 0)).sum(axis=-1).astype(np.float32)
     gap = distance[..., count:] / np.float32(2 * simulation.scenario.robot.radius / sight) - 1
-    near = np.where(others & works[..., None], np.clip(1 - gap, 0, 1), 0).sum(axis=-1)
-    return tokens * present[..., None], present.astype(np.float32), own, near.astype(np.float32)
+    nearness = np.where(others & works[..., None], np.clip(1 - gap, 0, 1), 0).sum(axis=-1)
+    return tokens * present[..., None], present.astype(np.float32), alone, nearness.astype(np.float32)
 
 
 def _true_targets(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -254,7 +252,7 @@ def _sightings(distance: np.ndarray, there: np.ndarray, works: np.ndarray) -> tu
     sighted = (distance < 1) & there[:, None] & works[..., None]
     observers = sighted.sum(axis=1, keepdims=True) - sighted
     measured = np.where(works[..., None], distance, np.inf)
-    nearest = np.sort(np.pad(measured, ((0, 0), (0, 1), (0, 0)), constant_values=_FAR), axis=1)[:, :2]
+    nearest = np.sort(np.pad(measured, ((0, 0), (0, 1), (0, 0)), constant_values=FAR), axis=1)[:, :2]
     # The nearest other robot of the nearest one is the second.
     other = np.where(measured <= nearest[:, :1], nearest[:, 1:], nearest[:, :1])
-    return sighted, observers, np.minimum(other, np.float32(_FAR))
+    return sighted, observers, np.minimum(other, FAR)

@@ -20,7 +20,7 @@ _FARTHEST = 1e6
 _OUTLINED = 13
 """Height of the font of outlined text [px of the picture]."""
 _LONGEST = 80
-"""Letters of which words are written, at most."""
+"""Largest number of characters of a text."""
 
 
 @dataclass(frozen=True)

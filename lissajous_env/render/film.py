@@ -20,9 +20,9 @@ from lissajous_env.wording import require
 FILMS = ".gif", ".mp4"
 """Suffixes of films."""
 LONGEST = 655.35
-"""Longest duration of a picture in a GIF [s]; also used for films."""
+"""Longest duration of a picture in a GIF [s]; also the limit for an MP4."""
 DENSEST = 50.0
-"""Limit on the pictures per second of a GIF or a film [1/s]."""
+"""Limit on the pictures per second of a film [1/s]."""
 FASTEST = 30.0
 """Pictures per second in a window [1/s]."""
 _SHARES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.15)
@@ -62,7 +62,7 @@ def save_film(
 
     Raises:
         ValueError: the suffix is unknown, fps or speed are not positive, or a picture would last more than 655.35 s.
-        MissingExtraError: a film without the extra `video`.
+        MissingExtraError: an .mp4 without the extra `video`.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in FILMS:

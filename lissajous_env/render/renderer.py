@@ -16,8 +16,8 @@ from lissajous_env.render.team import Team
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import WORKING
 
-_LONGEST_TRAIL = 60
-"""Limit on the moments of a trail."""
+_TRAIL_MOMENTS = 60
+"""Largest number of moments of a trail."""
 
 
 class Renderer:
@@ -92,7 +92,7 @@ class Renderer:
             past.popleft()
         now = snapshot.step, snapshot.position[:, :2]
         trail = [*past, now]
-        if not past or snapshot.step - past[-1][0] >= longest / _LONGEST_TRAIL:
+        if not past or snapshot.step - past[-1][0] >= longest / _TRAIL_MOMENTS:
             past.append(now)
         return np.array([step for step, _ in trail]), np.stack([place for _, place in trail])
 
@@ -100,7 +100,7 @@ class Renderer:
 class Window:
     """A window of a given size [px], the only user of the display. After the user closes it, `show` does nothing.
 
-    What else in the process closes it, as another environment that ends pygame, does not count: it is opened again.
+    If other code in the process closes it, such as an environment that quits pygame, it is opened again.
 
     Raises:
         OSError: there is no display to open a window on.

@@ -32,12 +32,12 @@ class Targets:
         apart = math.sqrt(rectangle.width * rectangle.height / max(usual, 1.0)) / FINE
         self.radius = float(np.clip(0.2 * apart, 1.35, 4.0))
         """Radius of a dot [px]."""
-        self._flash = flash_time(scenario) / scenario.task.step
+        self._flash_steps = flash_time(scenario) / scenario.task.step
 
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
-        """Draw the targets that are there, and the detections of late."""
+        """Draw the targets that are present, and recent detections."""
         scenario, places, detected = self.scenario, self.view.fine(snapshot.target_position), snapshot.detected
-        age = (snapshot.step - snapshot.found_at) / self._flash
+        age = (snapshot.step - snapshot.found_at) / self._flash_steps
         recent = np.flatnonzero(detected & (age < 1))
         shade = np.floor(SHADES * age[recent] + 1e-6) / SHADES
         for level in np.unique(shade):
@@ -45,12 +45,12 @@ class Targets:
         stays = not scenario.targets.leave
         present = snapshot.present | (detected & stays)
         seen = snapshot.in_sight(scenario.sight) if has_sightings(scenario) else present
-        flees = snapshot.motion == FLEEING
+        fleeing = snapshot.motion == FLEEING
         colours = (palette.TARGET, palette.DETECTED) if stays else (palette.UNSEEN, palette.TARGET)
         for is_seen, colour in enumerate(colours):
-            for has_core in (False, True):
-                chosen = present & (seen == is_seen) & (flees == has_core)
-                draw_dots(surface, places[chosen], FINE * self.radius, has_core, colour)
+            for flees in (False, True):
+                chosen = present & (seen == is_seen) & (fleeing == flees)
+                draw_dots(surface, places[chosen], FINE * self.radius, flees, colour)
 
 
 def has_sightings(scenario: Scenario) -> bool:

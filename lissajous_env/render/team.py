@@ -113,7 +113,7 @@ def drawn_ring(scenario: Scenario) -> tuple[int, ...]:
 def trail_time(scenario: Scenario) -> float:
     """Return the time in which a robot at nominal speed covers 0.55 of the rectangle's shorter side [s].
 
-    That is how long a trail is; those of many robots are a fifth of it.
+    A trail in a picture lasts as long, that of many robots a fifth of it, and that in a replay page twice as long.
     """
     lap = np.linspace(0, 2 * np.pi, 512)
     speed = scenario.formation.phase_rate * closed_forms.curve_speed(scenario.driven, lap).mean()

@@ -230,8 +230,8 @@ def _contacts(contact: np.ndarray, every: int) -> list[list[int]]:
     apart = np.diff(order, axis=0, prepend=-2)
     begins = np.flatnonzero((apart[:, 0] != 1) | apart[:, 1:].any(axis=1))
     ends = np.append(begins[1:], len(order))[: len(begins)] - 1
-    touches = np.stack([order[begins, 1], order[begins, 2], order[begins, 0] // every, order[ends, 0] // every], axis=1)
-    return touches[np.argsort(touches[:, 2], kind="stable")][:MOST_CONTACTS].tolist()
+    spans = np.stack([order[begins, 1], order[begins, 2], order[begins, 0] // every, order[ends, 0] // every], axis=1)
+    return spans[np.argsort(spans[:, 2], kind="stable")][:MOST_CONTACTS].tolist()
 
 
 def _plain(value: Any) -> Any:

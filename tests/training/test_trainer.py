@@ -99,7 +99,7 @@ def test_ppo_learns_a_problem_of_one_step(tmp_path):
         state.actor.action.bias.fill_(0.8)
     for _ in range(30):
         state.update(state.collect())
-    rows = [torch.from_numpy(part) for part in state.worlds.rows()]
+    rows = [torch.from_numpy(part) for part in state.worlds.perception()]
     assert state.actor(rows).abs().max() < 0.15
 
 
@@ -148,7 +148,7 @@ def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tm
     state = Training(small(tmp_path, base="none"))
     before = state.actor.action.weight.detach().clone()
     rollout = state.collect()
-    assert not rollout.rows[0][..., -2:].any()
+    assert not rollout.perception[0][..., -2:].any()
     state.update(rollout)
     assert (state.actor.action.weight != before).any()
 
@@ -156,8 +156,8 @@ def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tm
 def test_a_critic_of_its_own_reads_what_the_robot_perceives(tmp_path):
     # The truth of the critic is the true state, which has more tokens than a robot perceives from what it sees.
     own, central = (Training(small(tmp_path, critic=critic)).collect() for critic in ("own", "central"))
-    assert all(torch.equal(*pair) for pair in zip(own.truth, own.rows[1:], strict=True))
-    assert central.truth[1].sum() > own.truth[1].sum()
+    assert all(torch.equal(*pair) for pair in zip(own.critic_inputs, own.perception[1:], strict=True))
+    assert central.critic_inputs[1].sum() > own.critic_inputs[1].sum()
 
 
 def test_collisions_cost_more_where_there_are_too_many(tmp_path):
@@ -235,7 +235,7 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
             wanted = TeamModule.forward.__wrapped__(module, rows)
             module.corrects = True
             added = TeamModule.forward.__wrapped__(module, rows)
-        assert module.arrays()(seen) == pytest.approx(wanted.numpy(), abs=1e-5)
+        assert module.network()(seen) == pytest.approx(wanted.numpy(), abs=1e-5)
         assert (added - wanted).numpy() == pytest.approx(seen.own[..., -2:], abs=1e-5)
 
 
@@ -313,4 +313,4 @@ def test_a_base_begins_anew_with_its_world(tmp_path):
     fresh = baselines.make("greedy-herd", simulation.scenario, 2)
     observation = simulation.observation.numpy()
     wish = base_action(fresh, observation) * axes_of(observation, simulation.scenario)
-    assert (worlds.rows()[0][:5, -2:] == wish[0]).all()
+    assert (worlds.perception()[0][:5, -2:] == wish[0]).all()

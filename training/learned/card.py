@@ -9,7 +9,7 @@ from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.wording import require
 
-_NAMES = "scenario", "kind", "inputs", "action_size", "base"
+_STORED = "scenario", "kind", "inputs", "action_size", "base"
 """Fields that are stored under `policy` in `checkpoint.json`."""
 
 
@@ -64,14 +64,14 @@ class Card:
             KeyError: an entry is missing.
             ValueError: an entry is invalid.
         """
-        values: dict[str, Any] = {name: policy[name] for name in _NAMES}
+        values: dict[str, Any] = {name: policy[name] for name in _STORED}
         if isinstance(values["inputs"], list):
             values["inputs"] = tuple(values["inputs"])
         return cls(**values, settings=settings, scenario_fields=fields)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values of the fields that are stored under `policy`."""
-        return {name: getattr(self, name) for name in _NAMES}
+        return {name: getattr(self, name) for name in _STORED}
 
     def check(self, scenario: Scenario) -> None:
         """Check that the policy can play a scenario; one without messages also plays a scenario with messages.

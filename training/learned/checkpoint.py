@@ -22,7 +22,7 @@ from safetensors.numpy import save as to_safetensors
 from lissajous_env import Scenario
 from lissajous_env.identity import versions
 from lissajous_env.parameters.extensions import Extension, load_extension
-from lissajous_env.parameters.rogues import CHECKPOINT
+from lissajous_env.parameters.rogues import CHECKPOINT as FILE
 from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import read_bytes, read_json, undamaged
 from lissajous_env.storage.folder import Folder
@@ -30,7 +30,6 @@ from lissajous_env.wording import require
 from training.learned.card import Card
 from training.learned.networks import RogueNetwork, TeamNetwork
 
-FILE = CHECKPOINT
 BEST = "best/"
 """Folder of the checkpoint of the best policy, inside that of the training."""
 FORMAT = 1
@@ -159,14 +158,14 @@ def read_state(folder: str | Path, contents: Mapping[str, Any]) -> dict[str, np.
 
 @contextlib.contextmanager
 def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
-    """Yield the contents of `checkpoint.json` and the arrays from which a training resumes, which are loaded within.
+    """Yield the contents of `checkpoint.json` and the arrays from which the caller resumes a training in its block.
 
     Args:
         settings: Settings of the training, with its folder `out`; those that `may_change` names may differ.
         card: Card of its policy, with its settings and scenario.
 
     Raises:
-        ValueError: the settings or the scenario differ, with all differences; or the state cannot be loaded.
+        ValueError: the settings or the scenario differ, with all differences; or the block raises an error.
     """
     folder, (_, stored, contents) = settings.out, read(settings.out)
     differences = [
@@ -184,18 +183,7 @@ def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[s
         yield contents, arrays
 
 
-def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return arrays with the name of their set before their own names."""
-    return {f"{part}.{name}": array for name, array in arrays.items()}
-
-
-def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the arrays of one set, without the name of the set."""
-    start = f"{part}."
-    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
-
-
-def own_scenario(card: Card) -> Scenario:
+def scenario_of_card(card: Card) -> Scenario:
     """Return the scenario on which a policy was trained, from the values in its folder.
 
     A folder may come from anyone, so no module is imported because of it: the module of an extension must have been
@@ -224,11 +212,11 @@ def _brought(entry: Any, card: Card) -> Extension:
 
 
 def _check_files(files: Mapping[str, Any]) -> None:
-    names = {"weights"} <= set(files) <= {"weights", "state"}
-    require(names, "files", "must name weights, and no others but state", files)
+    fits = {"weights"} <= set(files) <= {"weights", "state"}
+    require(fits, "files", "must name weights, and no others but state", files)
     for stem, entry in files.items():
-        holds = isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("name", "sha256"))
-        require(holds, stem, "must have a name and a SHA-256", entry)
+        fits = isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("name", "sha256"))
+        require(fits, stem, "must have a name and a SHA-256", entry)
         name, digest = entry["name"], entry["sha256"]
         require(re.fullmatch(stem + _NAME, name), f"name of {stem}", f"must be {stem}-HASH.safetensors", name)
         require(re.fullmatch("[0-9a-f]{64}", digest), f"SHA-256 of {stem}", "must be 64 hexadecimal digits", digest)

@@ -11,7 +11,7 @@ import numpy as np
 from lissajous_env.wording import few_of, require
 from training.learned.perception import OWN, TOKEN, Perception
 
-_ABSENT = 1e4
+ABSENT = 1e4
 """Number that is subtracted from the score of an absent token."""
 
 
@@ -51,7 +51,7 @@ class Network:
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Return the arrays by name, as stored in a checkpoint."""
-        return {f"{self.prefix}.{name}": array for name, array in self.arrays.items()}
+        return prefixed(self.prefix, self.arrays)
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, Any]) -> Self:
@@ -60,8 +60,7 @@ class Network:
         Raises:
             ValueError: the arrays do not fit together.
         """
-        start = f"{cls.prefix}."
-        return cls({name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)})
+        return cls(within(cls.prefix, arrays))
 
 
 class RogueNetwork(Network):
@@ -130,7 +129,7 @@ class TeamNetwork(Network):
         features = features.reshape(worlds, robots, count, -1)
         if "query.weight" in self.arrays:
             query = self._layer("query", own).reshape(worlds, robots, -1, features.shape[-1])
-            score = query @ features.swapaxes(2, 3) + (seen.present[:, :, None] - 1) * np.float32(_ABSENT)
+            score = query @ features.swapaxes(2, 3) + (seen.present[:, :, None] - 1) * np.float32(ABSENT)
             weight = np.exp(score - score.max(axis=-1, keepdims=True))
             weight = weight / weight.sum(axis=-1, keepdims=True) * seen.present[:, :, None]
             pooled = (weight @ features).reshape(worlds, robots, -1)
@@ -138,6 +137,17 @@ class TeamNetwork(Network):
             pooled = (features * seen.present[..., None]).mean(axis=2)
         hidden = np.maximum(self._layer("trunk", np.concatenate([own, pooled], axis=-1)), 0)
         return self._layer("action", np.maximum(self._layer("last", hidden), 0))
+
+
+def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return arrays with the name of their set before their own names."""
+    return {f"{part}.{name}": array for name, array in arrays.items()}
+
+
+def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays of one set, without the name of the set."""
+    start = f"{part}."
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
 def _numbers(name: str, array: Any) -> np.ndarray:

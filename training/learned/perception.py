@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.base import Policy
-from baselines.policies.own_row import Rows
+from baselines.policies.own_row import COS_HEADING, COS_PHASE, SIN_HEADING, SIN_PHASE, SPEED, WORKS, Rows
 from baselines.policies.reacting import Reacting, away_from_others
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
@@ -55,9 +55,11 @@ def columns_of(names: Sequence[str], first: str, last: str) -> slice:
     return slice(names.index(first), names.index(last) + 1)
 
 
+BASE = columns_of(OWN, "first_base", "second_base")
+"""Columns of the base's action among the numbers `OWN`."""
 _DIRECTION, _VELOCITY = columns_of(TOKEN, "x", "y"), columns_of(TOKEN, "x_velocity", "y_velocity")
-_FAR = np.float32(1e4)
-"""Distance of a teammate that does not exist [sight]."""
+FAR = np.float32(1e4)
+"""Distance of a robot that does not exist [sight]."""
 _REST = np.float32(0.25)
 """Speed below which a car rests [top speed]."""
 _MEMORY = 1.875
@@ -118,11 +120,10 @@ def perceive(observation: np.ndarray, scenario: Scenario, of_base: np.ndarray | 
     axes = axes_of(observation, scenario)
     here = observation[..., :2] * half * axes
     signs, none, parts = {"x": axes[..., :1], "y": axes[..., 1:]}, np.ones_like(axes[..., :1]), {}
-    for start, kinds in (
+    for first, kinds in (
         (len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES), {"robot": ROBOT_ENTRIES, "target": TARGET_ENTRIES}),
         (track_start(scenario), {"track": TRACK_ENTRIES, "teammate": TEAMMATE_ENTRIES}),
     ):
-        first = start
         for kind, entries in kinds.items():
             count, size = getattr(sensing, f"{kind}s_seen"), len(entries)
             part = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
@@ -154,19 +155,18 @@ def perceive(observation: np.ndarray, scenario: Scenario, of_base: np.ndarray | 
         token[..., columns_of(TOKEN, "right", "lower")] = to_walls(here[:, :, None] + offset, half, 2)
         token *= part[..., :1] > 0.5
     own = np.zeros((*here.shape[:2], len(OWN)), np.float32)
-    own[..., columns_of(OWN, "cos_heading", "works")] = observation[..., [2, 3, 4, 7]]
+    own[..., columns_of(OWN, "cos_heading", "works")] = observation[..., [COS_HEADING, SIN_HEADING, SPEED, WORKS]]
     own[..., columns_of(OWN, "cos_heading", "sin_heading")] *= axes
     own[..., columns_of(OWN, "right", "lower")] = to_walls(here, half, 4)
     own[..., columns_of(OWN, "width", "height")] = half / 8
     own[..., OWN.index("team")] = scenario.num_robots / 8
     own[..., OWN.index("pace")] = top * scenario.task.step / sight
     if scenario.task.action != "velocity":
-        own[..., columns_of(OWN, "cos_phase", "sin_phase")] = observation[..., 5:7]
+        own[..., columns_of(OWN, "cos_phase", "sin_phase")] = observation[..., [COS_PHASE, SIN_PHASE]]
         links = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES)]
         own[..., OWN.index("pace") + 1 : OWN.index("first_base")] = links
     if of_base is not None:
-        first, count = OWN.index("first_base"), of_base.shape[-1]
-        own[..., first : first + count] = of_base[..., :2] * axes[..., :count]
+        own[..., BASE][..., : of_base.shape[-1]] = of_base[..., :2] * axes[..., : of_base.shape[-1]]
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
 
 
@@ -197,9 +197,9 @@ def _fill_track_tokens(
     here = here[:, :, None]
     offset = np.clip(here + offset + token[..., _VELOCITY] * age[..., None], -half, half) - here
     there = part[..., 0] > 0.5
-    mates = np.where(teammates[..., :1] > 0.5, teammates[..., 1:3] * (2 * half), _FAR)
+    mates = np.where(teammates[..., :1] > 0.5, teammates[..., 1:3] * (2 * half), FAR)
     to_mates = _length(offset[:, :, :, None] - mates[:, :, None])
-    nearest = to_mates.min(axis=-1, initial=_FAR)
+    nearest = to_mates.min(axis=-1, initial=FAR)
     token[..., TOKEN.index("mate_distance")] = nearest / (1 + nearest)
     closer_mates = (to_mates < _length(offset)[..., None]).sum(axis=-1)
     token[..., TOKEN.index("closer_mates")] = closer_mates / np.float32(4)

@@ -15,7 +15,7 @@ from lissajous_env.wording import few_of, nearest
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import TeamNetwork
-from training.learned.perception import actions_of, base_action, perceive
+from training.learned.perception import BASE, actions_of, base_action, perceive
 
 _SHIPPED = Path(__file__).parent.parent / "policies"
 """Folder of the included policies."""
@@ -30,7 +30,7 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     network, card, _ = checkpoint.read(find(name))
     if not isinstance(network, TeamNetwork):
         raise ValueError(f"policy must drive robots, got {name}, which drives rogues")
-    task = checkpoint.own_scenario(card) if scenario is None else scenario
+    task = checkpoint.scenario_of_card(card) if scenario is None else scenario
     policy = LearnedTeam(network, card, task, num_worlds, device)
     policy.name = str(name)
     return policy
@@ -42,7 +42,7 @@ def own_scenario(name: str | Path) -> Scenario:
     Raises:
         ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
     """
-    return checkpoint.own_scenario(checkpoint.read(find(name))[1])
+    return checkpoint.scenario_of_card(checkpoint.read(find(name))[1])
 
 
 def find(name: str | Path) -> Path:
@@ -56,7 +56,7 @@ def find(name: str | Path) -> Path:
         return shipped
     if (Path(name) / checkpoint.FILE).is_file():
         return Path(name)
-    rule = f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder with {checkpoint.FILE}"
+    rule = f"policy must be one of {few_of(names(), name)}, or a folder with {checkpoint.FILE}"
     raise ValueError(f"{rule}, got {str(name)!r}{nearest(name, names())}")
 
 
@@ -68,7 +68,7 @@ def register_shipped() -> None:
     LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.digests)
     for name in names():
         contents = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
-        policy, scenario = contents["policy"], contents["settings"].get("scenario", contents["policy"]["scenario"])
+        policy, scenario = contents["policy"], contents["settings"]["scenario"]
         about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
         baselines.register(name, policy["kind"], partial(load, name), tuple(contents["made_for"]), about, "network")
 
@@ -107,7 +107,7 @@ class LearnedTeam(Policy):
         seen = perceive(observation, self.scenario, of_base)
         outputs = self.network(seen)
         if of_base is not None:
-            outputs[..., :2] += seen.own[..., -2:][..., : outputs.shape[-1]]
+            outputs[..., :2] += seen.own[..., BASE][..., : outputs.shape[-1]]
         action = np.zeros(self.action.shape, np.float32)
         action[..., : outputs.shape[-1]] = actions_of(outputs, observation, self.scenario)
         return action

@@ -34,7 +34,8 @@ def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
     network, card, _ = checkpoint.read(folder)
     if card.kind != KIND or not isinstance(network, RogueNetwork):
         raise ValueError(f"rogues must be the folder of a rogue, got {folder}, which drives robots of kind {card.kind}")
-    names = [entry for entry, *_ in rogue_entries(len(card.inputs))][: len(card.inputs)]
+    entries = rogue_entries(num_robots=len(card.inputs))  # more robots than the row has
+    names = [entry for entry, *_ in entries[: len(card.inputs)]]
     if wrong := [entry for entry, wanted in zip(card.inputs, names, strict=True) if entry != wanted]:
         raise ValueError(f"inputs of {folder} must be the entries of a rogue's row in their order, got {wrong[0]}")
     return as_rogue(name or str(folder), network, card)

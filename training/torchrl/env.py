@@ -33,7 +33,7 @@ from lissajous_env.envs.batch import Batch
 from lissajous_env.world import columns
 from lissajous_env.world.selection import drawn_seeds
 
-GROUP = "robot"
+ROBOTS = "robot"
 
 SCORES = tuple(column.name for column in (
     columns.DETECTED, columns.DETECTION_TIME, columns.WITHIN_BOUND, columns.COLLISIONS, columns.SEPARATION,
@@ -128,7 +128,7 @@ class LissajousTorchEnv(EnvBase):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        if mask is None and tensordict is not None and (GROUP, "_reset") in tensordict.keys(True):
+        if mask is None and tensordict is not None and (ROBOTS, "_reset") in tensordict.keys(True):
             raise ValueError(f"_reset must be a mask of worlds of shape {(*self.batch_size, 1)}, got one of robots")
         with self._on_torch_stream():
             self.batch.reset(None if mask is None else mask.reshape(-1).cpu().numpy())

@@ -18,7 +18,7 @@ from baselines.policies.base import Policy
 from lissajous_env import Scenario
 from lissajous_env.envs.sides import action_table
 from lissajous_env.wording import require
-from training.torchrl.env import GROUP
+from training.torchrl.env import ROBOTS
 
 
 class ModulePolicy(Policy):
@@ -55,8 +55,8 @@ class ModulePolicy(Policy):
         with self._on_torch_stream(wp.to_torch(observation)), torch.no_grad(), set_exploration_type(self._exploration):
             # A copy, because the module may store it, and the next step overwrites the array.
             rows = TensorDict({"observation": wp.to_torch(observation).clone()}, self.shape)
-            outputs: Any = self.module(TensorDict({GROUP: rows}, self.shape[:1], device=self._torch_device))
-            action = outputs[GROUP, "action"]
+            outputs: Any = self.module(TensorDict({ROBOTS: rows}, self.shape[:1], device=self._torch_device))
+            action = outputs[ROBOTS, "action"]
             if not action.is_floating_point() and tuple(action.shape) == self.shape:
                 action = self._table[action]
             if tuple(action.shape) != self.action.shape:

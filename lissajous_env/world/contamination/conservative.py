@@ -1,18 +1,18 @@
 """Contamination with bounds for `task.conservative`: no target stays undetected for longer than it reports.
 
-A label L[n, c] is a lower bound: every target that is somewhere in cell c at the end of step n, and that no working
-robot has sensed until then, was introduced at the end of step L[n, c] or later. The proof is by induction over steps.
-A target moves in any way at no more than the speed limit v, and D(c, c') is the least distance of two cells.
+A tick is P steps. A label L[n, c] is a lower bound: every target that is somewhere in cell c at the end of tick n, and
+that no working robot has sensed until then, was introduced at the end of step L[n, c] or later. The proof is by
+induction over steps. A target moves in any way at no more than the speed limit v, and D(c, c') is the least distance of
+two cells.
 
 * At the start, cells in which targets are introduced have label 0, and targets that are present came at step 0.
-* A tick is P steps. A target that is in c' at the end of tick n, and was there k ticks ago, was in a cell c with D(c,
-  c') <= k P v dt. It was undetected at that time, so L[n - k, c] applies to it. So for each k, the least L[n - k, c] of
-  these cells is a bound, and so is the largest of these bounds.
+* A target that is in c' at the end of tick n, and was present k ticks ago, was in a cell c with D(c, c') <= k P v dt.
+  It was undetected at that time, so L[n - k, c] applies to it. So for each k, the least L[n - k, c] of these cells is a
+  bound, and so is the largest of these bounds.
 * A target that came since then was introduced in a cell where targets are introduced, at most k P v dt away. A
   target that is introduced in tick n - k is treated as present since that tick. This is safe: the bound covers every
-  place that it can reach.
-  Targets that came later came at the end of step (n - k + 1) P - 1 or later, which enters the bound of the lag k of
-  cells that are so near.
+  place that it can reach. Targets that came later came at the end of step (n - k + 1) P - 1 or later, which enters the
+  bound of the lag k of cells that are so near.
 * In the steps s = 1 ... P - 1 between two ticks, labels stay with the cell in which a target was in the tick before. It
   is within s v dt of that cell. If a disc covers the cell and a margin of that width, the target has been sensed, and
   the label is deleted; for s = 0, the disc must cover the cell. A target that comes between two ticks counts, as above,
@@ -145,17 +145,17 @@ def bound_labels(w, row, curve, target, hops, reach, clock, robots, contaminatio
     """Bound the label of each cell, and clear the cells that a disc covers entirely."""
     now = clock.step[w]
     tick = now / hops.period
-    since = now % hops.period
+    steps_since = now % hops.period  # the tick
     slot = tick % hops.history_length
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
-        if now > 0 and since == 0:
+        if now > 0 and steps_since == 0:
             label = bound_of_cell(w, tick, row, column, rows, target, hops, reach, contamination)
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
         elif now > 0 and target.arrival_rate > 0.0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * PER_STEP)
-    clear_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)
+    clear_covered(w, slot, row, rows, float(steps_since) * reach.moved, curve, hops, robots, contamination)
     oldest = int(NEVER)
     ages = wp.int64(0)
     for column in range(hops.columns):

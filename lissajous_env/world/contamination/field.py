@@ -7,11 +7,11 @@ graph" (Theory and Applications of Graphs, 1978); L. J. Guibas, J.-C. Latombe, S
 visibility-based pursuit-evasion problem" (Int. J. Computational Geometry & Applications 9, 1999). t - min e is the time
 for which a target can have stayed undetected.
 
-A label is e in control steps times 256, plus the moment at which the target arrived, as a share of the tick.
-Of two labels, the smaller one is that of the older target or, at the same age, of the earlier arrival. The labels of
-the latest ticks are stored for each cell, because a target that hops now (`lissajous_env.parameters.spreading`) arrived
-some ticks ago in the cell from which it hops. All labels of a cell that is sensed are deleted: during a hop, a target
-counts as being in the cell from which it hops.
+A label is e in control steps times 256, plus the moment at which the target arrived, as a share of the tick, of which a
+step has `Hops.ticks`, or which has `Hops.period` steps. Of two labels, the smaller one is that of the older target or,
+at the same age, of the earlier arrival. The labels of the latest ticks are stored for each cell, because a target that
+hops now (`lissajous_env.parameters.spreading`) arrived some ticks ago in the cell from which it hops. All labels of a
+cell that is sensed are deleted: during a hop, a target counts as being in the cell from which it hops.
 """
 
 import warp as wp
@@ -119,7 +119,7 @@ def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
     ),
 )
 def update_undetected_time(w, target, task, hops, clock, robots, tally, contamination):
-    """Compute the worst-case undetected time t - min e, its largest value in the episode and its mean over cells."""
+    """Compute the worst-case undetected time t - min e [step], its largest value so far and its mean over cells."""
     now = clock.step[w]
     oldest = int(NEVER)
     ages = wp.int64(0)

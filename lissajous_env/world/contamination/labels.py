@@ -146,7 +146,7 @@ def clear_sensed(
     swept: wp.array3d(dtype=wp.uint64),
     labelled: wp.array4d(dtype=wp.uint32),
 ):
-    """Clear the cells of a row that were sensed in the tick before, except their labels in the slot `latest`."""
+    """Clear the cells of a row that were sensed in the tick before, except in the slot `latest`, and their marks."""
 
 
 _ONES = 0x01010101
@@ -234,12 +234,12 @@ _LABEL_CELLS = f"""
                     const int* latest = from + now.hop_slots[length] * slot_stride;
                     const int* before = from + now.earlier_hop_slots[length] * slot_stride;
                     for (int l = 0; l < lanes; ++l) {{
-                        const int first = before[l], second = latest[l], came = first & shares;
-                        const int early = first - came + (came + missing > 0 ? came + missing : 0);
-                        const int is_on = (second & shares) + share <= shares ? -(int)(has >> l & 1) : 0;
+                        const int older = before[l], newer = latest[l], came = older & shares;
+                        const int early = older - came + (came + missing > 0 ? came + missing : 0);
+                        const int is_on = (newer & shares) + share <= shares ? -(int)(has >> l & 1) : 0;
                         const int was_on = -(int)(had >> l & 1);
                         const int one = (early & was_on) | (none & ~was_on);
-                        const int other = ((second + share) & is_on) | (none & ~is_on);
+                        const int other = ((newer + share) & is_on) | (none & ~is_on);
                         const int best = one < other ? one : other;
                         hopped[l] = best < hopped[l] ? best : hopped[l];
                     }}
@@ -263,8 +263,8 @@ _LABEL_CELLS = f"""
             here[now.slot * slot_stride + l] = label[l];
     }}
     const unsigned int differs = (cells ^ same) | ~unseen | settles, more = now.label_mask == -1 ? 0 : {_ONES};
-    const unsigned int counts = (settled & settles) | ((settled + more) & {_empty_groups("differs")});
-    return wp::vec_t<4, int>(oldest, ages, contaminated, counts);
+    const unsigned int after = (settled & settles) | ((settled + more) & {_empty_groups("differs")});
+    return wp::vec_t<4, int>(oldest, ages, contaminated, after);
 """
 
 

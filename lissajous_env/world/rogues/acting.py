@@ -1,7 +1,7 @@
 """Motion, reward and observation of rogues, for actions of agents, networks and scripts.
 
 The observation has one row of float32 per target slot: `OWN_ENTRIES`, `WALL_ENTRIES`, then `ROBOT_ENTRIES` for each
-robot that was not removed, or that is within `targets.sight`, the nearest first, and zeros.
+robot that was not removed and is within `targets.sight`, if that is not 0, the nearest first, and zeros.
 `rogue_layout` has index, name, range and meaning of each entry; `print(rogue_layout(scenario))` shows them.
 
 A row is zero before its target appears and after the step in which it is detected. Directions are in the world frame,

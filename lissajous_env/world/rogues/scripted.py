@@ -110,7 +110,7 @@ def gap_at(w, t, offset: wp.vec2, after: float, curve, sensing, speed_unit, rogu
 
 @part
 def least_gap(w, t, ahead: wp.vec2, curve, sensing, target, speed_unit, rogues) -> float:
-    """Return the smallest distance to a disc [m] on a straight path of half a sensing radius, or, for 0, of a wait."""
+    """Return the smallest distance to a disc [m] on a straight path of half a sensing radius; `ahead` = 0 is a wait."""
     here = own_place(w, t, curve, rogues)
     gap = float(wp.inf)
     for k in range(1, _MOMENTS + 1):
@@ -135,7 +135,7 @@ def follow_gap(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> w
 
 
 def _stage_of(rule: Any) -> Any:
-    """Make the stage in which a rule decides; all rules have the same parameters."""
+    """Make the stage in which a rule decides; rules have the same parameters and return a velocity [speed_limit]."""
 
     @stage(TARGET, writes="rogues: action")
     def decide(w, t, curve, sensing, target, task, speed_unit, clock, rogues):

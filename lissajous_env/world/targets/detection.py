@@ -136,7 +136,7 @@ class TargetGroup:
     """Position at the beginning of the step [m]."""
     x: Floats
     y: Floats
-    """Position now [m], which is also that before for a target that the simulation itself moves."""
+    """Position now [m]; a target that the simulation itself moves has not moved yet."""
     heading: Floats
     speed: Floats
     """Speed of a target while it does not flee [m/s]."""
@@ -256,7 +256,7 @@ def detect_together(
     sight = sensing.sight
     before_x = group.before_x
     before_y = group.before_y
-    near = Floats()  # distance from its old position at which a sensor may detect a target without moving
+    near = Floats()  # distance from a target's old position within which a robot at rest may detect it [m]
     for k in range(ABREAST):
         if k < width():
             dx = x[k] - before_x[k]
@@ -268,7 +268,7 @@ def detect_together(
     for k in range(group.count):
         reach = near[k] + sight - radius
         comes_into_sight = comes_into_sight or square[k] < reach * reach
-    if comes_into_sight:  # else those distances serve as well
+    if comes_into_sight:  # otherwise `square` shows, too, that no target is in sight
         nearest, least = nearest_sensors(w, group.count, x, y, robots, bins)
     waiting = int(0)
     sighted = int(0)
