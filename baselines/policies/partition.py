@@ -21,7 +21,7 @@ from baselines.policies.loops import arrival_steps, tour
 from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, problem_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.takeover_loops import SHAPES, middle_of, slowed, takeover_loops
+from baselines.policies.takeover_loops import SHAPES, TakeoverLoops, middle_of, slowed, takeover_loops
 from baselines.policies.taking_over import PLACES, WATCH_SIZE, Takeover, take_over, watch_neighbours
 from baselines.policies.timed_paths import TimedPaths
 from baselines.policies.transit import (
@@ -48,6 +48,8 @@ _DELAYS = 3, 6, 9
 """Times for which cars may stay in formation before they leave it for their loops [control step]."""
 _MOST_CANDIDATES = 50
 """Combinations of a plan, a shift of its loops and a delay for which ways are searched."""
+_COVERED = 0.98
+"""Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
 
 
 @register("partition")
@@ -226,7 +228,7 @@ class PartitionRepair(TimedPaths):
             self._avoid_others(scenario.robot.radius)
 
     def timed(self, scenario: Scenario) -> PathTables:
-        """Return the timed paths, a variant for each loop of a robot."""
+        """Return the timed paths, a variant for each loop of `TakeoverLoops`."""
         self.parameters = replace(self.parameters, in_phase=True)
         self.partition, self.takeover_loops, tables = timed_repair(scenario, self.parameters)
         return tables
@@ -235,7 +237,7 @@ class PartitionRepair(TimedPaths):
         """Write `action`."""
         inputs = [self._curve, self._takeover, observation, self._watched, self._stopped]
         self.launch(watch_neighbours, self.shape, inputs, [self._case])
-        inputs = [self._takeover, self._pose, self._case, observation, self._stopped]
+        inputs = [self._takeover, self._curve, self._pose, self._case, observation, self._stopped]
         inputs += [self._avoided, self._target, self.variant, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         super().decide(observation)
@@ -257,10 +259,10 @@ def _avoided_distance(scenario: Scenario) -> float:
     return (2 + _AVOIDANCE) * scenario.robot.radius + 2 * scenario.noise.position
 
 
-def _constants_of(scenario: Scenario, loops: np.ndarray, tables: PathTables, drift: float, device: Any) -> Any:
+def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, drift: float, device: Any) -> Any:
     """Return the constants of takeovers for their kernels; the middle of one drifts so far in a control step [m]."""
     half = np.array([scenario.driven.half_width, scenario.driven.half_height])
-    low, high = loops.min(axis=2), loops.max(axis=2)
+    low, high = loops.loop.min(axis=2), loops.loop.max(axis=2)
     limits = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
     constants = Takeover()
     # With noisy measurements a stopped robot seems to move, so places are compared between which one moves farther.
@@ -272,15 +274,16 @@ def _constants_of(scenario: Scenario, loops: np.ndarray, tables: PathTables, dri
     constants.shapes, constants.loop_start = SHAPES, FINE * tables.lead_in
     constants.required = required = _avoided_distance(scenario)
     constants.stride, constants.spacing = max(int(_SPARSE * required / (drift / FINE)), 1), required / _FINER
-    constants.drift = drift
+    constants.corner_reach, constants.drift = _COVERED * scenario.sensing_radius, drift
     constants.neighbours = wp.array(scenario.neighbours, dtype=wp.vec2i, device=device)
     constants.shift_limits = wp.array(limits, dtype=wp.vec4, device=device)
-    constants.middles = wp.array(middle_of(loops), dtype=wp.vec2, device=device)
+    constants.middles = wp.array(middle_of(loops.loop), dtype=wp.vec2, device=device)
+    constants.corners = wp.array(loops.corners, dtype=wp.int32, device=device)
     return constants
 
 
 @lru_cache(maxsize=64)
-def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[PartitionLoops, np.ndarray, PathTables]:
+def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[PartitionLoops, TakeoverLoops, PathTables]:
     """Return the plan, the loops for takeovers and the timed paths."""
     plans = (slowed(plan, parameters.reserve) for plan in partition_plans(scenario, parameters))
     plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
@@ -289,7 +292,7 @@ def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[Part
     loops = takeover_loops(plan, cell, scenario.neighbours, problem, unit, _MOVED * _avoided_distance(scenario))
     if ways is None:
         until = _filtered_until(scenario, plan, parameters)
-        return plan, loops, path_tables(scenario, loops, filtered_until=until)
-    loop = np.roll(loops, shift - ways.lead_in.shape[1], axis=2)
+        return plan, loops, path_tables(scenario, loops.loop, filtered_until=until)
+    loop = np.roll(loops.loop, shift - ways.lead_in.shape[1], axis=2)
     lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)
     return plan, loops, path_tables(scenario, loop, lead_in)

@@ -298,6 +298,10 @@ def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tup
     for _, shape, _ in () if parameters.in_phase else sorted(compared, key=_RATING)[:_PATTERNS]:
         for turns in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
             compare(shape, *turns)
+    quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
+    for _, shape, (turn_x, turn_y, *_) in sorted(compared, key=_RATING)[:1]:
+        for phases in itertools.product(quarters, quarters):
+            compare(shape, turn_x, turn_y, *phases)
     best: dict[int, tuple[tuple, Shape, np.ndarray]] = {}
     for rating, shape, pattern in sorted(compared, key=_RATING):
         best.setdefault(id(shape), (rating, shape, shape.placed(problem.driven, *pattern)))

@@ -8,7 +8,7 @@ period and the phase of the plan: two robots on equal loops in phase never come 
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -24,8 +24,21 @@ _TOWARDS = 0.3
 """Share of the way to a neighbour's cell by which a robot that cannot watch both alone moves its loop."""
 _SHARES = (0.0, 0.3, 0.6, 1.0)
 """Extents of loops that are compared: 0 is a turning circle, 1 the rectangle."""
+_ALIKE = 1e-6
+"""Difference of two places, in half heights of the rectangle, up to which they are the same."""
 _DISTINCT = 0.1
 """Difference of two shapes' half extents, in turning radii, from which on they count as different."""
+
+
+@dataclass(frozen=True)
+class TakeoverLoops:
+    """Loops of each robot in its cases; row SHAPES c + s is for case c."""
+
+    loop: np.ndarray
+    """(CASES SHAPES, N, K, 2) places at each control step of a period [m]."""
+    corners: np.ndarray
+    """(CASES, N) corners of the rectangle that only this robot watches, as bits: 1 at the left and bottom, 2 at the
+    right and bottom, 4 at the left and top, 8 at the right and top."""
 
 
 def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
@@ -43,10 +56,8 @@ def slowed(plan: PartitionLoops, reserve: float) -> PartitionLoops:
 
 def takeover_loops(
     plan: PartitionLoops, cell: np.ndarray, neighbours: np.ndarray, problem: Problem, unit: float, moved: float
-) -> np.ndarray:
-    """Return places (CASES SHAPES, N, K, 2) on the loops of robots that take over cells of ring neighbours [m].
-
-    Row SHAPES c + s is the loop of shape s in case c, at each control step of a period.
+) -> TakeoverLoops:
+    """Return the loops of robots that take over the cells of ring neighbours.
 
     A cell that shares no edge with the robot's own is left to the other neighbour. Loops that come too near to
     those of the robots that have not failed are left out.
@@ -62,11 +73,13 @@ def takeover_loops(
     """
     cells, own = plan.cells[cell][:, :4] / unit, plan.loop[cell] / unit
     loop, adjacent = np.repeat(own[None], CASES * SHAPES, axis=0), are_adjacent(cells)
+    corners = np.zeros((CASES, len(cells)), dtype=int)
     for case, robot in itertools.product(range(CASES), range(len(cells))):
         failed = [neighbours[robot, side] for side in range(2) if case >> side & 1]
         failed = [other for other in failed if other >= 0 and adjacent[robot, other]]
         low = (cells[[robot, *failed], :2] - cells[[robot, *failed], 2:4]).min(axis=0)
         high = (cells[[robot, *failed], :2] + cells[[robot, *failed], 2:4]).max(axis=0)
+        corners[case, robot] = _corners_of(low, high, problem.half[0])
         half, middle = tuple(((high - low) / 2).round(9).tolist()), (low + high) / 2
         options, is_bounded = _watching_alone(half, problem, own.shape[1], moved / unit)
         if failed and not is_bounded:
@@ -79,7 +92,14 @@ def takeover_loops(
         clear = [option for option in placed if smallest_distance(option[None], others) >= problem.apart]
         for shape in range(SHAPES if clear else 0):  # the last one is repeated
             loop[SHAPES * case + shape, robot] = clear[min(shape, len(clear) - 1)]
-    return loop * unit
+    return TakeoverLoops(loop * unit, corners)
+
+
+def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
+    """Return the corners of the rectangle that a part of it has, as bits (`TakeoverLoops.corners`)."""
+    left, right = low[0] < -half_width + _ALIKE, high[0] > half_width - _ALIKE
+    bottom, top = low[1] < -1.0 + _ALIKE, high[1] > 1.0 - _ALIKE
+    return sum(bool(has) << k for k, has in enumerate((left & bottom, right & bottom, left & top, right & top)))
 
 
 def middle_of(loop: np.ndarray) -> np.ndarray:

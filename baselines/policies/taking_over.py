@@ -41,7 +41,7 @@ SHIFTS = wp.constant(12)
 
 @wp.struct
 class Takeover:
-    """Constants of a robot's estimates of others, and its loops P (`takeover_loops.takeover_loops`)."""
+    """Constants of a robot's estimates of others, and the loops P of its cases C (`takeover_loops.TakeoverLoops`)."""
 
     still: float
     """Distance of two places that are compared below which a robot has not moved [m]."""
@@ -69,6 +69,8 @@ class Takeover:
     """Distance of two shifts that are compared [m]."""
     required: float
     """Least distance of a loop from a stopped robot [m]."""
+    corner_reach: float
+    """Distance from a corner within which a loop covers it [m]."""
     drift: float
     """Most by which the middle of a loop moves in a control step [m]."""
     neighbours: wp.array(dtype=wp.vec2i)
@@ -77,6 +79,8 @@ class Takeover:
     """(P, N) distances by which a loop can be moved to the left, down, to the right and up in the rectangle [m]."""
     middles: wp.array2d(dtype=wp.vec2)
     """(P, N) middles of the loops [m]."""
+    corners: wp.array2d(dtype=int)
+    """(C, N) `TakeoverLoops.corners`."""
 
 
 @wp.kernel
@@ -185,8 +189,25 @@ def distance_from_stopped(
 
 
 @wp.func
+def uncovered_corners(
+    takeover: Takeover, path: wp.array(dtype=wp.vec4), shift: wp.vec2, corners: int, curve: CurveStruct
+) -> float:
+    """Return the sum of the distances of a shifted loop from the corners that it never covers [corner_reach]."""
+    uncovered = float(0.0)
+    for k in range(4):
+        if ((corners >> k) & 1) == 1:
+            x = wp.where(k % 2 == 1, curve.half_width, -curve.half_width)
+            y = wp.where(k / 2 == 1, curve.half_height, -curve.half_height)
+            least = distance_from(takeover, path, wp.vec2(x, y) - shift)
+            if least > takeover.corner_reach:
+                uncovered += least / takeover.corner_reach
+    return uncovered
+
+
+@wp.func
 def clear_loop(
     takeover: Takeover,
+    curve: CurveStruct,
     pose: wp.array3d(dtype=wp.vec4),
     case: int,
     i: int,
@@ -203,11 +224,13 @@ def clear_loop(
             for column in range(-SHIFTS, SHIFTS + 1):
                 x = wp.clamp(float(column) * takeover.spacing, limits[0], limits[2])
                 tried = wp.vec2(x, wp.clamp(float(row) * takeover.spacing, limits[1], limits[3]))
-                # The distance takes long to compute, so it is added only while this may be the best loop.
+                # Terms that take long to compute are added only while this may be the best loop.
                 cost = 0.01 * wp.length(tried) / takeover.required + 0.5 * float(shape)
                 if cost < best_cost:
                     lacking = takeover.required - distance_from_stopped(takeover, path, tried, stopped)
                     cost += 1000.0 * wp.max(lacking, 0.0) / takeover.required
+                if cost < best_cost:
+                    cost += 20.0 * uncovered_corners(takeover, path, tried, takeover.corners[case, i], curve)
                 if cost < best_cost:
                     best_cost = cost
                     best = wp.vec3(tried[0], tried[1], float(shape))
@@ -217,6 +240,7 @@ def clear_loop(
 @wp.kernel
 def take_over(
     takeover: Takeover,
+    curve: CurveStruct,
     pose: wp.array3d(dtype=wp.vec4),
     cases: wp.array2d(dtype=int),
     observation: Observation,
@@ -228,7 +252,8 @@ def take_over(
 ):
     """Choose each robot's loop and shift for its case, clear of stopped robots, and move towards that shift.
 
-    The choice is the first loop with the smallest shift that is clear of stopped robots; a collision costs more than
+    The choice is the first loop with the smallest shift that is clear of stopped robots, and from which the robot
+    covers the corners of the rectangle that it alone watches; a collision costs more than a corner, that more than
     another loop, and that more than a shift. `target` is the chosen shift, and `avoided` are the stopped robots for
     which it was chosen. The loop of a robot that has failed does not change, so that the others leave room for it when
     it resumes; a robot returns to its own loop at once, in phase with the others.
@@ -250,7 +275,7 @@ def take_over(
             avoided[w, i, k] = stopped[w, i, k]
         best = wp.vec3(0.0, 0.0, 0.0)
         if any_stopped:
-            best = clear_loop(takeover, pose, case, i, stopped[w, i])
+            best = clear_loop(takeover, curve, pose, case, i, stopped[w, i])
         chosen = case * takeover.shapes + int(best[2])
         shift[w, i] += takeover.middles[variant[w, i], i] - takeover.middles[chosen, i]
         variant[w, i] = chosen

@@ -154,7 +154,7 @@ def test_formations_and_loops_that_overlap_have_no_collisions_within_walls(name,
     policy = baselines.make(policy, scenario)
     if policy.name == "partition-repair":
         reach = np.array([scenario.resolve().driven.half_width, scenario.resolve().driven.half_height])
-        assert (np.abs(policy.takeover_loops) <= reach * 1.001).all()
+        assert (np.abs(policy.takeover_loops.loop) <= reach * 1.001).all()
     _, (row,) = play(policy, scenario, 1)
     assert (row["collisions"], row["wall_contacts"]) == (0, 0)
     assert longest is None or row["guaranteed_detection_time"] <= longest
