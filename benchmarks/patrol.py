@@ -83,7 +83,7 @@ def in_words(values: np.ndarray, statistic: Callable[..., np.ndarray], digits: i
     """Return a statistic over scenarios, and its bootstrap interval, in words."""
     if len(values) == 0:
         return ""
-    counts = draws(len(values), 2000)
+    counts = draws(len(values))
     resampled = [statistic(np.repeat(values, count)) for count in counts]
     low, high = np.quantile(resampled, [0.025, 0.975])
     interval = between(round(low, digits), round(high, digits))
