@@ -89,9 +89,7 @@ def curve_distances(curve_points, curve, x: Floats, y: Floats, count: int) -> Fl
             for k in range(abreast.ABREAST):
                 if k < abreast.width():
                     nearest = lissajous(curve, project_lissajous(curve, quarter_x[k], quarter_y[k], gamma[k], max_step))
-                    away_x = quarter_x[k] - nearest[0]
-                    away_y = quarter_y[k] - nearest[1]
-                    distance[k] = wp.sqrt(away_x * away_x + away_y * away_y)
+                    distance[k] = wp.length(wp.vec2(quarter_x[k] - nearest[0], quarter_y[k] - nearest[1]))
     return distance
 
 
