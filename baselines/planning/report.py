@@ -86,7 +86,7 @@ def sentences(outcome: PlanOutcome) -> list[str]:
         words[0] += " A worst case is the largest time of these episodes; the median is in brackets where it differs."
         words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if broken := [reason for search in outcome.searches.values() for reason in search.broken]:
-        words.append(f"{len(broken)} plans failed when they were simulated to the end: {broken[0]}.")
+        words.append(f"{counted(len(broken), 'plan')} failed in simulations to the end: {broken[0]}.")
     if has_plans and all(math.isinf(planned.figures.worst_case) for planned in outcome.plans):
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif has_plans and episodes.failures:
