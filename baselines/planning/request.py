@@ -183,7 +183,8 @@ class Request(Checked, with_defaults=False, part=""):
         else:
             scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
-            changed["task.contamination"] = GRIDS.get(scenario.name) or cells(scenario, CELLS, 4.0)
+            grids = GRIDS if self.width is None and self.height is None else {}  # for a scenario's own rectangle
+            changed["task.contamination"] = grids.get(scenario.name) or cells(scenario, CELLS, 4.0)
         return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float | None = None) -> Scenario:
@@ -218,8 +219,9 @@ class Request(Checked, with_defaults=False, part=""):
             changed["robot"] = robot
         if (limit := self.rogue_speed) is not None and limit != scenario.rogue_speed:
             # A target that moves faster than the limit of the rogues would be one of them.
-            speeds = {name: min(getattr(scenario.targets, name), limit) for name in ("speed", "flee_speed")}
-            changed |= {f"targets.{name}": value for name, value in (speeds | {"speed_limit": limit}).items()}
+            speeds = {name: getattr(scenario.targets, name) for name in ("speed", "speed_min", "flee_speed")}
+            changed |= {f"targets.{name}": min(value, limit) for name, value in speeds.items() if value is not None}
+            changed["targets.speed_limit"] = limit
         if self.open:
             changed["task.boundary"] = "open"
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
