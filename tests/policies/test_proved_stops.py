@@ -7,7 +7,7 @@ from test_proved import FIVE, driven, towards_the_nearest
 
 import lissajous_env
 from baselines.policies.safety.proved import Proved, ProvedParameters
-from baselines.policies.safety.tails import Tail, place_on, roll_on, segment_distance
+from baselines.policies.safety.tails import POINTS, Tail, gap_between, lay_out, place_on, roll_on, segment_distance
 
 FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30.0}
 """Robots can fail, and the test chooses when."""
@@ -81,6 +81,39 @@ def test_distance_of_segments():
         one, other = a + share * (a_end - a), b + share * (b_end - b)
         least = np.linalg.norm(one[:, None] - other, axis=-1).min()
         assert least - 0.02 < value < least + 1e-5
+
+
+@wp.kernel
+def compare(arcs: wp.array3d(dtype=float), stops: wp.array2d(dtype=int), courses: wp.array3d(dtype=wp.vec3)):
+    """Replace x of each pair's first place by the gap of its courses, which are arcs without errors."""
+    k = wp.tid()
+    for c in range(2):
+        begin = wp.vec3(arcs[k, c, 0], arcs[k, c, 1], arcs[k, c, 2])
+        tail = Tail(begin, arcs[k, c, 3], arcs[k, c, 4], 0.0, wp.vec3())
+        lay_out(courses[k, c], wp.vec2(begin[0], begin[1]), wp.vec3(begin[0], begin[1], 0.0), tail, 0.0)
+    arcs[k, 0, 0] = gap_between(courses[k, 0], courses[k, 1], stops[k, 0] == 1, stops[k, 1] == 1, 0.3, -wp.inf)
+
+
+def test_gap_of_tails_is_that_of_all_places_at_which_cars_may_stand():
+    """Oracle: the least distance of 200 places of either arc in closed form, of all times at which it can matter."""
+    rng = np.random.default_rng(0)
+    arcs, stops = rng.uniform([-0.7, -0.7, 0, 0.1, 1], [0.7, 0.7, 6, 1.2, 4], (400, 2, 5)), rng.integers(0, 2, (400, 2))
+    x, y, heading, length, curvature = np.moveaxis(arcs, -1, 0)[..., None]
+    gaps = wp.array(arcs, dtype=float, device="cpu")
+    courses = wp.zeros((400, 2, int(POINTS)), dtype=wp.vec3, device="cpu")
+    wp.launch(compare, 400, [gaps, wp.array(stops, dtype=int, device="cpu"), courses], device="cpu")
+    q = np.linspace(0, 1, 200)
+    turned = heading + curvature * length * q
+    place = x + (np.sin(turned) - np.sin(heading)) / curvature, y - (np.cos(turned) - np.cos(heading)) / curvature
+    one, other = np.stack(place, axis=-1).swapaxes(0, 1)
+    apart = np.linalg.norm(one[:, :, None] - other[:, None], axis=-1) - 0.3
+    sooner = np.sign(q - q[:, None])  # of the first car: 1 where its place is that of an earlier time
+    matters = ((sooner <= 0) | (stops[:, :1, None] == 1)) & ((sooner >= 0) | (stops[:, 1:, None] == 1))
+    truth = np.where(matters, apart, 0.0).min(axis=(1, 2), initial=0.0)
+    gap = np.minimum(gaps.numpy()[:, 0, 0], 0.0)
+    assert (truth < 0).mean() > 0.2
+    assert (gap < truth + 1e-5).all()
+    assert (gap > truth - 0.05).all()  # within a piece, both cars may stop
 
 
 @wp.kernel
