@@ -88,9 +88,8 @@ class Search:
     def refusals(self) -> dict[str, str]:
         """Return the reason for each family without a final plan that does not collide."""
         good = {final.plan.family for final in self.finals if final.figures.collisions == 0}
-        collided = Counter(final.plan.family for final in self.finals)
-        others = [family for family in self.families if family.name not in good]
-        return {family.name: family.reason(collided[family.name]) for family in others}
+        played = Counter(final.plan.family for final in self.finals)
+        return {family.name: family.reason(played[family.name]) for family in self.families if family.name not in good}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
@@ -177,7 +176,7 @@ class Search:
             yield family, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
-        """Play the best plans to the end, and defaults that may be among them, so that no printed plan is worse."""
+        """Play the best plans to the end, and defaults that may be among them: none of these beats the printed ones."""
         looks, cutoff = self.ranked(), self._cutoff()
         defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
         plans = [look.plan for look in looks]
@@ -253,10 +252,12 @@ class Search:
         """
         collision_free, by_failed = sorted_both_ways(self._without_collisions())
         known = [look for look in collision_free if look.plan.family == BEST_KNOWN]
-        families = {look.plan.family: look for look in reversed(collision_free)}
-        policies = {look.plan.settings.policy: look for look in reversed(collision_free)}
-        order = [*collision_free[:1], *known, *collision_free[1:2], *by_failed[:2], *reversed(families.values())]
-        order += in_turn([collision_free, by_failed, list(reversed(policies.values()))])
+        families, policies = {}, {}
+        for look in collision_free:
+            families.setdefault(look.plan.family, look)
+            policies.setdefault(look.plan.settings.policy, look)
+        order = [*collision_free[:1], *known, *collision_free[1:2], *by_failed[:2], *families.values()]
+        order += in_turn([collision_free, by_failed, list(policies.values())])
         return list({look.plan.key: look for look in order}.values())
 
 
@@ -358,7 +359,7 @@ class PlanOutcome:
 
             with quietly():
                 scenario = self.scenarios[number]
-                families = families_of(scenario, request.clearance or 0.0)
+                families = families_of(scenario, request.required_clearance)
                 budget = request.plans or PLANS, seconds
                 search = Search(scenario, families, request.episodes, *budget, request.seed, request.fixed_start)
                 self.searches[number] = search

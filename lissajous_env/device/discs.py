@@ -7,6 +7,7 @@ C++ computes the cells that a resting disc covers, for eight rows at once, whose
 bits are (W, words, rows). The cells that a moving disc sweeps are rarely required.
 """
 
+import numpy as np
 import warp as wp
 
 from lissajous_env.device.curve import CurveStruct
@@ -101,6 +102,14 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, edge_gap: float, c
     # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
     first = int(wp.clamp(low, 0.0, float(columns)))
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
+
+
+def in_discs(x: np.ndarray, y: np.ndarray, places: np.ndarray, radius: float) -> np.ndarray:
+    """Return True for the points (K, rows, columns) at x and y [m] that any of N discs covers, at places (N, K, 2)."""
+    covered = np.zeros((places.shape[1], len(y), len(x)), dtype=bool)
+    for place in places[..., None]:
+        covered |= (x - place[:, :1]) ** 2 < radius**2 - (y[:, None] - place[:, 1:]) ** 2
+    return covered
 
 
 def _over_runs(covered: str, body: str) -> str:

@@ -5,7 +5,10 @@ computed by the contamination field (`lissajous_env.world.contamination.field`) 
 """
 
 import math
+from bisect import bisect_left
 from dataclasses import replace
+
+import numpy as np
 
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -19,8 +22,8 @@ ROUNDS = 12
 """Length of an episode of the formation in units of T_max; a worst case that still grows then counts as unbounded."""
 CELLS = 90
 """Default number of cells along the longer side of the rectangle."""
-_HALVINGS = 9
-"""Number of bisections of the range of speeds for a critical speed."""
+_SPEEDS = 513
+"""Number of speeds, evenly spaced, among which a critical speed is searched."""
 
 
 class IdealFormation:
@@ -81,16 +84,9 @@ class IdealFormation:
         Returns:
             0 if even a target at rest can, inf if none up to `fastest_rogue` can.
         """
-        low, high = 0.0, self.fastest_rogue
-        if self._largest_age(low, until_cleared=True) is None:
-            return 0.0
-        if self._largest_age(high, until_cleared=True) is not None:
-            return math.inf
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            is_cleared = self._largest_age(middle, until_cleared=True) is not None
-            low, high = (middle, high) if is_cleared else (low, middle)
-        return (low + high) / 2
+        speeds = np.linspace(0.0, self.fastest_rogue, _SPEEDS)
+        first = bisect_left(speeds, True, key=lambda speed: self._largest_age(speed, until_cleared=True) is None)
+        return math.inf if first == _SPEEDS else float(speeds[max(first - 1, 0) : first + 1].mean())
 
     def _largest_age(self, speed: float, until_cleared: bool) -> int | None:
         """Play an episode; return the largest age [step], or None if it still grows at the end.
