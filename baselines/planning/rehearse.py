@@ -22,7 +22,6 @@ from baselines.planning.plans import (
     Figures,
     Plan,
     Planned,
-    worst_case,
     worst_cases,
 )
 from lissajous_env.episodes.evaluation import EpisodeRunner
@@ -188,9 +187,9 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
     collisions_failed = sum(row[COLLISIONS.name] for row in failed)
     minutes = scenario.task.duration / 60 * run.step / scenario.task.steps
     figures = Figures(
-        worst_case=worst_case(rows),
+        worst_case=max(worst_cases(rows)),
         settled=max(worst_cases(rows, SETTLED_TIME)),
-        worst_case_failed=math.inf if collisions_failed else worst_case(failed),
+        worst_case_failed=math.inf if collisions_failed else max(worst_cases(failed), default=math.nan),
         detection_time=detection.value,
         collisions=run.collisions,
         collisions_failed=collisions_failed,
