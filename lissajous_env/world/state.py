@@ -233,7 +233,7 @@ class Contamination:
     sensed: wp.array3d(dtype=wp.uint64)
     """(W, D, R) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint64)
-    """(W, D, R) a bit for each cell that the disc of a robot that moved far has passed over since the tick before."""
+    """(W, D, R) a bit for each of these, and for each that the disc of a robot that moved far has passed over."""
     settled: wp.array3d(dtype=wp.uint32)
     """(W, R, B) four numbers of 8 bits, one for each 8 cells: latest ticks after which all of them had the label of the
     oldest target."""
