@@ -54,12 +54,13 @@ class IdealFormation:
         self.radius = self.scenario.sensing_radius if radius is None else radius
         curve, self._step, self._cells = self.scenario.curve, self.scenario.task.step, cells
         self._side = 2 * max(curve.half_width, curve.half_height) / cells
+        self._limit = 30 * self._side / self._step  # of the speed of targets on this grid [m/s]
 
     @property
     def fastest_rogue(self) -> float:
-        """Largest speed that `critical_speed` tries [m/s]: 4 times that of the robots or the grid's limit."""
+        """Largest speed that `critical_speed` tries [m/s]: 4 times that of the robots, or half of the grid's limit."""
         top_speed = self.scenario.formation.phase_rate * largest_speed(self.scenario.curve)
-        return min(4 * top_speed, 15 * self._side / self._step)
+        return min(4 * top_speed, self._limit / 2)
 
     def against(self, speed: float) -> Scenario:
         """Return the scenario with these points, no faults, and targets of a speed [m/s].
@@ -67,7 +68,7 @@ class IdealFormation:
         Raises:
             ValueError: the targets are too fast for the grid.
         """
-        scenario, limit = self.scenario, 30 * self._side / self._step
+        scenario, limit = self.scenario, self._limit
         if speed > limit:
             rule = f"must be at most {limit:.3g} m/s for cells of {self._side:.3g} m and a step of {self._step:g} s"
             raise ValueError(f"the speed of targets {rule}, got {speed:g}")
