@@ -29,9 +29,9 @@ class Snapshot(Detections):
     target_position: np.ndarray
     """(T, 2) x, y of the targets [m]; for targets that left, where they were detected."""
     motion: np.ndarray
-    """(T,) STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets.motion`."""
+    """(T,) STILL, DRIFTING, WANDERING, FLEEING or CUSTOM of `lissajous_env.world.targets.motion`."""
     sensed_at: np.ndarray
-    """(R, C) step in which a cell was last sensed, lowest row first."""
+    """(R, C) step in which a cell was last sensed, 0 also for never; the lowest row comes first."""
     contact: np.ndarray
     """(M, 2) pairs of robots that have collided and not yet parted."""
     collisions: int
@@ -70,7 +70,7 @@ class Snapshot(Detections):
         return self.appeared & ~self.detected
 
     def in_sight(self, sight: float) -> np.ndarray:
-        """Return (T,) bool: targets in the world that a working robot has within `sight` [m]."""
+        """Return (T,) bool: targets within `sight` [m] of a working robot, for those that left at their detection."""
         robots = self.position[self.status == WORKING, :2]
         nearest = np.full(len(self.target_position), np.inf)
         for place in robots:

@@ -163,7 +163,7 @@ OBSERVED = Column(
     "observed_fraction",
     "share of the targets that are within `sensing.sight` of a working robot, mean over time, if targets stay when "
     "they are detected (`targets.leave = false`)",
-    _observed, rule=SHARE, empty="targets leave", title="observed", better=1, order=14,
+    _observed, rule=SHARE, empty=f"targets leave, or {_NO_TARGET}", title="observed", better=1, order=14,
 )
 WITHIN_BOUND = Column(
     "detected_within_bound",
@@ -191,11 +191,11 @@ SEPARATION = Column(
 )
 COVERAGE = Column(
     "coverage_time", "time until every cell was covered by some robot", lambda e: e.reached(e.totals["covered_at"]),
-    "s", empty="never", title="coverage", better=-1, order=11,
+    "s", empty=f"never, or {_NO_GRID}", title="coverage", better=-1, order=11,
 )
 COVERAGE_EACH = Column(
     "coverage_time_each", "time until every cell was covered by every robot",
-    lambda e: e.reached(e.totals["covered_each_at"]), "s", empty="never",
+    lambda e: e.reached(e.totals["covered_each_at"]), "s", empty=f"never, or {_NO_GRID}",
 )
 IDLENESS = Column(
     "idleness_mean", "time since a cell was last covered, mean over cells and time", _idleness, "s", empty=_NO_GRID,
@@ -303,7 +303,8 @@ GUARANTEE_RECOVERY = Column(
     "guarantee_recovery_time",
     "time from the end of the last fault until the time for which a target can have been undetected stays below 1.1 "
     "times its largest value before the first fault",
-    _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s", empty="never, or never disturbed",
+    _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s",
+    empty=f"never, never disturbed, or {_NO_CONTAMINATION}",
 )
 RETURN = Column(
     "return_mean", "sum of the rewards, mean over robots", lambda e: e.totals["returns"].mean(), rule=FINITE,

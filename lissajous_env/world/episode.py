@@ -144,8 +144,8 @@ class Episode:
     def recovery(self, last_off: Any) -> float:
         """Return the time from the end of the last fault until a quantity returned to its bounds [s].
 
-        It is NaN without a fault, if the quantity never left its bounds, or if it returned less than
-        `Scenario.time_unit` ago.
+        It is NaN without a fault and while one lasts, if the quantity never left its bounds, or if it returned less
+        than `Scenario.time_unit` ago.
 
         Args:
             last_off: Latest step in which the quantity was outside its bounds; -1 for none.

@@ -269,6 +269,8 @@ class StepEvents:
     """(W, N) targets that this robot was the first to detect."""
     collisions: wp.array2d(dtype=wp.int32)
     """(W, N) collisions that began."""
+    sensed: wp.array2d(dtype=wp.int32)
+    """(W, N) 1 for a robot that worked in the step, even if a collision or the edge ended its work at the end."""
     effort: wp.array2d(dtype=wp.float32)
     """(W, N) mean square of the action without its message."""
     change: wp.array2d(dtype=wp.float32)

@@ -3,7 +3,8 @@
 `search` computes one path, exactly. For a training, the time for which a target at any position can still stay
 undetected follows from the recorded positions of the sensors, by dynamic programming:
 
-    V(t, x) = 0 where a disc senses x at t, else step + max over |y - x| <= speed * step of V(t + 1, y)
+    V(t, x) = 0 where a disc senses x at t, else max over |y - x| <= speed * step of U(t + 1, y)
+    U(t, y) = 0 where a disc senses y at t, else step + V(t, y)
 
 on a grid, backward in time. The action with foresight leads to the y of the maximum. It is computed for the positions
 that the learner visited: S. Ross, G. Gordon and D. Bagnell, "A Reduction of Imitation Learning and Structured
@@ -19,7 +20,7 @@ import numpy as np
 from scipy import ndimage
 
 from lissajous_env.device.discs import in_discs
-from lissajous_env.episodes.missed.played import SensingRobots
+from lissajous_env.episodes.missed.played import sensing_robots
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NOWHERE
@@ -43,7 +44,6 @@ class Visits:
 
     sensors: list[np.ndarray] = field(default_factory=list)
     """For each moment (N, W, 2) positions of the robots that sense [m], NOWHERE for others."""
-    sensing: SensingRobots = field(default_factory=SensingRobots)
     rows: list[np.ndarray] = field(default_factory=list)
     """For each moment the rows of the live rogues (V, D); those of the last moment are not labelled."""
     worlds: list[np.ndarray] = field(default_factory=list)
@@ -53,7 +53,7 @@ class Visits:
 
     def record(self, simulation: Simulation) -> None:
         """Record a moment."""
-        senses, position = self.sensing.of_step(simulation)[..., None], simulation.robots.position.numpy()[..., :2]
+        senses, position = sensing_robots(simulation)[..., None], simulation.robots.position.numpy()[..., :2]
         self.sensors.append(np.where(senses, position, NOWHERE).swapaxes(0, 1))
         worlds, slots = np.nonzero(simulation.rogues.present.numpy())
         self.rows.append(simulation.rogues.observation.numpy()[worlds, slots])
