@@ -25,6 +25,7 @@ from baselines.planning.plans import (
     worst_cases,
 )
 from lissajous_env.episodes.evaluation import EpisodeRunner
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, MEAN, SEPARATION
@@ -216,17 +217,3 @@ def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> N
             row[:] = removal_steps(faults, len(row), task.step)
             row[list(lost)] = np.minimum(row[list(lost)], round(_LOST_AT * task.steps))
     simulation.robots.removed_at.assign(removed_at)
-
-
-def cells(scenario: Scenario, longest: int, cells_in_a_sensor: float = 0.0) -> tuple[int, int]:
-    """Return columns and rows of about square cells.
-
-    Args:
-        scenario: The scenario.
-        longest: Cells along the longer side of the rectangle, more for short sensors.
-        cells_in_a_sensor: Least sensing radius [cell].
-    """
-    halves = scenario.curve.half_width, scenario.curve.half_height
-    longest = max(longest, min(math.ceil(2 * max(halves) * cells_in_a_sensor / scenario.sensing_radius), 2 * longest))
-    columns, rows = (max(round(longest * half / max(halves)), 1) for half in halves)
-    return columns, rows

@@ -204,7 +204,8 @@ class Simulation(Copyable):
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Return times (K,) from each target's appearance until its detection or now [s], and True (K,) if detected."""
-        return next(episodes_of(self.scenario, self._structs, self._chosen([world]))).detections
+        (episode,) = episodes_of(self.scenario, self._structs, self._chosen([world]))
+        return episode.times, episode.targets.detected[episode.targets.appeared]
 
     @property
     def over(self) -> np.ndarray:
