@@ -15,6 +15,12 @@ def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+def _require_increasing(name: str, time: np.ndarray) -> None:
+    """Raise an error unless the times (K,) of a series or track are finite and increase."""
+    fits = np.isfinite(time).all() and (np.diff(time) > 0).all()
+    require(fits, f"time of a {name}", "must be finite and increase [s]", time)
+
+
 @dataclass(frozen=True)
 class Series:
     """Values over time."""
@@ -25,6 +31,16 @@ class Series:
     """(K, ...) values."""
     names: tuple[str, ...] = ()
     """Names of the columns, where the messages have any."""
+
+    def __post_init__(self) -> None:
+        time, value = np.asarray(self.time, float), np.asarray(self.value)
+        require(time.ndim == 1 and len(time) > 0, "time of a series", "must have a shape (K,) with K > 0", time.shape)
+        require(value.shape[:1] == time.shape, "value of a series", f"must have {len(time)} rows", value.shape)
+        are_named = not self.names or value.shape[1:] == (len(self.names),)
+        require(are_named, "names of a series", "must be as many as its columns", self.names)
+        _require_increasing("series", time)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "value", value)
 
     def in_force(self, time: np.ndarray, late: float = 1e-6) -> np.ndarray:
         """Return the value in force at each of some times [s]: the latest until `late` [s] after it, else the first."""
@@ -50,9 +66,8 @@ class Track:
             array = np.asarray(getattr(self, name), float)
             require(array.shape == shape, f"{name} of a track", f"must have the shape {shape}", array.shape)
             object.__setattr__(self, name, array)
-        width = np.diff(self.time)
         require(count > 1, "a track", "must have two poses at least", count)
-        require(np.isfinite(width).all() and width.min() > 0, "time of a track", "must increase [s]", width.min())
+        _require_increasing("track", self.time)
         require(np.isfinite(self.position).all(), "position of a track", "must be finite [m]", self.position.min())
 
     def __len__(self) -> int:
