@@ -59,7 +59,7 @@ class Results:
         self.stored: Any = wanted if stored is None else stored
         self._rows: dict[_Key, dict[str, Any]] = {}
         if isinstance(folder, Path):
-            entries = read_lines(place / EPISODES)
+            entries, _ = read_lines(place / EPISODES)
         else:
             if stored is None:
                 self._write(folder)  # before the episodes, which are useless without it

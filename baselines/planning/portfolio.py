@@ -92,7 +92,7 @@ class Result(NamedTuple):
     def cost(self, step: float) -> float:
         """Return the logarithm of the time, and a tenth for each collision in an episode.
 
-        Below a control step [s], collisions alone decide.
+        A time below a control step [s] counts as one step.
         """
         return math.log(max(self.time, step)) + _COLLISION * min(self.collisions, _MOST_COLLISIONS)
 
@@ -164,7 +164,7 @@ def _best_rehearsed(name: str, scenario: Scenario) -> PolicySettings:
         if reason is not None and not costs:
             raise reason
         for k in sorted(costs, key=costs.__getitem__):
-            # The worst case of more episodes is at least that of some of them, so `costs` bounds it from below.
+            # Without collisions, `costs` bounds the cost from below: the worst case of more episodes is never shorter.
             may_be_best = name == GUARANTEE and costs[k] < min(finals.values(), default=math.inf)
             if len(finals) < FINALISTS or may_be_best:
                 finals[k] = result_of(patrols[k], rehearsal, MANY, name).cost(step)

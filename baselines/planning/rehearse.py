@@ -52,6 +52,10 @@ _COARSE, _COARSE_CELLS_IN_A_SENSOR = 40, 2.5
 """Cells of a first look along the longer side of the rectangle, if the sensors are not too short for them."""
 
 
+class LateError(Exception):
+    """End of episodes of which no result is needed any more."""
+
+
 @dataclass(frozen=True)
 class Episodes:
     """The episodes of every plan: with the same seeds for all, so that plans are compared on the same failures."""
@@ -63,6 +67,15 @@ class Episodes:
     count: int = FINAL_EPISODES
     clearance: float = 0.0
     """Distance of two bodies below which a plan is ranked after all others [m]."""
+
+    is_late: Callable[[], bool] = lambda: False
+    """Function that returns whether no result is needed any more."""
+
+    def check(self) -> bool:
+        """Return False, or raise LateError if no result is needed any more."""
+        if self.is_late():
+            raise LateError
+        return False
 
     def lost(self, scenario: Scenario) -> int:
         """Return the number of robots that are removed in an episode with failures."""
@@ -89,10 +102,6 @@ class Episodes:
         return math.comb(scenario.num_robots, self.lost(scenario))
 
 
-class LateError(Exception):
-    """A rehearsal that ended before its last step, because its result is not needed any more."""
-
-
 class _Run:
     """Episodes of a plan that run together, one in each world, in which robots may be removed.
 
@@ -101,18 +110,10 @@ class _Run:
         scenario: The scenario to play, which may have other grids and faults than that of the plan.
         seed: Seed of the first episode.
         losses: Robots that are removed in each episode.
-        is_late: Function that returns whether the result is not needed any more.
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        scenario: Scenario,
-        seed: int,
-        losses: Sequence[tuple[int, ...]],
-        is_late: Callable[[], bool],
-    ):
-        self.step, self.plan, self._losses, self.is_late = 0, plan, losses, is_late
+    def __init__(self, plan: Plan, scenario: Scenario, seed: int, losses: Sequence[tuple[int, ...]]):
+        self.step, self.plan, self._losses = 0, plan, losses
         self.policy = plan.settings.make(scenario, len(losses))
         self.simulation = Simulation(scenario, len(losses), threads=1, seed=seed)
         remove_early(self.simulation, losses)
@@ -132,11 +133,7 @@ class _Run:
         return int(self.simulation.tally.collisions.numpy().sum())
 
     def play(self, until: int, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Play until a step, or until `is_over`.
-
-        Raises:
-            LateError: the result is not needed any more.
-        """
+        """Play until a step, or until `is_over`."""
         runner, scenario = EpisodeRunner(self.policy, self.simulation), self.simulation.scenario
         half, field = (scenario.curve.half_width, scenario.curve.half_height), self.simulation.contamination
         self.policy.reset()
@@ -146,11 +143,7 @@ class _Run:
             if scenario.task.boundary != "wall":
                 over = np.abs(self.simulation.robots.position.numpy()[..., :2]) - half
                 np.maximum(self._beyond, over.max(axis=(1, 2)) + scenario.robot.radius, out=self._beyond)
-            if self.step % _EVERY:
-                continue
-            if self.is_late():
-                raise LateError
-            if is_over():
+            if self.step % _EVERY == 0 and is_over():
                 return
 
     def rows(self) -> list[dict[str, Any]]:
@@ -167,20 +160,17 @@ class _Run:
         ]
 
 
-def look_at(plan: Plan, episodes: Episodes, cutoff: float, is_late: Callable[[], bool] = lambda: False) -> Planned:
+def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     """Play half of some episodes of a plan on a coarse grid; they end at the first collision, or beyond a cutoff [s].
 
     If the worst case exceeds the cutoff, the result has no bound. A plan without a bound is not played with failures:
     its worst case with failures is infinite, too. Episodes with failures are played to the end, on the same grid.
-
-    Raises:
-        LateError: `is_late` returned True meanwhile.
     """
     full, until = plan.scenario.task.contamination or (1, 1), max(round(_SHARE * plan.scenario.task.steps), 1)
     coarse = min(cells(plan.scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
     scenario = named.build(plan.scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
-    run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED, is_late)
-    run.play(until, lambda: run.collisions > 0 or run.longest > cutoff)
+    run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
+    run.play(until, lambda: episodes.check() or run.collisions > 0 or run.longest > cutoff)
     planned = _planned(run, episodes)
     if planned.figures.collisions:
         return planned
@@ -191,14 +181,10 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float, is_late: Callable[[],
     return _planned(run, episodes, losses[:: math.ceil(len(losses) / _SCREENED_LOSSES) or 1])
 
 
-def play(plan: Plan, episodes: Episodes, is_late: Callable[[], bool] = lambda: False) -> Planned:
-    """Play the final episodes of a plan, all of them to the end.
-
-    Raises:
-        LateError: `is_late` returned True meanwhile.
-    """
-    run = _Run(plan, plan.scenario, episodes.seed, [()] * episodes.count, is_late)
-    run.play(plan.scenario.task.steps)
+def play(plan: Plan, episodes: Episodes) -> Planned:
+    """Play the final episodes of a plan, all of them to the end."""
+    run = _Run(plan, plan.scenario, episodes.seed, [()] * episodes.count)
+    run.play(plan.scenario.task.steps, episodes.check)
     return _planned(run, episodes, [] if run.collisions else episodes.losses(plan.scenario))
 
 
@@ -207,8 +193,8 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
     plan, scenario, rows, failed = run.plan, run.simulation.scenario, run.rows(), []
     if losses:
         with_losses = named.build(scenario, **{"faults.lost": episodes.lost(scenario)})
-        lossy = _Run(plan, with_losses, episodes.seed, losses, run.is_late)
-        lossy.play(scenario.task.steps)
+        lossy = _Run(plan, with_losses, episodes.seed, losses)
+        lossy.play(scenario.task.steps, episodes.check)
         failed = lossy.rows()
     body, all_rows = 2 * plan.scenario.robot.radius, [*rows, *failed]
     times = [row[DETECTION_TIME.name] for row in rows if not math.isnan(row[DETECTION_TIME.name])]

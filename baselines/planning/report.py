@@ -28,7 +28,7 @@ FIGURES = "plans.json"
 def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) -> None:
     """Print a table of plans."""
     failures, bounds, episodes = outcome.request.failures, outcome.lower_bounds, f"{_played(plans)} episodes"
-    is_open = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
+    without_walls = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
 
     def entries(planned: Planned) -> list[tuple[bool, Column, str]]:
         """Return whether each column is shown, the column, and the words of a plan."""
@@ -45,7 +45,7 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
             (True, Column("lower\nbound [s]", rank=2), number(bounds.get(robots, math.nan))),
             (True, Column("mean detection\ntime [s]", rank=1), str(detection)),
             (True, Column("least gap\n[m]", rank=2), number(figures.clearance)),
-            (is_open, Column("outside\n[m]", rank=1), number(figures.outside)),
+            (without_walls, Column("outside\n[m]", rank=1), number(figures.outside)),
             (True, Column("driven\n[m/min]", rank=3), number(figures.distance)),
             (True, Column("messages", left=True, rank=4), figures.messages),
             (True, Column("details", prose=True, rank=1), planned.plan.about),
@@ -109,10 +109,8 @@ def _of_failures(outcome: PlanOutcome) -> list[str]:
     if any(planned.figures.worst_case_failed < math.inf for planned in outcome.plans):
         return []
     lost, collide = _lost(outcome), sum(planned.figures.collisions_failed > 0 for planned in outcome.plans)
-    open_ones = len(outcome.plans) - collide
-    words = (
-        f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
-    )
+    plans = len(outcome.plans)
+    words = f"No plan has a bound with {lost} removed: {plans - collide} of {plans} leave a gap where a target can"
     words += " stay undetected" + (f", {collide} collide" if collide else "")
     return [f"{words}. More robots or longer sensors are needed, or {_more(outcome)}."]
 
@@ -158,7 +156,7 @@ def _failed(planned: Planned) -> str:
 def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
     """Return the largest time of some episodes, with the median where it differs.
 
-    A time that was still growing at the end of an episode, for less than half of it, is a lower bound.
+    A time that was still growing at the end is a lower bound if it is too short for its episode to be open (`OPEN`).
 
     Args:
         worst: The largest time [s].
@@ -176,13 +174,13 @@ def _time(seconds: float) -> str:
     return "no bound" if math.isinf(seconds) else number(seconds)
 
 
-def open_folder(path: Path) -> Folder:
-    """Open a folder for plans, to test before the search whether it can be written to.
+def open_folder(path: Path, most: int) -> Folder:
+    """Open a folder for at most so many plans, to test before the search whether it can be written to.
 
     Raises:
         ValueError: it cannot be written to, or a file of a user has the name of one of the plans.
     """
-    return Folder(path, [FIGURES, *(f"{k}/" for k in range(1, 10))])
+    return Folder(path, [FIGURES, *(f"{k}/" for k in range(1, most + 1))])
 
 
 def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:

@@ -88,9 +88,8 @@ class Search:
     def refusals(self) -> dict[str, str]:
         """Return the reason for each family without a final plan that does not collide."""
         good = {final.plan.family for final in self.finals if final.figures.collisions == 0}
-        collided = Counter(final.plan.family for final in self.finals)
-        others = [family for family in self.families if family.name not in good]
-        return {family.name: family.reason(collided[family.name]) for family in others}
+        played = Counter(final.plan.family for final in self.finals)
+        return {family.name: family.reason(played[family.name]) for family in self.families if family.name not in good}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
@@ -120,9 +119,9 @@ class Search:
             return (self.clock() - self._begin) / self.seconds
         return (len(self.looks) + len(self.finals)) / (self.plans + self._finals_max)
 
-    def _is_late(self, results: Callable[[], Sequence[Planned]]) -> bool:
+    def _is_late(self, results: Sequence[Planned]) -> bool:
         """Return whether the time is over, and there are results without those that are awaited."""
-        return self.seconds is not None and self._done() > 1 and not self.interrupted and bool(results())
+        return self.seconds is not None and bool(results) and not self.interrupted and self._done() > 1
 
     def _look(self, threads: ThreadPoolExecutor) -> None:
         """Look at plans until their number, or a share of the time, is spent."""
@@ -133,8 +132,8 @@ class Search:
             # Without a plan that may be played to the end there is nothing to print.
             return bool(self.looks) and self._done() > (_LOOKING if self._without_collisions() else 1.0)
 
-        late, plans = partial(self._is_late, lambda: self.looks), self._plans()
-        calls = ((family, partial(look_at, plan, self.episodes, self._cutoff(), late)) for family, plan in plans)
+        episodes = dataclasses.replace(self.episodes, is_late=lambda: self._is_late(self.looks))
+        calls = ((family, partial(look_at, plan, episodes, self._cutoff())) for family, plan in self._plans())
         for family, look in self._in_order(threads, calls, is_over):
             if isinstance(look, str):
                 family.refused.append(look)
@@ -182,7 +181,7 @@ class Search:
             yield family, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
-        """Play the best plans to the end, and defaults that may be among them, so that no printed plan is worse."""
+        """Play the best plans to the end, and defaults that may be among them: none of these beats the printed ones."""
         looks, cutoff = self.ranked(), self._cutoff()
         defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
         plans = [look.plan for look in looks]
@@ -206,10 +205,14 @@ class Search:
 
     def _play(self, threads: ThreadPoolExecutor, plans: Sequence[tuple[Plan, Episodes]]) -> bool:
         """Play plans to the end while there is time, and put them among the finals; return whether any was played."""
-        late = partial(self._is_late, lambda: self.finals)
-        distinct = {plan.key: (plan, partial(play, plan, episodes, late)) for plan, episodes in plans}
+
+        def is_late() -> bool:
+            return self._is_late(self.finals)
+
+        calls = ((plan, partial(play, plan, dataclasses.replace(more, is_late=is_late))) for plan, more in plans)
+        distinct = {plan.key: (plan, call) for plan, call in calls}
         played = False
-        for plan, final in self._in_order(threads, iter(distinct.values()), late):
+        for plan, final in self._in_order(threads, iter(distinct.values()), is_late):
             played = True
             if isinstance(final, str):
                 self._finals.pop(plan.key, None)
@@ -257,10 +260,12 @@ class Search:
         """
         collision_free, by_failed = sorted_both_ways(self._without_collisions())
         known = [look for look in collision_free if look.plan.family == BEST_KNOWN]
-        families = {look.plan.family: look for look in reversed(collision_free)}
-        policies = {look.plan.settings.policy: look for look in reversed(collision_free)}
-        order = [*collision_free[:1], *known, *collision_free[1:2], *by_failed[:2], *reversed(families.values())]
-        order += in_turn([collision_free, by_failed, list(reversed(policies.values()))])
+        families, policies = {}, {}
+        for look in collision_free:
+            families.setdefault(look.plan.family, look)
+            policies.setdefault(look.plan.settings.policy, look)
+        order = [*collision_free[:1], *known, *collision_free[1:2], *by_failed[:2], *families.values()]
+        order += in_turn([collision_free, by_failed, list(policies.values())])
         return list({look.plan.key: look for look in order}.values())
 
 
@@ -361,7 +366,7 @@ class PlanOutcome:
 
             with quietly():
                 scenario = self.scenarios[number]
-                families = families_of(scenario, request.clearance or 0.0)
+                families = families_of(scenario, request.required_clearance)
                 seconds = None
                 if request.seconds is not None:
                     seconds = max((request.seconds - (time.monotonic() - begin)) / (len(numbers) - k), _LEAST)

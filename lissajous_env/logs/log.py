@@ -15,10 +15,12 @@ def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _require_increasing(name: str, time: np.ndarray) -> None:
-    """Raise an error unless the times (K,) of a series or track are finite and increase."""
-    fits = np.isfinite(time).all() and (np.diff(time) > 0).all()
+def _increasing(name: str, time: Any) -> np.ndarray:
+    """Return the times of a series or track as float64 [s]; they must be finite and increase."""
+    time = np.asarray(time, float)
+    fits = np.isfinite(time).all() and (np.diff(np.atleast_1d(time)) > 0).all()
     require(fits, f"time of a {name}", "must be finite and increase [s]", time)
+    return time
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,11 @@ class Series:
     """Names of the columns, where the messages have any."""
 
     def __post_init__(self) -> None:
-        time, value = np.asarray(self.time, float), np.asarray(self.value)
-        require(time.ndim == 1 and len(time) > 0, "time of a series", "must have a shape (K,) with K > 0", time.shape)
-        require(value.shape[:1] == time.shape, "value of a series", f"must have {len(time)} rows", value.shape)
-        are_named = not self.names or value.shape[1:] == (len(self.names),)
-        require(are_named, "names of a series", "must be as many as its columns", self.names)
-        _require_increasing("series", time)
+        time, value = _increasing("series", self.time), np.asarray(self.value)
+        fits = time.ndim == 1 and time.size > 0 and value.shape[:1] == time.shape
+        require(fits, "value of a series", "must have one row for each time, at least one", (time.shape, value.shape))
+        fits = not self.names or value.shape[1:] == (len(self.names),)
+        require(fits, "names of a series", "must be as many as the columns of its values", self.names)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "value", value)
 
@@ -67,7 +68,7 @@ class Track:
             require(array.shape == shape, f"{name} of a track", f"must have the shape {shape}", array.shape)
             object.__setattr__(self, name, array)
         require(count > 1, "a track", "must have two poses at least", count)
-        _require_increasing("track", self.time)
+        _increasing("track", self.time)
         require(np.isfinite(self.position).all(), "position of a track", "must be finite [m]", self.position.min())
 
     def __len__(self) -> int:

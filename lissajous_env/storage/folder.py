@@ -52,11 +52,8 @@ class Journal:
 
     def _read(self) -> None:
         """Read the entries, and drop an unfinished last line."""
-        with open(self._descriptor, "rb", closefd=False) as file:
-            file.seek(0)
-            content = file.read()
-        self.entries, self.torn = _parsed(content, self.path)
-        self._end = len(content) - self.torn
+        self.entries, self.torn = read_lines(self.path)
+        self._end = os.fstat(self._descriptor).st_size - self.torn
         if self.torn:
             os.ftruncate(self._descriptor, self._end)
             os.fsync(self._descriptor)
@@ -216,18 +213,13 @@ class Folder(contextlib.ExitStack):
             _require_plain(name)
 
 
-def read_lines(path: Path) -> list[dict[str, Any]]:
-    """Read the entries of a file that only grows, without a lock; a last line that is unfinished is left out.
+def read_lines(path: Path) -> tuple[list[dict[str, Any]], int]:
+    """Read the entries of a file that only grows, without a lock, and the length of an unfinished last line [bytes].
 
     Raises:
         ValueError: the file is missing or a link, or a finished line is damaged; the message names file and line.
     """
-    return _parsed(read_bytes(path, sys.maxsize), path)[0]
-
-
-def _parsed(content: bytes, path: Path) -> tuple[list[dict[str, Any]], int]:
-    """Return the entries of a file that only grows, entry k of line k + 1, and the length of an unfinished line."""
-    *lines, torn = content.split(b"\n")
+    *lines, torn = read_bytes(path, sys.maxsize).split(b"\n")
     entries = []
     for number, line in enumerate(lines, start=1):
         place = f"{path}, line {number}"

@@ -255,9 +255,10 @@ class Simulation(Copyable):
         return stages_of(self.scenario, self.rogues, begins)
 
     def _take(self, action: Any, rogue_action: Any) -> None:
-        fits = (rogue_action is not None) == (self.scenario.targets.rogues == AGENTS)
-        require(fits, "rogue_action", f"must be given if, and only if, targets.rogues is {AGENTS}", rogue_action)
-        if rogue_action is not None:
+        needed, given = self.scenario.targets.rogues == AGENTS, rogue_action is not None
+        if needed or given:
+            rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
+            require(needed and given, "rogue_action", rule, rogue_action)
             copy_in("rogue_action", rogue_action, self.rogues.action)
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
             self._action_host[:] = action

@@ -132,10 +132,9 @@ def test_another_number_of_robots_and_a_short_log_are_refused():
     for field, wrong in {"time": track.time[::-1], "position": nan, "heading": nan, "speed": [0.3]}.items():
         with pytest.raises(ValueError, match=f"{field} of a track must "):
             dataclasses.replace(track, **{field: wrong})
-    empty = {"time": [], "value": []}
-    for changes in (empty, {"time": track.time[::-1]}, {"value": 0.0}, {"names": ("x", "y")}):
-        with pytest.raises(ValueError, match=f"{next(iter(changes))} of a series must "):
-            dataclasses.replace(Series(track.time, track.position), **changes)
+    for field, *wrong in (("time", track.time[::-1], nan), ("value", [], []), ("names", [0.0], [[0.0]], ("x", "y"))):
+        with pytest.raises(ValueError, match=f"{field} of a series must "):
+            Series(*wrong)
 
 
 def test_interpolation_is_exact_for_a_cubic():

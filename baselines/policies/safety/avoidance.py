@@ -35,16 +35,16 @@ from lissajous_env.world.robots.contacts import closest_approach
 wp.set_module_options(OPTIONS)
 
 MANOEUVRES = wp.constant(9)
-"""Manoeuvres that can be ways out: full right, straight on, full left; each coasting, at this speed, driving on."""
+"""Manoeuvres that can be ways out: full right, straight on, full left; coasting, at this speed, or at full throttle."""
 NEAREST = wp.constant(8)
 """Largest number of robots that are avoided, the nearest first."""
 _LONGEST = 40
-"""Longest horizon [control steps]."""
+"""Longest horizon to which `SafetyParameters.of` scales [control steps]."""
 _DIFFERENCE = wp.constant(0.05)
 """Change of an action by which the margins are differentiated."""
 
 Others = wp.array(dtype=wp.vec4)
-"""Relative x, y [m] and velocity [m/s] of the other robots (NEAREST,)."""
+"""Relative x, y [m] and velocity over ground [m/s] of the other robots (NEAREST,)."""
 Paths = wp.array2d(dtype=wp.vec2)
 """Places [m] on the manoeuvres of this car, then on those of another, at each step of the horizon."""
 
@@ -120,7 +120,7 @@ class Constants:
 
 
 @wp.func
-def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
+def car_after(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
     """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max.
 
     A dead zone of the motor is left out, except for cars that reverse.
@@ -179,7 +179,7 @@ def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out:
     now = car
     required = 2.0 * c.robot.radius + c.safety.clearance
     for t in range(c.safety.horizon):
-        then = drive_on(c, now, wp.where(t == 0, action, way_out))
+        then = car_after(c, now, wp.where(t == 0, action, way_out))
         early = float(t) * c.step
         late = early + c.step
         square = closest_approach(
@@ -209,7 +209,7 @@ def lay_out_manoeuvres(c: Constants, car: wp.vec4, first: int, count: int, moves
         for t in range(c.safety.horizon + 1):
             path_out[first + b, t] = wp.vec2(now[0], now[1])
             if moves:
-                now = drive_on(c, now, action)
+                now = car_after(c, now, action)
 
 
 @wp.func
@@ -279,7 +279,7 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
 
 @wp.func
 def list_seen(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
-    """Write relative x, y [m] and velocity [m/s] of the robots in sight; `own` is its velocity. Return their number."""
+    """Write the `Others` in sight of a robot with the velocity `own` [m/s]; return their number."""
     n = int(0)
     for k in range(wp.min(c.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
@@ -301,7 +301,7 @@ def list_heard(
     observation: Observation,
     others_out: Others,
 ) -> int:
-    """Add ring neighbours beyond the sight of which a new and an earlier message arrived; return the number of all.
+    """Add ring neighbours beyond the radius of sight that sent a new and an earlier message; return the number of all.
 
     Their velocity follows from the two positions, and with it their place now. The memory is the positions in the
     messages of the latest steps (W, N, 2, M), and 1 where there is one.

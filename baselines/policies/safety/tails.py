@@ -88,9 +88,8 @@ def lay_out(course_out: Course, now: wp.vec2, middle: wp.vec3, tail: Tail, slack
     course_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tail.w[0])
     course_out[2] = wp.vec3(tail.begin[0], tail.begin[1], middle[2] + tail.w[0])
     sagitta = wp.abs(tail.curvature) * length * length / 8.0 + slack
-    half = 0.5 * length * tail.curvature
     end = arc_end(wp.vec3(0.0, 0.0, tail.begin[2]), length, tail.curvature)
-    turn = cos_sin(2.0 * half)
+    turn = cos_sin(length * tail.curvature)
     onward = wp.vec2(end[0], end[1])
     place = wp.vec2(tail.begin[0], tail.begin[1])
     for k in range(PIECES):

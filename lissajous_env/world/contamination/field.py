@@ -7,11 +7,13 @@ graph" (Theory and Applications of Graphs, 1978); L. J. Guibas, J.-C. Latombe, S
 visibility-based pursuit-evasion problem" (Int. J. Computational Geometry & Applications 9, 1999). t - min e is the time
 for which a target can have stayed undetected.
 
-A label is e in control steps times 256, plus the moment at which the target arrived, as a share of the tick, of which a
-step has `Hops.ticks`, or which has `Hops.period` steps. Of two labels, the smaller one is that of the older target or,
-at the same age, of the earlier arrival. The labels of the latest ticks are stored for each cell, because a target that
-hops now (`lissajous_env.parameters.spreading`) arrived some ticks ago in the cell from which it hops. All labels of a
-cell that is sensed are deleted: during a hop, a target counts as being in the cell from which it hops.
+Time is counted in ticks: a step has `Hops.ticks` of them, or one tick has `Hops.period` steps. A label is e in control
+steps times 256, plus the share of a tick, in 255ths, at which the target arrived in its cell. Of two labels, the
+smaller one is that of the older target or, at the same age, of the earlier arrival. The labels of the latest ticks are
+stored for each cell, because a target that hops now (`lissajous_env.parameters.spreading`) arrived some ticks ago in
+the cell from which it hops. All earlier labels of a sensed cell are deleted: during a hop, a target counts as being in
+the cell from which it hops. A cell is sensed if it is in a disc at the end of a tick, and swept if a disc has passed
+over it since the tick before. No target stays in a swept cell, but one that hops there may arrive after the disc.
 """
 
 import warp as wp
@@ -44,7 +46,7 @@ def is_over(w, target, clock, contamination) -> bool:
 
 @stage(FIELD_ROW, writes="contamination: sensed, swept, labelled", idle=True)
 def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, contamination):
-    """Delete the labels of cells that were sensed in the previous tick, and mark those that are sensed in this one."""
+    """Delete the earlier labels of the cells that were marked last, and mark those that are sensed or swept now."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     latest = latest_slot(clock.step[w], tick, hops)

@@ -39,8 +39,8 @@ _PER_WINDING, _PER_HARMONIC = 12, 24
 _FEWEST = 64
 """Smallest number of samples of a lap."""
 
-CurvePoint = wp.types.vector(length=7, dtype=wp.float32)
-"""x, y [m], tangent [m/rad], half the second derivative [m/rad^2], and parameter [rad]."""
+CurvePoint = wp.types.vector(length=9, dtype=wp.float32)
+"""x, y [m], tangent [m/rad], half the second derivative [m/rad^2], tangent over its square [rad/m], parameter [rad]."""
 
 
 @named_struct("curve_points")
@@ -69,17 +69,16 @@ def curve_distances(curve_points, curve, x: Floats, y: Floats, count: int) -> Fl
                 quarter_y[k] = wp.where(is_series, y[k], wp.abs(y[k]))
         for n in range(curve_points.points.shape[0]):
             p = curve_points.points[n]
-            inverse = 1.0 / wp.max(p[2] * p[2] + p[3] * p[3], 1.0e-30)
             for k in range(abreast.ABREAST):
                 if k < abreast.width():
                     away_x = quarter_x[k] - p[0]
                     away_y = quarter_y[k] - p[1]
                     # Along the tangent, then the distance from that point of the parabola.
-                    step = wp.clamp((away_x * p[2] + away_y * p[3]) * inverse, -max_step, max_step)
+                    step = wp.clamp(away_x * p[6] + away_y * p[7], -max_step, max_step)
                     away_x -= step * (p[2] + step * p[4])
                     away_y -= step * (p[3] + step * p[5])
                     square = away_x * away_x + away_y * away_y
-                    gamma[k] = wp.where(square < distance[k], p[6] + step, gamma[k])
+                    gamma[k] = wp.where(square < distance[k], p[8] + step, gamma[k])
                     distance[k] = wp.min(square, distance[k])
         if is_series:
             for k in range(count):
@@ -90,9 +89,7 @@ def curve_distances(curve_points, curve, x: Floats, y: Floats, count: int) -> Fl
             for k in range(abreast.ABREAST):
                 if k < abreast.width():
                     nearest = lissajous(curve, project_lissajous(curve, quarter_x[k], quarter_y[k], gamma[k], max_step))
-                    away_x = quarter_x[k] - nearest[0]
-                    away_y = quarter_y[k] - nearest[1]
-                    distance[k] = wp.sqrt(away_x * away_x + away_y * away_y)
+                    distance[k] = wp.length(wp.vec2(quarter_x[k] - nearest[0], quarter_y[k] - nearest[1]))
     return distance
 
 
@@ -100,13 +97,14 @@ def curve_distances(curve_points, curve, x: Floats, y: Floats, count: int) -> Fl
 def points_of(curve: Curve | None, device: str) -> Any:
     """Return the samples of a curve on a device, for a Lissajous curve those of a quarter; none without a curve."""
     sampled: Any = CurvePoints()
-    rows = np.zeros((0, 7))
+    rows = np.zeros((0, 9))
     if curve is not None:
         windings = _PER_HARMONIC * len(curve.harmonics) if curve.harmonics else _PER_WINDING * (curve.a + curve.b)
         sampled.half = np.pi / max(windings, _FEWEST)
         gamma = np.arange(sampled.half, 2 * np.pi, 2 * sampled.half)
         tangents, seconds = curve_derivatives(curve, gamma)
-        rows = np.column_stack([curve_point(curve, gamma), tangents, seconds / 2, gamma])
+        squares = np.maximum((tangents**2).sum(axis=1, keepdims=True), 1e-30)
+        rows = np.column_stack([curve_point(curve, gamma), tangents, seconds / 2, tangents / squares, gamma])
         if not curve.harmonics:  # a point beyond an axis has a parabola that may reach into the quarter
             rows = rows[(rows[:, :2] > -sampled.half * np.abs(tangents)).all(axis=1)]
     sampled.points = wp.array(rows, dtype=CurvePoint, device=device)
