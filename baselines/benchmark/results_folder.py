@@ -20,7 +20,7 @@ from lissajous_env.identity import fingerprint
 from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.parameters.rogues import folder_of
 from lissajous_env.parameters.scenario_file import scenario_of_json
-from lissajous_env.storage.files import read_json
+from lissajous_env.storage.files import read_json, undamaged
 from lissajous_env.storage.folder import Folder, read_lines
 from lissajous_env.wording import outside, shown
 
@@ -74,7 +74,8 @@ class Results:
                 self.stored = self._extended(place, stored, wanted)
                 if self.stored != stored:
                     self._write(folder)
-            self.scenarios = {name: scenario_of_json(fields) for name, fields in self.stored["scenarios"].items()}
+            with undamaged(path, "file of settings"):
+                self.scenarios = {name: scenario_of_json(fields) for name, fields in self.stored["scenarios"].items()}
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"{path} is damaged: {error}; choose another --out, or delete the folder") from error
 
