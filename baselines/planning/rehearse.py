@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.statistics import bootstrap_interval
+from baselines.benchmark.statistics import summarize
 from baselines.planning.plans import (
     BEYOND,
     GROWN,
@@ -22,13 +22,13 @@ from baselines.planning.plans import (
     Figures,
     Plan,
     Planned,
-    worst_case,
     worst_cases,
 )
 from lissajous_env.episodes.evaluation import EpisodeRunner
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, SEPARATION
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, MEAN, SEPARATION
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
 
@@ -197,15 +197,14 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
         lossy.play(scenario.task.steps, episodes.check)
         failed = lossy.rows()
     body, all_rows = 2 * plan.scenario.robot.radius, [*rows, *failed]
-    times = [row[DETECTION_TIME.name] for row in rows if not math.isnan(row[DETECTION_TIME.name])]
-    detection_low, detection_high = bootstrap_interval(np.array(times), cut=0.0)
+    detection = summarize([row[DETECTION_TIME.name] for row in rows], MEAN)
     collisions_failed = sum(row[COLLISIONS.name] for row in failed)
     minutes = scenario.task.duration / 60 * run.step / scenario.task.steps
     figures = Figures(
-        worst_case=worst_case(rows),
+        worst_case=max(worst_cases(rows)),
         settled=max(worst_cases(rows, SETTLED_TIME)),
-        worst_case_failed=math.inf if collisions_failed else worst_case(failed),
-        detection_time=statistics.fmean(times) if times else math.nan,
+        worst_case_failed=math.inf if collisions_failed else max(worst_cases(failed), default=math.nan),
+        detection_time=detection.value,
         collisions=run.collisions,
         collisions_failed=collisions_failed,
         clearance=min(row[SEPARATION.name] for row in rows) - body,
@@ -213,8 +212,8 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
         outside=max(row[BEYOND] for row in rows),
         distance=statistics.fmean(row[DISTANCE.name] for row in rows) / minutes,
         messages=run.policy.communicates,
-        detection_low=detection_low,
-        detection_high=detection_high,
+        detection_low=detection.low,
+        detection_high=detection.high,
     )
     return Planned(plan, figures, rows, failed)
 
@@ -231,17 +230,3 @@ def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> N
             row[:] = removal_steps(faults, len(row), task.step)
             row[list(lost)] = np.minimum(row[list(lost)], round(_LOST_AT * task.steps))
     simulation.robots.removed_at.assign(removed_at)
-
-
-def cells(scenario: Scenario, longest: int, cells_in_a_sensor: float = 0.0) -> tuple[int, int]:
-    """Return columns and rows of about square cells.
-
-    Args:
-        scenario: The scenario.
-        longest: Cells along the longer side of the rectangle, more for short sensors.
-        cells_in_a_sensor: Least sensing radius [cell].
-    """
-    halves = scenario.curve.half_width, scenario.curve.half_height
-    longest = max(longest, min(math.ceil(2 * max(halves) * cells_in_a_sensor / scenario.sensing_radius), 2 * longest))
-    columns, rows = (max(round(longest * half / max(halves)), 1) for half in halves)
-    return columns, rows

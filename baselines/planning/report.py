@@ -35,12 +35,11 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
         figures, robots = planned.figures, planned.plan.scenario.num_robots
         name = planned.plan.settings.policy + (" (close)" if figures.too_close else "")
         detection = Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
-        settled = worst_in_words(figures.settled, planned.rows, SETTLED_TIME)
         return [
             (True, Column("plan", left=True), name),
             (len(outcome.scenarios) > 1, Column("N"), str(robots)),
-            (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(figures.worst_case, planned.rows)),
-            (True, Column(f"second half [s]\n{episodes}"), settled),
+            (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(planned.rows)),
+            (True, Column(f"second half [s]\n{episodes}"), worst_in_words(planned.rows, SETTLED_TIME)),
             (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), _failed(planned)),
             (True, Column("lower\nbound [s]", rank=2), number(bounds.get(robots, math.nan))),
             (True, Column("mean detection\ntime [s]", rank=1), str(detection)),
@@ -87,7 +86,7 @@ def sentences(outcome: PlanOutcome) -> list[str]:
         words[0] += " A worst case is the largest time of these episodes; the median is in brackets where it differs."
         words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if broken := [reason for search in outcome.searches.values() for reason in search.broken]:
-        words.append(f"{len(broken)} plans failed when they were simulated to the end: {broken[0]}.")
+        words.append(f"{counted(len(broken), 'plan')} failed in simulations to the end: {broken[0]}.")
     if has_plans and all(math.isinf(planned.figures.worst_case) for planned in outcome.plans):
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif has_plans and episodes.failures:
@@ -150,28 +149,21 @@ def _losses(outcome: PlanOutcome) -> str:
 def _failed(planned: Planned) -> str:
     if planned.figures.collisions_failed:
         return counted(planned.figures.collisions_failed, "collision")
-    return worst_in_words(planned.figures.worst_case_failed, planned.failed_rows)
+    return worst_in_words(planned.failed_rows)
 
 
-def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
-    """Return the largest time of some episodes, with the median where it differs.
+def worst_in_words(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
+    """Return the largest time of some episodes by its column, with the median where it differs; a dash for no episode.
 
     A time that was still growing at the end is a lower bound if it is too short for its episode to be open (`OPEN`).
-
-    Args:
-        worst: The largest time [s].
-        rows: Score rows of the episodes.
-        name: Column of the time.
     """
-    words = _time(worst)
-    if math.isinf(worst) and rows and not any(row[OPEN.name] for row in rows):
+    times = worst_cases(rows, name) or [math.nan]
+    words, median = (
+        "no bound" if time == math.inf else number(time) for time in (max(times), statistics.median(times))
+    )
+    if words == "no bound" and not any(row[OPEN.name] for row in rows):
         words = f"> {number(max(row[name] for row in rows))}"
-    median = _time(statistics.median(worst_cases(rows, name))) if rows else words
     return words if median in (words, "no bound") else f"{words} (median {median})"
-
-
-def _time(seconds: float) -> str:
-    return "no bound" if math.isinf(seconds) else number(seconds)
 
 
 def open_folder(path: Path, most: int) -> Folder:

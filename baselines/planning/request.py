@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
-from baselines.benchmark.bounds import GRIDS
 from baselines.planning.plans import robots_top_speed
-from baselines.planning.rehearse import Episodes, cells
+from baselines.planning.rehearse import Episodes
 from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
-from lissajous_env.episodes.guarantee import CELLS
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.robot_models import tightest_radius
@@ -183,7 +182,7 @@ class Request(Checked, with_defaults=False, part=""):
         else:
             scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
-            changed["task.contamination"] = GRIDS.get(scenario.name) or cells(scenario, CELLS, 4.0)
+            changed["task.contamination"] = cells(scenario)
         return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float | None = None) -> Scenario:
@@ -218,8 +217,9 @@ class Request(Checked, with_defaults=False, part=""):
             changed["robot"] = robot
         if (limit := self.rogue_speed) is not None and limit != scenario.rogue_speed:
             # A target that moves faster than the limit of the rogues would be one of them.
-            speeds = {name: min(getattr(scenario.targets, name), limit) for name in ("speed", "flee_speed")}
-            changed |= {f"targets.{name}": value for name, value in (speeds | {"speed_limit": limit}).items()}
+            speeds = {name: getattr(scenario.targets, name) for name in ("speed", "speed_min", "flee_speed")}
+            changed |= {f"targets.{name}": min(value, limit) for name, value in speeds.items() if value is not None}
+            changed["targets.speed_limit"] = limit
         if self.open:
             changed["task.boundary"] = "open"
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
@@ -232,7 +232,7 @@ class Request(Checked, with_defaults=False, part=""):
             changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
             changed["task.contamination"] = None
         scenario = named.build(scenario, **changed)
-        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID)} if is_new else {}
+        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID, 0.0)} if is_new else {}
         if self.speed is not None and scenario.robot.kind == "curve":
             # At this phase rate, a point has the given speed where the curve is fastest.
             more["robot.phase_rate_max"] = self.speed / (scenario.alpha * largest_speed(scenario.driven))

@@ -304,9 +304,8 @@ def field_of(scenario: Scenario, parameters: FieldParameters) -> Any:
 
     The pull is limited so that at the formation's speed a step corrects at most half of `off`.
     """
-    field = Field()
+    field = to_struct(Field, parameters)
     field.least = 0.1 * motion_scale(scenario).speed
-    field.turn, field.speed, field.slowest = parameters.turn, parameters.speed, parameters.slowest
     field.rate, field.step = scenario.formation.phase_rate, scenario.task.step
     field.scale = curve_length(scenario.driven) / (2 * math.pi)
     field.pull = min(parameters.pull, 0.5 / (field.rate * field.scale * field.step))

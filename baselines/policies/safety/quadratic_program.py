@@ -27,8 +27,7 @@ def violation(n: int, rows: HalfPlanes, u: wp.vec2) -> float:
     """Return max_k c - g.u, and at least 0."""
     most = float(0.0)
     for k in range(n):
-        row = rows[k]
-        most = wp.max(most, row[2] - row[0] * u[0] - row[1] * u[1])
+        most = wp.max(most, rows[k][2] - rows[k][0] * u[0] - rows[k][1] * u[1])
     return most
 
 

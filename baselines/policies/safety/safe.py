@@ -96,8 +96,7 @@ class Safe(Filter):
         constants.listens = int(sight_speed < formation_speed)
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
-        shape = (*self.shape, 2, steps_of_velocity(scenario))
-        self._memory = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        self._memory = wp.zeros((*self.shape, 2, steps_of_velocity(scenario)), dtype=wp.vec3, device=self.device)
         others, places = (*self.shape, int(NEAREST)), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
         self._others = wp.zeros(others, dtype=wp.vec4, device=self.device)
         self._paths = wp.zeros((*self.shape, *places), dtype=wp.vec2, device=self.device)

@@ -76,6 +76,7 @@ def begin_on_curve(w, i, phase: wp.float64, curve, formation, top_speeds, robots
     """Put a robot on the curve at a phase [rad], at the formation's speed or its own top speed if that is lower."""
     alpha = float(formation.alpha)
     robots.phase[w, i] = phase
+    # `formation.phase_rate` is the rate of the curve's parameter, which is alpha times the phase.
     place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
     robots.speed[w, i] = wp.max(wp.min(robots.speed[w, i], top_speeds[i]), 0.0)
     for s in range(robots.path.shape[2]):
@@ -215,7 +216,8 @@ def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, hal
 def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_radius, curve, robot) -> float:
     """Return the heading at which a car begins between walls [rad]: the nearest with room for its tightest circle.
 
-    Its steering (`turning_radius` [m]) or, at its speed [m/s], its grip limits that circle.
+    Its steering (`turning_radius` [m]) or, at its speed [m/s], its grip limits that circle. The car on it stays in the
+    rectangle without the inset, and its body within the walls.
     """
     radius = wp.max(turning_radius, speed * speed / robot.lateral_acceleration_max)
     x = wp.min(curve.half_width - robot.radius, curve.reach_x)
