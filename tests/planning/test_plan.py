@@ -5,7 +5,6 @@ import itertools
 import json
 import math
 import re
-from functools import partial
 
 import numpy as np
 import pytest
@@ -244,11 +243,9 @@ def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_eve
     search = Search(lissajous_env.scenario(small), families_of(lissajous_env.scenario(small)), seconds=1)
     search.run()
     assert 1 <= len(search.looks) <= len(begun) == AHEAD < sum(len(family.first) for family in search.families)
-    plan, _, cutoff = begun[0]
-    late = Episodes(is_late=lambda: True)
-    for rehearse in (partial(look_at, cutoff=cutoff), play):
+    for rehearse, *cutoff in ((look_at, math.inf), (play,)):
         with pytest.raises(LateError):
-            rehearse(plan, late)
+            rehearse(begun[0][0], Episodes(is_late=lambda: True), *cutoff)
 
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):

@@ -192,8 +192,6 @@ def test_the_speed_is_a_parameter():
      "rows must be at most the 5 robots, got 6"),
     (lambda: partition_plans(lissajous_env.scenario("evaders", **{"task.boundary": "wall", "curve.inset": 0.35})),
      r"got one of 0\.45 m to a side within an inset of 0\.35 m"),
-    (lambda: PartitionParameters(lanes=3), "lanes must be an even whole number from 2 to 64, got 3"),
-    (lambda: RepairParameters(patience=0), "patience must be a whole number from 1"),
     (lambda: PartitionRepair("evaders", parameters=PartitionParameters()),
      r"parameters of PartitionRepair must be RepairParameters, got PartitionParameters\("),
 ])  # fmt: skip
