@@ -12,7 +12,7 @@ from baselines.policies import partition_plan as partition_module
 from baselines.policies.as_cars import like_cars
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
-from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart
+from baselines.policies.partition import PartitionRepair, in_ring_order, loops_lie_apart
 from baselines.policies.partition_plan import PartitionParameters, partition_plans, problem_of, smallest_distance
 from baselines.policies.timed_paths import plain_of
 from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, planned_transit, radius_for_all_cars
