@@ -145,8 +145,7 @@ class WithMpcc(Coordinated):
     def restrict(self, robot: int) -> None:
         """Solve the problem of one robot alone."""
         super().restrict(robot)
-        if self.num_worlds > 1:
-            raise ValueError(f"policy must be for one world to be restricted, got {self.num_worlds}")
+        require(self.num_worlds == 1, "policy", "must be for one world to be restricted", self.num_worlds)
         self.mpcc.restrict(robot)
 
     def forget(self, mask: np.ndarray) -> None:

@@ -18,7 +18,6 @@ from lissajous_env.episodes.missed.search import longest_path
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay import Replay
 
-GRID = {"task.contamination": (90, 40)}
 SHORT = {"task.duration": 12.0}
 
 
@@ -96,7 +95,7 @@ def test_a_robot_that_fails_senses_nothing_in_a_step_in_which_others_collide_wit
 
 def test_the_rogue_is_that_of_a_search_over_all_paths():
     # Oracle: the field of all paths on another grid, with exact discs at four moments of a step and no contamination.
-    settings = {"sensing.radius": 0.65, "targets.speed_limit": 0.5, "targets.count": 1, **GRID}
+    settings = {"sensing.radius": 0.65, "targets.speed_limit": 0.5, "targets.count": 1, "task.contamination": (90, 40)}
     rogue = missed("experiment", "random", 3, **{"task.duration": 4.0, "faults.schedule": (), **settings})
     path = rogue.played.path
     share = np.array([0.5, 1.0]) * (path.shape[2] - 1)

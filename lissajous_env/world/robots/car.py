@@ -80,10 +80,7 @@ def car_action(robot: RobotStruct, steering: float, throttle: float) -> wp.vec2:
 
 @wp.func
 def throttle_towards(robot: RobotStruct, speed: float, wanted_speed: float, gain: float) -> float:
-    """Return (c wanted + beta + gain (wanted - v)) / alpha, a throttle by (12): a proportional law, `gain` in [1/s].
-
-    beta is that which controllers assume, `robot.model_offset`.
-    """
+    """Return (c wanted + beta + gain (wanted - v)) / alpha by (12), with the beta of models and a gain [1/s]."""
     return (robot.drag * wanted_speed + robot.model_offset + gain * (wanted_speed - speed)) / robot.drive
 
 

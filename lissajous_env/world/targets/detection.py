@@ -136,8 +136,7 @@ class TargetGroup:
     """Position at the beginning of the step [m]."""
     x: Floats
     y: Floats
-    """Position before `move_together` [m]: that at the beginning of the step, or where an extension or an adversary has
-    moved a target in it."""
+    """Position before `move_together` [m]: that at the beginning, unless an extension or an adversary has moved it."""
     heading: Floats
     speed: Floats
     """Speed of a target while it does not flee [m/s]."""
