@@ -7,7 +7,7 @@ import dataclasses
 import os
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -119,7 +119,7 @@ class Search:
             return (self.clock() - self._begin) / self.seconds
         return (len(self.looks) + len(self.finals)) / (self.plans + self._finals_max)
 
-    def _is_late(self, results: Sequence[Planned]) -> bool:
+    def _is_late(self, results: Collection) -> bool:
         """Return whether the time is over, and there are results without those that are awaited."""
         return self.seconds is not None and bool(results) and not self.interrupted and self._done() > 1
 
@@ -205,14 +205,11 @@ class Search:
 
     def _play(self, threads: ThreadPoolExecutor, plans: Sequence[tuple[Plan, Episodes]]) -> bool:
         """Play plans to the end while there is time, and put them among the finals; return whether any was played."""
-
-        def is_late() -> bool:
-            return self._is_late(self.finals)
-
-        calls = ((plan, partial(play, plan, dataclasses.replace(more, is_late=is_late))) for plan, more in plans)
+        late = partial(self._is_late, self._finals)
+        calls = ((plan, partial(play, plan, dataclasses.replace(more, is_late=late))) for plan, more in plans)
         distinct = {plan.key: (plan, call) for plan, call in calls}
         played = False
-        for plan, final in self._in_order(threads, iter(distinct.values()), is_late):
+        for plan, final in self._in_order(threads, iter(distinct.values()), late):
             played = True
             if isinstance(final, str):
                 self._finals.pop(plan.key, None)
@@ -367,9 +364,8 @@ class PlanOutcome:
             with quietly():
                 scenario = self.scenarios[number]
                 families = families_of(scenario, request.required_clearance)
-                seconds = None
-                if request.seconds is not None:
-                    seconds = max((request.seconds - (time.monotonic() - begin)) / (len(numbers) - k), _LEAST)
+                left = (request.seconds or 0.0) - (time.monotonic() - begin)
+                seconds = max(left / (len(numbers) - k), _LEAST) if request.seconds else None
                 budget = request.plans or PLANS, seconds
                 search = Search(scenario, families, request.episodes, *budget, request.seed, request.fixed_start)
                 self.searches[number] = search
