@@ -5,7 +5,7 @@ All robots play the same episodes, so they choose the same patrol without messag
 
 import math
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from baselines.planning.plans import absolute
 from baselines.planning.rehearse import cells
@@ -81,26 +81,20 @@ _COLLISION, _MOST_COLLISIONS = 0.1, 20
 """Cost of a collision in an episode, and the largest number of collisions that counts."""
 
 
-class Result(NamedTuple):
-    """The result of a policy in some episodes."""
+def cost(time: float, collisions: float, step: float) -> float:
+    """Return the logarithm of a time [s], and a tenth for each collision in an episode.
 
-    time: float
-    """Mean detection time, or largest worst-case undetected time [s]; infinite if nothing was detected."""
-    collisions: float
-    """Collisions in an episode."""
-
-    def cost(self, step: float) -> float:
-        """Return the logarithm of the time, and a tenth for each collision in an episode.
-
-        A time below a control step [s] counts as one step.
-        """
-        return math.log(max(self.time, step)) + _COLLISION * min(self.collisions, _MOST_COLLISIONS)
+    A time below a control step [s] counts as one step.
+    """
+    return math.log(max(time, step)) + _COLLISION * min(collisions, _MOST_COLLISIONS)
 
 
 def result_of(
     settings: PolicySettings, scenario: Scenario, episodes: int, portfolio: str, first_seed: int = FIRST_SEED
-) -> Result:
-    """Play a policy and return its result for the objective of a portfolio.
+) -> tuple[float, float]:
+    """Play a policy and return the time that a portfolio minimises [s], and the collisions in an episode.
+
+    The time is the mean detection time, or the largest worst-case undetected time; infinite if nothing was detected.
 
     Raises:
         UnsuitableScenarioError: the scenario does not suit the policy.
@@ -108,11 +102,10 @@ def result_of(
     rows = evaluate(settings.make(scenario, episodes), scenario, range(first_seed, first_seed + episodes))
     collisions = sum(row[COLLISIONS.name] for row in rows) / episodes
     if portfolio == GUARANTEE:
-        longest = max(row[WORST_CASE.name] for row in rows)
-        is_open = any(row[OPEN.name] for row in rows)
-        return Result(_OPEN * scenario.task.duration if is_open else longest, collisions)
+        without_bound = _OPEN * scenario.task.duration
+        return max(without_bound if row[OPEN.name] else row[WORST_CASE.name] for row in rows), collisions
     times = [row[DETECTION_TIME.name] for row in rows if math.isfinite(row[DETECTION_TIME.name])]
-    return Result(sum(times) / len(times) if times else math.inf, collisions)
+    return sum(times) / len(times) if times else math.inf, collisions
 
 
 def rehearsal_of(scenario: Scenario, portfolio: str) -> Scenario:
@@ -158,7 +151,7 @@ def _best_rehearsed(name: str, scenario: Scenario) -> PolicySettings:
     with quietly():
         for k, patrol in enumerate(patrols):
             try:
-                costs[k] = result_of(patrol, rehearsal, FEW, name).cost(step)
+                costs[k] = cost(*result_of(patrol, rehearsal, FEW, name), step)
             except UnsuitableScenarioError as error:
                 reason = reason or error
         if reason is not None and not costs:
@@ -167,7 +160,7 @@ def _best_rehearsed(name: str, scenario: Scenario) -> PolicySettings:
             # Without collisions, `costs` bounds the cost from below: the worst case of more episodes is never shorter.
             may_be_best = name == GUARANTEE and costs[k] < min(finals.values(), default=math.inf)
             if len(finals) < FINALISTS or may_be_best:
-                finals[k] = result_of(patrols[k], rehearsal, MANY, name).cost(step)
+                finals[k] = cost(*result_of(patrols[k], rehearsal, MANY, name), step)
     return patrols[min(finals, key=finals.__getitem__)]
 
 
