@@ -8,12 +8,11 @@ from functools import lru_cache, partial
 from typing import Any
 
 from baselines.planning.plans import absolute
-from baselines.planning.rehearse import cells
 from baselines.policies import registry
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.evaluation import evaluate
-from lissajous_env.episodes.guarantee import CELLS
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.scenario import Scenario
@@ -73,8 +72,6 @@ FEW, FIRST_SEED = 4, 800_000
 """Episodes of a rehearsal, and the seed of the first; no published results are from these seeds."""
 FINALISTS, MANY = 2, 16
 """Number of the best policies that are played again, and in how many episodes."""
-_CELLS_IN_A_SENSOR = 4.0
-"""Least sensing radius on the contamination grid of rehearsals [cell]."""
 _OPEN = 2.0
 """Worst case that stands for one without a bound, in durations of an episode."""
 _COLLISION, _MOST_COLLISIONS = 0.1, 20
@@ -117,7 +114,7 @@ def rehearsal_of(scenario: Scenario, portfolio: str) -> Scenario:
     else:
         changes["targets.rogues"] = None
         if scenario.task.contamination is None:
-            changes["task.contamination"] = cells(scenario, CELLS, _CELLS_IN_A_SENSOR)
+            changes["task.contamination"] = cells(scenario)
     return named.build(scenario, **changes)
 
 
