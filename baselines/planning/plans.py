@@ -146,13 +146,8 @@ def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = 
     return PolicySettings(relative.policy, given)
 
 
-def worst_case(rows: Sequence[dict[str, Any]]) -> float:
-    """Return the worst-case undetected time of some episodes [s]; infinite if one shows no bound, NaN for none."""
-    return max(worst_cases(rows), default=math.nan)
-
-
 def worst_cases(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> list[float]:
-    """Return the worst-case undetected time of each episode [s]; infinite if an episode shows no bound.
+    """Return the worst-case undetected time of each episode [s], by its column; infinite if an episode shows no bound.
 
     An episode whose time was still growing in its last step shows none, even if it is too short to be open (`OPEN`).
     """

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
-from baselines.benchmark.bounds import GRIDS
 from baselines.planning.plans import robots_top_speed
-from baselines.planning.rehearse import Episodes, cells
+from baselines.planning.rehearse import Episodes
 from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
-from lissajous_env.episodes.guarantee import CELLS
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.robot_models import tightest_radius
@@ -183,8 +182,7 @@ class Request(Checked, with_defaults=False, part=""):
         else:
             scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
-            grids = GRIDS if self.width is None and self.height is None else {}  # for a scenario's own rectangle
-            changed["task.contamination"] = grids.get(scenario.name) or cells(scenario, CELLS, 4.0)
+            changed["task.contamination"] = cells(scenario)
         return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float | None = None) -> Scenario:
@@ -234,7 +232,7 @@ class Request(Checked, with_defaults=False, part=""):
             changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
             changed["task.contamination"] = None
         scenario = named.build(scenario, **changed)
-        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID)} if is_new else {}
+        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID, 0.0)} if is_new else {}
         if self.speed is not None and scenario.robot.kind == "curve":
             # At this phase rate, a point has the given speed where the curve is fastest.
             more["robot.phase_rate_max"] = self.speed / (scenario.alpha * largest_speed(scenario.driven))

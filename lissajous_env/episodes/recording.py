@@ -57,7 +57,7 @@ class Recording:
     """(F, T, 2) float32 x, y of the targets [m]; before a target appears, where it will, unless it appears unseen.
     A target that appears anew after its detection counts as another target."""
     motion: Annotated[np.ndarray, "T", np.int32]
-    """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets.motion`."""
+    """(T,) int32 STILL, DRIFTING, WANDERING, FLEEING or CUSTOM of `lissajous_env.world.targets.motion`."""
     appears_at: Annotated[np.ndarray, "T", np.int32]
     """(T,) int32 step in which a target appears."""
     found_at: Annotated[np.ndarray, "T", np.int32]
@@ -65,7 +65,7 @@ class Recording:
     found_early: Annotated[np.ndarray, "T", np.float32]
     """(T,) float32 share of that step that was left then, in [0, 1]."""
     sensed_at: Annotated[np.ndarray, "F R C", np.int32]
-    """(F, R, C) int32 step in which a cell was last sensed; the lowest row comes first."""
+    """(F, R, C) int32 step in which a cell was last sensed, 0 also for never; the lowest row comes first."""
     contact: Annotated[np.ndarray, "M 3", np.int32]
     """(M, 3) int32 moment and two robots that have collided and not yet parted."""
     collisions: Annotated[np.ndarray, "F", np.int32]
@@ -163,7 +163,7 @@ class Recorder:
     def _others(self) -> dict[str, np.ndarray]:
         """Return the arrays that are not part of a snapshot."""
         simulation, w = self.simulation, self.world
-        action = np.clip(np.nan_to_num(of_world(simulation.action, w)), -1.0, 1.0)
+        action = of_world(simulation.limited_action, w)
         return {
             "speed": of_world(simulation.robots.speed, w),
             "phase": of_world(simulation.robots.phase, w),

@@ -16,7 +16,7 @@ import numpy as np
 
 from baselines.policies.base import Policy
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import Reacting, away_from_others
+from baselines.policies.reacting import KEPT_FOR, Reacting, away_from_others
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.observation import NEIGHBOUR_ENTRIES
@@ -57,8 +57,6 @@ FAR = np.float32(1e4)
 """Distance of a robot that does not exist [sight]."""
 _REST = np.float32(0.25)
 """Speed below which a car rests [top speed]."""
-_MEMORY = 1.875
-"""Time for which a target is assumed to keep its velocity, in units of sight over top speed."""
 
 
 class Perception(NamedTuple):
@@ -161,7 +159,7 @@ def _fill_track_tokens(
         axes: (W, N, 2) directions of the robots' axes.
     """
     memory = rows.scenario.sensing.memory * rows.scenario.speed_unit / rows.scenario.sight
-    age = np.minimum(token[..., TOKEN.index("age")] * np.float32(memory), np.float32(_MEMORY))
+    age = np.minimum(token[..., TOKEN.index("age")] * np.float32(memory), np.float32(KEPT_FOR))
     token[..., columns_of(TOKEN, "own", "leaves")] = rows.entries_of("track", "own", "other", "leaves")
     here = here[:, :, None]
     offset = np.clip(here + offset + token[..., _VELOCITY] * age[..., None], -half, half) - here

@@ -126,8 +126,7 @@ _CLEAR_SENSED = f"""
     const int words = labelled.shape[2] - 2, ring = labelled.shape[3];
     unsigned int* bits = &wp::index(labelled, w, row + {int(MARGIN)}, 1, 0);
     for (int word = 0; word < words; ++word, bits += ring) {{
-        const unsigned long long both = wp::index(sensed, w, word / 2, row) | wp::index(swept, w, word / 2, row);
-        const unsigned int seen = both >> 32 * (word & 1), stays = bits[latest];
+        const unsigned int seen = wp::index(swept, w, word / 2, row) >> 32 * (word & 1), stays = bits[latest];
         for (int tick = 0; tick < ring; ++tick)
             bits[tick] &= ~seen;
         bits[latest] = stays;
