@@ -105,11 +105,15 @@ def test_benchmark_prints_a_table_and_resumes(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("command", "ending"),
-    [(lambda: True, (0, "")), (lambda: 3, (3, "")), (lambda: sys.exit("no end"), (1, "error: no end\n"))],
-)
+    [
+        (lambda: True, (0, "")), (lambda: 3, (3, "")), (lambda: sys.exit("no end"), (1, "error: no end\n")),
+        (lambda: exec("raise RuntimeError('a\\nb')"), (1, "error: RuntimeError: a (<string>, line 1);")),
+    ],
+)  # fmt: skip
 def test_a_command_of_another_package_ends_with_its_exit_code_or_reason(command, ending, monkeypatch, capsys):
     monkeypatch.setattr(cli, "commands", lambda: {"mine": SimpleNamespace(load=lambda: command)})
-    assert called(capsys, "mine")[::2] == ending
+    code, _, error = called(capsys, "mine")
+    assert (code, error.partition(" set ")[0]) == ending
 
 
 def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path, capsys, monkeypatch):
