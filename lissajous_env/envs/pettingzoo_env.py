@@ -176,12 +176,12 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     def _add_rogues(self, side: Side, rows: Rows, results: Sequence[dict]) -> None:
         """Add the rogues that acted in the step, or that act in the next one, to its results and to `agents`."""
         live = np.flatnonzero(rows.mask).tolist()
-        shown = sorted({*self._live[1], *live})
-        names, self._live[1] = [side.names[t] for t in shown], live
+        slots = sorted({*self._live[1], *live})
+        names, self._live[1] = [side.names[t] for t in slots], live
         for result, column in zip(
             results, (rows.observation, rows.reward, rows.terminated, rows.truncated), strict=False
         ):
-            result.update(zip(names, column[shown].tolist() if column.ndim == 1 else column[shown], strict=True))
+            result.update(zip(names, column[slots].tolist() if column.ndim == 1 else column[slots], strict=True))
         results[4].update((name, {}) for name in names)
         self.agents = [*self.agents, *(side.names[t] for t in live)]
 

@@ -247,16 +247,14 @@ class Robot(Checked):
             self._require(reached > self.dead_zone, "speed_min", rule)
 
     def _check_forwards(self) -> None:
+        least = max(self.throttle_min, self.dead_zone)
+        name = "speed_max" if self.speed_max is not None and self.throttle_max is None else "throttle_max"
+        rule = f"must make full throttle exceed throttle_min and dead_zone, {least:g}, not be {self.full_throttle:.4g}"
+        self._require(self.full_throttle > least, name, rule)
         if self.speed_max is None:
-            self._require(self.full_throttle > self.throttle_min, "throttle_max", "must be above throttle_min")
             rule = "must lead to a top speed, (drive throttle_max - offset) / drag, from 0.001 to 10000 m/s"
             self._require(1e-3 <= self.top_speed <= 1e4, "throttle_max", rule)
-        elif self.throttle_max is None:
-            least = max(self.throttle_min, self.dead_zone)
-            rule = "must be reached at a throttle above throttle_min and dead_zone"
-            rule = f"{rule}, {least:g}, not at {self.full_throttle:.4g} [m/s]"
-            self._require(self.full_throttle > least, "speed_max", rule)
-        else:
+        elif self.throttle_max is not None:
             reached = (self.drive * self.throttle_max - self.offset) / self.drag
             fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
             rule = f"must be {reached:.6g} m/s for throttle_max = {self.throttle_max:g}, or one of the two must be None"
@@ -323,12 +321,12 @@ class Robot(Checked):
     def steady_speed(self, drive: float) -> float:
         """Return the steady speed at action 1 of a robot with its own drive [m/s].
 
-        For a car it is (drive tau - offset) / drag at full throttle. A differential drive controls its speed: with a
-        stronger motor it only reaches the same speed sooner.
+        For a car it is (drive tau - offset) / drag at full throttle, or 0 if its motor is too weak. A differential
+        drive controls its speed: with a stronger motor it only reaches the same speed sooner.
         """
         if self.kind == "differential":
             return self.top_speed
-        return (drive * self.full_throttle - self.offset) / self.drag
+        return max((drive * self.full_throttle - self.offset) / self.drag, 0.0)
 
 
 @dataclass(frozen=True)

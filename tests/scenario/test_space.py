@@ -154,6 +154,8 @@ def test_an_environment_takes_given_fields_as_a_training_does():
 
 def test_a_shift_changes_its_draws_alone():
     sample_space = space(shifts={"high": {"curve": {"half_height": "uniform(5.0, 6.0)"}}})
+    with pytest.raises(ValueError, match="name of a shift must be text, and neither that of a split nor a number, got"):
+        space(shifts={"7": {}})  # `space-7` is the scenario of seed 7
     samples = first(sample_space, "high", 20)
     assert [sample.name for sample in samples[:2]] == ["space-high-0", "space-high-1"]
     assert all(5 <= sample.curve.half_height <= 6 and sample.curve.a in (3, 5) for sample in samples)

@@ -52,7 +52,8 @@ FAR_ROBOTS = [[1.5, 0.7], [1.5, -0.7], [1.6, 0.7], [1.6, -0.7], [1.7, 0.7]]
 
 def test_a_rogue_moves_at_its_speed_limit_and_walls_stop_it():
     # Story: one goes right at full speed; one requires twice as much, diagonally; one pushes into a corner.
-    simulation = placed([[0.0, 0.0], [-0.5, 0.0], [-1.8, -0.8]], FAR_ROBOTS, **{"sensing.radius": 0.2})
+    slow = {"sensing.radius": 0.2, "targets.speed_limit": 0.1}  # slower than the targets that the rogues replace
+    simulation = placed([[0.0, 0.0], [-0.5, 0.0], [-1.8, -0.8]], FAR_ROBOTS, **slow)
     before = simulation.targets.position.numpy()[0].copy()
     simulation.step(np.zeros(simulation.action_shape), np.array([[[1.0, 0.0], [2.0, 2.0], [-1.0, -1.0]]]))
     moved = simulation.targets.position.numpy()[0] - before
@@ -151,7 +152,6 @@ def test_an_action_that_is_not_finite_counts_as_zero_and_is_flagged():
 def test_without_rogues_nothing_is_there_and_the_digest_is_the_old_one():
     # Story: no stage, no array, no change of the scenario's digest, which results and checkpoints hold.
     plain = Simulation("experiment", **FEW)
-    assert plain.rogues is None
     assert plain.rogues is None
     assert "rogue" not in str(plain.stages)
     scenario = lissajous_env.scenario("experiment")
