@@ -52,6 +52,10 @@ _COARSE, _COARSE_CELLS_IN_A_SENSOR = 40, 2.5
 """Cells of a first look along the longer side of the rectangle, if the sensors are not too short for them."""
 
 
+class LateError(Exception):
+    """End of episodes of which no result is needed any more."""
+
+
 @dataclass(frozen=True)
 class Episodes:
     """The episodes of every plan: with the same seeds for all, so that plans are compared on the same failures."""
@@ -63,6 +67,15 @@ class Episodes:
     count: int = FINAL_EPISODES
     clearance: float = 0.0
     """Distance of two bodies below which a plan is ranked after all others [m]."""
+
+    is_late: Callable[[], bool] = lambda: False
+    """Function that returns whether no result is needed any more."""
+
+    def check(self) -> bool:
+        """Return False, or raise LateError if no result is needed any more."""
+        if self.is_late():
+            raise LateError
+        return False
 
     def lost(self, scenario: Scenario) -> int:
         """Return the number of robots that are removed in an episode with failures."""
@@ -157,7 +170,7 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     coarse = min(cells(plan.scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
     scenario = named.build(plan.scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
     run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
-    run.play(until, lambda: run.collisions > 0 or run.longest > cutoff)
+    run.play(until, lambda: episodes.check() or run.collisions > 0 or run.longest > cutoff)
     planned = _planned(run, episodes)
     if planned.figures.collisions:
         return planned
@@ -171,7 +184,7 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
 def play(plan: Plan, episodes: Episodes) -> Planned:
     """Play the final episodes of a plan, all of them to the end."""
     run = _Run(plan, plan.scenario, episodes.seed, [()] * episodes.count)
-    run.play(plan.scenario.task.steps)
+    run.play(plan.scenario.task.steps, episodes.check)
     return _planned(run, episodes, [] if run.collisions else episodes.losses(plan.scenario))
 
 
@@ -181,7 +194,7 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
     if losses:
         with_losses = named.build(scenario, **{"faults.lost": episodes.lost(scenario)})
         lossy = _Run(plan, with_losses, episodes.seed, losses)
-        lossy.play(scenario.task.steps)
+        lossy.play(scenario.task.steps, episodes.check)
         failed = lossy.rows()
     body, all_rows = 2 * plan.scenario.robot.radius, [*rows, *failed]
     detection = summarize([row[DETECTION_TIME.name] for row in rows], MEAN)

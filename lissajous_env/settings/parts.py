@@ -247,10 +247,12 @@ class Robot(Checked):
             self._require(reached > self.dead_zone, "speed_min", rule)
 
     def _check_forwards(self) -> None:
-        least = max(self.throttle_min, self.dead_zone)
-        name = "speed_max" if self.speed_max is not None and self.throttle_max is None else "throttle_max"
-        rule = f"must make full throttle exceed throttle_min and dead_zone, {least:g}, not be {self.full_throttle:.4g}"
-        self._require(self.full_throttle > least, name, rule)
+        least, full = max(self.throttle_min, self.dead_zone), self.full_throttle
+        name, rule = "throttle_max", f"must be above throttle_min and dead_zone, {least:g}"
+        if self.throttle_max is None and self.speed_max is not None:
+            rule = f"must be reached at a throttle above throttle_min and dead_zone, {least:g}, not at {full:.4g} [m/s]"
+            name = "speed_max"
+        self._require(full > least, name, rule)
         if self.speed_max is None:
             rule = "must lead to a top speed, (drive throttle_max - offset) / drag, from 0.001 to 10000 m/s"
             self._require(1e-3 <= self.top_speed <= 1e4, "throttle_max", rule)

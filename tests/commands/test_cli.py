@@ -60,8 +60,6 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         (["run", "failure", "kuramoto", "--set", "task.duration=-3"], "must be from 0.001 to 100000000 [s], got -3"),
         (["evaluate", "failure", "kuramoto", "--set", "name=evil"], "override must name one of curve"),
         (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "-" * 100_000 + "1"], "--set curve.a must be given"),
-        (["evaluate", "failure", "kuramoto", "--episodes", "0"], "episodes must be a whole number from 1 to 1000000"),
-        (["run", "failure", "kuramoto", "--seed", "99999999999"], "seed must be a whole number from 0 to 2147483647"),
         (["guarantee", "ideal", "ideal"], "scenarios must differ in name, got 2 of ideal"),
         (["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"], "out must be in an existing folder"),
         (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),

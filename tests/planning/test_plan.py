@@ -17,7 +17,7 @@ import lissajous_env
 from baselines.planning import report
 from baselines.planning.families import default_policies, defaults, families_of
 from baselines.planning.plans import Family, Figures, Plan, Planned, best_of, pareto_optimal
-from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, look_at
+from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, LateError, look_at, play
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, PlanOutcome, Search
 from baselines.policies.settings import PolicySettings
@@ -237,10 +237,15 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, h
 
 
 def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_every_start(small, monkeypatch, hours):
+    begun = []
     monkeypatch.setattr("baselines.planning.search.cores", lambda: 64)
+    monkeypatch.setattr("baselines.planning.search.look_at", lambda *call: begun.append(call) or look_at(*call))
     search = Search(lissajous_env.scenario(small), families_of(lissajous_env.scenario(small)), seconds=1)
     search.run()
-    assert len(search.looks) == AHEAD < sum(len(family.first) for family in search.families)
+    assert 1 <= len(search.looks) <= len(begun) == AHEAD < sum(len(family.first) for family in search.families)
+    for rehearse, *cutoff in ((look_at, math.inf), (play,)):
+        with pytest.raises(LateError):
+            rehearse(begun[0][0], Episodes(is_late=lambda: True), *cutoff)
 
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):

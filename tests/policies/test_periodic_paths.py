@@ -36,7 +36,6 @@ def test_cars_go_around_the_circles_that_were_given():
 
 
 @pytest.mark.parametrize(("changed", "message"), [
-    ({"period": 3}, "path.period must be a whole number from 4"),
     ({"paths": ((0.0, 1.0, 2.0),)}, "path.paths must contain a row for each robot"),
     ({"paths": ((0.0,) * 6,) * 4}, "paths must contain a row for each of the 5 robots, got 4"),
 ])  # fmt: skip

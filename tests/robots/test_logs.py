@@ -12,7 +12,7 @@ from command_line import called
 import baselines
 import lissajous_env
 from lissajous_env.episodes.recording import record
-from lissajous_env.logs.log import Log, Track
+from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import score
@@ -132,6 +132,9 @@ def test_another_number_of_robots_and_a_short_log_are_refused():
     for field, wrong in {"time": track.time[::-1], "position": nan, "heading": nan, "speed": [0.3]}.items():
         with pytest.raises(ValueError, match=f"{field} of a track must "):
             dataclasses.replace(track, **{field: wrong})
+    for field, *wrong in (("time", track.time[::-1], nan), ("value", [], []), ("names", [0.0], [[0.0]], ("x", "y"))):
+        with pytest.raises(ValueError, match=f"{field} of a series must "):
+            Series(*wrong)
 
 
 def test_interpolation_is_exact_for_a_cubic():

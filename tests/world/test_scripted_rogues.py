@@ -138,6 +138,3 @@ def test_commands_name_a_script(capsys, tmp_path):
     code, _, said = called(capsys, "evaluate", "evaders", "sweep", "--rogues", "agents", *short)
     assert code == 2
     assert "rogues of a command must be the name of a rogue, such as flee, or a folder, got agents" in said
-    code, _, said = called(capsys, "replay", "evaders", "sweep", "--rogues", "flea", "--out", tmp_path / "a.html")
-    assert code == 2
-    assert "did you mean flee?" in said

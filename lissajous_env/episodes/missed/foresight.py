@@ -143,8 +143,7 @@ class Foresight:
         blocked = np.any([self.sensed(visits.sensors[k]) for k in moments], axis=0)
         value = ndimage.gaussian_filter(after, (0, self._blur, self._blur), mode="nearest", truncate=3.0)
         value = np.where(blocked, 0.0, value + self.stage * self._step).astype(np.float32)
-        for w in range(len(value)):
-            value[w] = ndimage.maximum_filter(value[w], footprint=self._near, mode="constant")
+        value = ndimage.maximum_filter(value, footprint=self._near[None], mode="constant")
         value[self.sensed(visits.sensors[now])] = 0.0
         return value
 
