@@ -32,7 +32,7 @@ def test_cars_can_drive_along_the_rounded_curve_without_a_collision():
 def test_only_curves_that_bend_too_tightly_within_walls_are_rounded(name, fields, is_rounded):
     scenario = lissajous_env.scenario(name, **fields)
     assert bool(scenario.driven.harmonics) == is_rounded
-    assert scenario.resolve().curve.driven.harmonics == scenario.driven.harmonics
+    assert scenario.resolve().curve.driven == scenario.resolve().driven == scenario.driven
     for bound in ("sensing_radius", "coverage_radius", "detection_radius", "robot_radius_bound"):
         assert getattr(scenario, bound) == getattr(scenario.resolve(), bound) > 0
         assert getattr(scenario.resolve().scaled(0.3), bound) == pytest.approx(0.3 * getattr(scenario, bound))

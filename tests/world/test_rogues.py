@@ -52,8 +52,7 @@ FAR_ROBOTS = [[1.5, 0.7], [1.5, -0.7], [1.6, 0.7], [1.6, -0.7], [1.7, 0.7]]
 
 def test_a_rogue_moves_at_its_speed_limit_and_walls_stop_it():
     # Story: one goes right at full speed; one requires twice as much, diagonally; one pushes into a corner.
-    slow = {"sensing.radius": 0.2, "targets.speed_limit": 0.1}  # slower than the targets that the rogues replace
-    simulation = placed([[0.0, 0.0], [-0.5, 0.0], [-1.8, -0.8]], FAR_ROBOTS, **slow)
+    simulation = placed([[0.0, 0.0], [-0.5, 0.0], [-1.8, -0.8]], FAR_ROBOTS, **{"sensing.radius": 0.2})
     before = simulation.targets.position.numpy()[0].copy()
     simulation.step(np.zeros(simulation.action_shape), np.array([[[1.0, 0.0], [2.0, 2.0], [-1.0, -1.0]]]))
     moved = simulation.targets.position.numpy()[0] - before
@@ -66,9 +65,9 @@ def test_a_rogue_moves_at_its_speed_limit_and_walls_stop_it():
 
 
 def test_an_observation_is_what_its_table_says():
-    # Oracle: the entries computed by hand from places, walls and radius.
+    # Oracle: the entries computed by hand from places, walls and radius; slower than the targets that it replaces.
     robots = [[0.5, 0.0], [0.0, 0.6], [1.5, -0.7], [1.6, -0.7], [1.7, 0.7]]
-    simulation = placed([[0.1, -0.2]], robots, **{"sensing.radius": 0.3})
+    simulation = placed([[0.1, -0.2]], robots, **{"sensing.radius": 0.3, "targets.speed_limit": 0.1})
     curve, places = simulation.scenario.curve, simulation.robots.position.numpy()[0, :, :2]
     x, y = simulation.targets.position.numpy()[0, 0]
     assert row(simulation, ["present", "x", "y"]) == pytest.approx([1.0, x / curve.half_width, y / curve.half_height])
