@@ -18,7 +18,8 @@ def runs(mask: np.ndarray) -> list[tuple[int, int]]:
 def _increasing(name: str, time: Any) -> np.ndarray:
     """Return the times of a series or track as float64 [s]; they must be finite and increase."""
     time = np.asarray(time, float)
-    fits = np.isfinite(time).all() and (np.diff(np.atleast_1d(time)) > 0).all()
+    steps: Any = np.diff(np.atleast_1d(time))
+    fits = np.isfinite(time).all() and (steps > 0).all()
     require(fits, f"time of a {name}", "must be finite and increase [s]", time)
     return time
 

@@ -133,6 +133,7 @@ def test_other_settings_are_refused_and_both_are_shown(copied):
     ("change", "words"),
     [
         ({"episodes": -1}, "must be one of -1 episodes"), ({"policies": []}, r"settings\.json is damaged"),
+        ({"scenarios": {"mine": 3}}, r"settings\.json must be an undamaged .* be a table of its parts, got int"),
         ({"versions": {"lissajous-env": "0.1.0"}}, "versions.lissajous-env: '0.1.0' there"),
     ],
 )  # fmt: skip

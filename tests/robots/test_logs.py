@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -189,8 +190,10 @@ def test_a_damaged_or_missing_log_is_refused_by_its_name(logged, tmp_path, damag
     with pytest.raises(ValueError, match="bad") as caught:
         read([logged[1], bad])
     assert logged[1] not in [path.resolve() for path in Path("/proc/self/fd").iterdir()], caught
-    with pytest.raises(ValueError, match=r"logs must be existing files or folders, got .*none\.mcap"):
-        read(tmp_path / "none.mcap")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    for name in ("none", "pipe"):
+        with pytest.raises(ValueError, match=rf"logs must be existing files or folders, got .*{name}\.mcap"):
+            read(tmp_path / f"{name}.mcap")
 
 
 def test_the_commands_score_and_identify(logged, tmp_path, capsys):
