@@ -146,7 +146,7 @@ class Rows:
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario, self._indices = _decoded(named.build(scenario))
+        self.scenario, self._indices, self._columns = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
         if self.values.shape[-1:] != (len(self._indices),):
             rule = f"observation must have rows of {len(self._indices)} numbers for {self.scenario.name}"
@@ -161,9 +161,11 @@ class Rows:
 
     def entries_of(self, kind: str, *names: str) -> np.ndarray:
         """Return the raw values (W, N, K, len(names)) of entries of the K things of a kind, such as `track`."""
-        count = 2 if kind == "neighbour" else getattr(self.scenario.sensing, f"{kind}s_seen")
-        indices = [self._indices[f"{kind}_{k}_{name}"] for k in range(count) for name in names]
-        return self.values.take(np.array(indices, dtype=int).reshape(count, len(names)), axis=-1)
+        if (kind, names) not in self._columns:
+            count = 2 if kind == "neighbour" else getattr(self.scenario.sensing, f"{kind}s_seen")
+            indices = [self._indices[f"{kind}_{k}_{name}"] for k in range(count) for name in names]
+            self._columns[kind, names] = np.array(indices, dtype=int).reshape(count, len(names))
+        return self.values.take(self._columns[kind, names], axis=-1)
 
     @cached_property
     def position(self) -> np.ndarray:
@@ -300,7 +302,7 @@ class Rows:
 
 
 @lru_cache(maxsize=64)
-def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int]]:
-    """Return a scenario with every field filled in, and the indices of the entries by name."""
+def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int], dict[tuple, np.ndarray]]:
+    """Return a scenario with every field filled in, the indices of the entries by name, and those that were read."""
     scenario = scenario.resolve()
-    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}
+    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}, {}
