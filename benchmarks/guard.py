@@ -56,9 +56,10 @@ def played(settings: PolicySettings | None, scenario: Scenario, episodes: int) -
     if settings is None:
         return {"time": None}
     try:
-        return result_of(settings, scenario, episodes, GUARANTEE, FIRST_SEED)._asdict()
+        time, collisions = result_of(settings, scenario, episodes, GUARANTEE, FIRST_SEED)
     except UnsuitableScenarioError:
         return {"time": None}
+    return {"time": time, "collisions": collisions}
 
 
 def results(path: Path, scenarios: list[Scenario], policies: list[str], options: argparse.Namespace) -> Results:

@@ -21,7 +21,7 @@ from pathlib import Path
 import figures
 
 from baselines.benchmark import bounds
-from baselines.benchmark.bounds import GRIDS, as_played, bounds_of
+from baselines.benchmark.bounds import WITH_GRID, as_played, bounds_of
 from baselines.benchmark.statistics import number
 from baselines.planning import portfolio
 from baselines.planning.families import as_family, defaults, lines, partitions, with_parameters
@@ -30,6 +30,7 @@ from baselines.planning.rehearse import Episodes, play
 from baselines.planning.search import Search
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import POLICY_FILE, SCENARIO_FILE
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import toml_value
@@ -114,7 +115,7 @@ def _write(folder: str, name: str, best: Planned, command: str) -> None:
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
     home = [f'name = "{folder}-best-known"', f'base = "{name}"']
-    home += [f"\n[task]\ncontamination = {list(GRIDS[name])}"] if name in GRIDS else []
+    home += [f"\n[task]\ncontamination = {list(cells(as_played(name)))}"] if name in WITH_GRID else []
     write_atomically(path / SCENARIO_FILE, "\n".join(home) + "\n")
     write_atomically(path / POLICY_FILE, best.plan.settings.as_toml())
     _write_figures(path, best.figures, command)

@@ -69,8 +69,8 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
     base: str | None = None
     """Classical policy whose actions the network reads and corrects, and with which validations are compared. By
     default greedy-herd, divided-pursuit or index-learned if actions are velocities; for cars that steer and
-    differential drives, arc-mpcc; for points, kuramoto. With none, the network corrects no policy, and validations are
-    compared with that default."""
+    differential drives, arc-mpcc, or partition-repair if targets appear unseen; for points, kuramoto. With none, the
+    network corrects no policy, and validations are compared with that default."""
     critic: Literal["central", "own"] = "central"
     """Input of the critic: the true state of robots and at most 16 targets (MAPPO), or that of the actor (IPPO)."""
     features: int = whole(48, 1, 65_536)
@@ -154,7 +154,8 @@ class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
         if scenario.task.action == "velocity":
             rules = {OBSERVED: "greedy-herd", DETECTION_RATE: "divided-pursuit"}
             return rules.get(task_score(scenario), "index-learned")
-        return {"car": "arc-mpcc", "differential": "arc-mpcc", "curve": "kuramoto"}.get(scenario.robot.kind)
+        car = "partition-repair" if scenario.targets.entry == "unseen" else "arc-mpcc"
+        return {"car": car, "differential": car, "curve": "kuramoto"}.get(scenario.robot.kind)
 
     def make_scenario(self) -> Scenario:
         """Return the first scenario of the validations: without a space, the only one."""
@@ -225,7 +226,8 @@ class RogueTraining(SharedSettings, part="training"):
         shared = {option.name: getattr(common, option.name) for option in dataclasses.fields(SharedSettings)}
         for option in dataclasses.fields(common):
             value = getattr(common, option.name)
-            rule = f"must be omitted if rogues are trained, which share only {', '.join(shared)}"
+            names = ", ".join(shared).replace("overrides", "set")  # as on the command line
+            rule = f"must be omitted if rogues are trained, which share only {names}"
             require(option.name in shared or value == option.default, option.name, rule, value)
         return cls(**shared, **more)
 

@@ -14,21 +14,15 @@ from typing import NamedTuple
 
 from baselines.benchmark.statistics import number
 from baselines.policies.settings import SCENARIO_FILE, PolicySettings
-from lissajous_env.episodes.guarantee import IdealFormation
+from lissajous_env.episodes.guarantee import IdealFormation, cells
 from lissajous_env.episodes.lower_bounds import mean_time_lower_bound, worst_case_lower_bound
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import DETECTION_TIME, task_score
 
-GRIDS = {
-    "intruders": (108, 48),
-    "intruders-inside": (108, 48),
-    "intruders-walls": (108, 48),
-    "rough": (90, 40),
-    "rough-lost": (90, 40),
-}
-"""Columns and rows of `task.contamination` of scenarios that do not follow the guarantee by themselves, as that makes
-their steps slower: a benchmark has a number for the guarantee on all of them."""
+WITH_GRID = "intruders", "intruders-inside", "intruders-walls", "rough", "rough-lost"
+"""Scenarios that do not follow the guarantee by themselves, as that makes their steps slower: a benchmark has a number
+for the guarantee on all of them."""
 BEST_KNOWN = "best known"
 """Name of the best known plans as a family of plans, and of their line in a table."""
 FOLDER = Path(__file__).parent / "known"
@@ -36,9 +30,9 @@ FOUND = "found.toml"
 
 
 def as_played(scenario: str) -> Scenario:
-    """Make a scenario as a benchmark plays it: with its grid."""
-    grid = {"task.contamination": GRIDS[scenario]} if scenario in GRIDS else {}
-    return named.build(scenario, **grid)
+    """Make a scenario as a benchmark plays it: with a grid for the guarantee if it is one of `WITH_GRID`."""
+    made = named.build(scenario)
+    return named.build(made, **{"task.contamination": cells(made)}) if scenario in WITH_GRID else made
 
 
 @dataclass(frozen=True)

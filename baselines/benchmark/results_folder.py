@@ -20,8 +20,8 @@ from lissajous_env.identity import fingerprint
 from lissajous_env.parameters.robot_models import MODELS
 from lissajous_env.parameters.rogues import folder_of
 from lissajous_env.parameters.scenario_file import scenario_of_json
-from lissajous_env.storage.files import read_json
-from lissajous_env.storage.folder import Folder
+from lissajous_env.storage.files import read_json, undamaged
+from lissajous_env.storage.folder import Folder, read_lines
 from lissajous_env.wording import outside, shown
 
 SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
@@ -48,39 +48,45 @@ class Results:
             settings; or a file in it is damaged, or has an episode of other settings (file, line and value are named).
     """
 
-    def __init__(self, folder: Folder, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
-        """Read a folder, and add the settings and cells of a call to it; without settings, nothing is added."""
-        path = folder.path / SETTINGS
+    def __init__(self, folder: Folder | Path, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
+        """Read a folder, which does not change, or add the settings and cells of a call to one that is locked."""
+        place = folder if isinstance(folder, Path) else folder.path
+        path = place / SETTINGS
         wanted = None if settings is None else as_settings(settings, cells)
         stored = read_json(path) if path.exists() else None
-        if stored is None and (wanted is None or (folder.path / EPISODES).exists()):
-            raise ValueError(f"{folder.path} must contain {SETTINGS} of a benchmark; choose another folder")
+        if stored is None and (wanted is None or (place / EPISODES).exists()):
+            raise ValueError(f"{place} must contain {SETTINGS} of a benchmark; choose another folder")
         self.stored: Any = wanted if stored is None else stored
         self._rows: dict[_Key, dict[str, Any]] = {}
-        if stored is None:
-            self._write(folder)  # before the episodes, which are useless without it
-        self._journal = folder.journal(EPISODES)
-        if self._journal.torn:
-            words = f"the unfinished last line of {self._journal.path} was dropped; the benchmark plays its episode"
-            warnings.warn(words, RuntimeWarning, stacklevel=outside())
+        if isinstance(folder, Path):
+            entries, _ = read_lines(place / EPISODES)
+        else:
+            if stored is None:
+                self._write(folder)  # before the episodes, which are useless without it
+            self._journal = folder.journal(EPISODES)
+            entries = self._journal.entries
+            if self._journal.torn:
+                words = f"the unfinished last line of {self._journal.path} was dropped; the benchmark plays its episode"
+                warnings.warn(words, RuntimeWarning, stacklevel=outside())
         try:
-            self._read()
-            if stored is not None and wanted is not None:
-                self.stored = self._extended(folder.path, stored, wanted)
+            self._read(place / EPISODES, entries)
+            if stored is not None and wanted is not None and not isinstance(folder, Path):
+                self.stored = self._extended(place, stored, wanted)
                 if self.stored != stored:
                     self._write(folder)
-            self.scenarios = {name: scenario_of_json(fields) for name, fields in self.stored["scenarios"].items()}
+            with undamaged(path, "file of settings"):
+                self.scenarios = {name: scenario_of_json(fields) for name, fields in self.stored["scenarios"].items()}
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"{path} is damaged: {error}; choose another --out, or delete the folder") from error
 
     def _write(self, folder: Folder) -> None:
         folder.write(SETTINGS, json.dumps(self.stored, indent=2) + "\n")
 
-    def _read(self) -> None:
-        """Read the score rows, of which all must be episodes of the settings."""
+    def _read(self, path: Path, entries: Iterable[dict[str, Any]]) -> None:
+        """Read the score rows of a file, of which all must be episodes of the settings."""
         scenarios, policies = self.stored["scenarios"], self.stored["policies"]
         first, count = self.stored["seed"], self.stored["episodes"]
-        for line, row in enumerate(self._journal.entries, start=1):
+        for line, row in enumerate(entries, start=1):
             scenario = row.get("scenario")
             extensions = scenarios.get(str(scenario), {}).get("extensions", ())
             wrong = refusal_of(row, [entry["name"] for entry in extensions if entry["kind"] == "score column"])
@@ -89,8 +95,7 @@ class Results:
             elif not wrong and not (row["episode"] < count and row["seed"] == first + row["episode"]):
                 wrong = f"must be one of {count} episodes from seed {first} on, got {row['episode']} of {row['seed']}"
             if wrong:
-                place = f"{self._journal.path}, line {line}"
-                raise ValueError(f"{place}: {wrong}; delete that line to play its episode again")
+                raise ValueError(f"{path}, line {line}: {wrong}; delete that line to play its episode again")
             self._rows[_key(row)] = row | {name: math.nan for name in row if row[name] is None}
 
     def _extended(self, folder: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> dict[str, Any]:

@@ -108,7 +108,8 @@ def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -
     for refusal in outcome.left_out:
         print_line(console, f"{refusal.policy} is left out on {refusal.scenario}: {refusal.error}", "dim")
     for failure in outcome.failures:
-        print_line(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
+        verb = "refused" if failure.is_refusal else "failed on"
+        print_line(console, f"{failure.policy} {verb} {failure.scenario}: {failure.error}", "bold red")
     if outcome.failures:
         print_line(console, f"Tracebacks are in {SUMMARY}.", "red")
     if outcome.resumed:

@@ -49,7 +49,7 @@ def evaluate(
     with Progress([(cell, numbers) for cell in cells], common.progress()) as progress:
         for k, cell in enumerate(cells):
             progress.begin(cell)
-            cells[k] = with_policy(cell, settings)
+            cells[k] = with_policy(cell, settings.worlds, settings.device)
             with naming(cell):
                 for finished in batches(cells[k], settings, numbers):
                     rows += finished

@@ -46,12 +46,10 @@ def figures(
 
     if not (folder / results_folder.SETTINGS).is_file():
         raise ValueError(f"folder must contain the results of a benchmark (settings.json), got {folder}")
-    with Folder(folder, results_folder.FILES) as source:
-        results = results_folder.Results(source)
-        rows, scenarios = results.rows(), results.scenarios
-    if not rows:
+    results = results_folder.Results(folder)
+    if not (rows := results.rows()):
         raise ValueError(f"folder must contain at least one episode, got {folder}")
-    table = Table.of(rows, scenarios)
+    table = Table.of(rows, results.scenarios)
     files = {TABLE: latex(table), **dict(paper_figures.draw(table, format))}
     place = out or folder / "figures"
     with Folder(place, files) as written:

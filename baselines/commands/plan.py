@@ -9,7 +9,7 @@ import tyro
 from baselines.benchmark.progress import bar
 from baselines.planning import report
 from baselines.planning.plans import robots_top_speed
-from baselines.planning.request import Request
+from baselines.planning.request import PLANS, Request
 from baselines.planning.search import PlanOutcome
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, Output, print_line
 from lissajous_env.settings.checks import whole_number
@@ -48,7 +48,7 @@ def plan(
     """
     whole_number("rows", rows)
     outcome = PlanOutcome.of(request)
-    with nullcontext() if out is None else report.open_folder(out) as folder:
+    with nullcontext() if out is None else report.open_folder(out, min(rows, PLANS)) as folder:
         _search(outcome, output)
         if outcome.interrupted and not outcome.finals:
             raise KeyboardInterrupt("no plan had been played to the end")

@@ -56,6 +56,17 @@ class PlayOptions(Output):
         settings = Benchmark(scenarios, (policy,), episodes, self.seed, batch, self.device, overrides=changed)
         return settings, cells_of(settings, scenarios=own)
 
+    def cell(self, names: Sequence[str], episodes: int = 1, rogues: str | None = None) -> Cell:
+        """Return the cell of a policy on one scenario; the arguments are those of `cells`.
+
+        Raises:
+            ValueError: as `cells`, or several scenarios.
+        """
+        cells = self.cells(names, episodes, rogues=rogues)[1]
+        if len(cells) > 1:
+            raise ValueError(f"exactly one scenario must be given, got {few_of(cell.scenario.name for cell in cells)}")
+        return cells[0]
+
 
 DEFAULT_PLAY = PlayOptions()
 
@@ -83,41 +94,29 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
     return tuple(scenarios), policy
 
 
-def only(cells: Sequence[Cell]) -> Cell:
-    """Return the only cell.
-
-    Raises:
-        ValueError: they are of several scenarios.
-    """
-    if len(cells) > 1:
-        raise ValueError(f"exactly one scenario must be given, got {few_of(cell.scenario.name for cell in cells)}")
-    return cells[0]
-
-
-def of_each_seed(settings: Benchmark, cell: Cell, output: Output, play: Callable[..., T]) -> list[T]:
+def of_each_seed(cell: Cell, seeds: Sequence[int], common: PlayOptions, play: Callable[..., T]) -> list[T]:
     """Return `play(policy, scenario, seed, device)` for each seed, with progress, and errors that name the policy."""
-    results, seeds = [], range(settings.seed, settings.seed + settings.episodes)
-    with Progress([(cell, [*seeds])], output.progress()) as progress:
+    results = []
+    with Progress([(cell, [*seeds])], common.progress()) as progress:
         progress.begin(cell)
-        policy = with_policy(cell, settings).factory(cell.scenario, 1, settings.device)
+        policy = with_policy(cell, 1, common.device).factory(cell.scenario, 1, common.device)
         for seed in seeds:
             with naming(cell):
-                results.append(play(policy, cell.scenario, seed, settings.device))
+                results.append(play(policy, cell.scenario, seed, common.device))
             progress.finished(cell, 1)
     return results
 
 
-def record_one(settings: Benchmark, cells: Sequence[Cell], output: Output) -> Recording:
-    """Record an episode of a policy on a scenario, the only cell."""
-    cell = only(cells)
-    (recording,) = of_each_seed(settings, cell, output, record)
+def record_one(cell: Cell, seed: int, common: PlayOptions) -> Recording:
+    """Record an episode of a policy on a scenario."""
+    (recording,) = of_each_seed(cell, [seed], common, record)
     return replace(recording, score=recording.score | {"policy": cell.policy})
 
 
-def with_policy(cell: Cell, settings: Benchmark) -> Cell:
+def with_policy(cell: Cell, num_worlds: int, device: str) -> Cell:
     """Return a cell whose policy is made, so that a wrong name or folder is reported as bad input, not as a failure."""
     with naming(cell) if registry.is_imported(cell.policy) else nullcontext():
-        policy = cell.factory(cell.scenario, settings.worlds, settings.device)
+        policy = cell.factory(cell.scenario, num_worlds, device)
     return replace(cell, factory=registry.as_factory(policy, cell.policy))
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from baselines.benchmark.types import Benchmark, cells_of
+from baselines.benchmark.types import Cell
 from baselines.commands.playing import DEFAULT_PLAY, FORMATS, PlayOptions, check_file, has_display, record_one, show
 from baselines.policies import registry
 from baselines.policies.registry import as_factory
@@ -53,20 +53,18 @@ def replay(
         raise ValueError(f"{rule}, but there is no file {names[0]}{nearest(names[0], files_beside(names[0], '.npz'))}")
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
-    if against is not None:
-        as_factory(against)  # refuses an unknown policy before the first one plays
+    rival = None if against is None else as_factory(against)  # refuses an unknown policy before the first one plays
     if out is None and not has_display():
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
     if not is_recording:
-        recording = record_one(*common.cells(names, rogues=rogues), common)
+        recording = record_one(common.cell(names, rogues=rogues), common.seed, common)
     elif common.overrides or rogues:
         raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
     else:
         recording = load(*names)
     other = None
-    if against is not None:
-        rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, common.device)
-        other = record_one(rival, cells_of(rival, scenarios=[recording.scenario]), common)
+    if rival is not None:
+        other = record_one(Cell(recording.scenario, str(against), rival), recording.score["seed"], common)
     show(recording, out, common, speed, fps, other)
     scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
     common.print_json({"wrote": out, **scores})

@@ -32,11 +32,11 @@ def run(
             ROS); without it, a window opens if there is a display.
     """
     check_file(out, *FORMATS)
-    settings, cells = common.cells((scenario,) if policy is None else (scenario, policy), rogues=rogues)
-    recording = record_one(settings, cells, common)
+    cell = common.cell((scenario,) if policy is None else (scenario, policy), rogues=rogues)
+    recording = record_one(cell, common.seed, common)
     row = recording.score
     shown.print_row(common.console(), row, recording.scenario)
-    shown.print_theorem(common.console(), about_theorem(cells, [row], common.device))
+    shown.print_theorem(common.console(), about_theorem([cell], [row], common.device))
     common.print_json(row)
     if out is not None or has_display():
         show(recording, out, common)

@@ -60,7 +60,7 @@ def score(
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
     """
-    whole_number("episodes", episodes)
+    whole_number("episodes", episodes, 1, 1_000_000)
     for file in out:
         check_file(file, ".csv", *FORMATS)
         if {file.resolve(), file.resolve().parent} & {log.resolve() for log in logs}:

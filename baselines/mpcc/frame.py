@@ -8,7 +8,7 @@ from lissajous_env.device.trig import cos_sin
 
 @wp.struct
 class Frame:
-    """The curve at one gamma: r, its unit tangent, 1 / ||r'||, that one's slope, d(direction of r') / d gamma."""
+    """The curve at one gamma: r, its unit tangent, 1 / ||r'||, its derivative, d(direction of r') / d gamma."""
 
     point: wp.vec2
     tangent: wp.vec2
@@ -68,11 +68,11 @@ def place_at(of: Series, gamma: float) -> wp.vec2:  # noqa: F811
 
 @wp.func
 def oscillation_of(curve: CurveStruct) -> float:  # pyright: ignore[reportRedeclaration]
-    """Return the phase of an oscillation of the curve, less the factor 2 pi."""
+    """Return the change of gamma in an oscillation of the curve, divided by 2 pi [rad]."""
     return 1.0 / float(wp.max(curve.a, curve.b))
 
 
 @wp.func
 def oscillation_of(of: Series) -> float:  # noqa: F811
-    """Return the phase of an oscillation of the Lissajous curve that the harmonics stand for, less the factor 2 pi."""
+    """Return the same for the Lissajous curve that the harmonics stand for."""
     return 1.0 / float(wp.max(of.curve.a, of.curve.b))

@@ -178,10 +178,10 @@ def forward(
 
 @wp.func
 def along_curve(p: MpccStruct, curve: Any, table: Table, state: vec5, phase_rate: float, early: bool) -> wp.vec2:
-    """Return the control of pure pursuit of a point ahead on the curve, at the speed that is wanted there.
+    """Return the control of pure pursuit of a point ahead on the curve.
 
-    With `early` the car slows down before the turns, otherwise it stays close to the curve at the full rate. Both look
-    ahead by a fraction of an oscillation.
+    With `early` the car slows down before the turns: its speed is that for a part of the rate at another point ahead.
+    Otherwise it stays close to the curve, at the full rate where it is.
     """
     oscillation = oscillation_of(curve)
     ahead = wp.where(early, 0.9, 0.24) * oscillation
@@ -287,7 +287,7 @@ def descend(
             going = cost - tried > p.tolerance * tried
             slot = 1 - slot
             cost = tried
-            if length > 0.4:
+            if length > 0.4:  # a half, after the first and full step
                 damping = wp.where(damping > 1.0e-3, 0.2 * damping, 0.0)
         else:
             damping = wp.max(4.0 * damping, 1.0e-2)

@@ -182,7 +182,7 @@ def speeds_of(p: MpccStruct) -> Speeds:
 
 @wp.func
 def errors_at(frame: Frame, state: vec5, phase_rate: float) -> wp.vec3:
-    """Return the phase-rate error gamma' - v / ||r'|| of (15), lag error, and lateral error (above 0 on the left)."""
+    """Return the rate error phase_rate - v / ||r'|| of (15), lag error, and lateral error, above 0 on the left."""
     off = wp.vec2(state[0], state[1]) - frame.point
     t = frame.tangent
     return wp.vec3(phase_rate - state[3] * frame.inverse, wp.dot(t, off), t[0] * off[1] - t[1] * off[0])
@@ -190,7 +190,7 @@ def errors_at(frame: Frame, state: vec5, phase_rate: float) -> wp.vec3:
 
 @wp.func
 def state_cost(p: MpccStruct, errors: wp.vec3) -> float:
-    """J + q_lag e_lag^2 + q_lat e_lat^2 of (11a)."""
+    """e_rate^2 + q_lag e_lag^2 + q_lat e_lat^2 of (11a), for the errors of `errors_at`."""
     return errors[0] * errors[0] + p.weight_lag * errors[1] * errors[1] + p.weight_lateral * errors[2] * errors[2]
 
 

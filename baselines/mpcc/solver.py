@@ -95,8 +95,8 @@ class Mpcc(Copyable):
         Args:
             state: (K, 5) x, y [m], heading [rad], speed [m/s], gamma [rad]; NumPy, torch or Warp.
             phase_rate: (K,) wanted rate of gamma [rad/s].
-            guess: (K, M, 2) controls to start from; None shifts the last solution by a stage, or on the first call
-                and after a failure starts along the curve.
+            guess: (K, M, 2) controls to start from; None shifts the last solution by `parameters.shift` of a stage, or
+                on the first call and after a failure starts along the curve.
         """
         copy_in("state", state, self.state)
         copy_in("phase_rate", phase_rate, self.phase_rate)

@@ -53,7 +53,7 @@ _MARGIN = 1.05
 def families_of(scenario: Scenario, clearance: float = 0.0) -> list[Family]:
     """Return the families of plans for a scenario, with partitions whose bodies are a clearance apart [m]."""
     known = as_family(scenario, known_plans(scenario))
-    others = partitions(scenario, clearance), lines(scenario), formations(scenario), patrols(scenario)
+    others = partitions(scenario, clearance), lines(scenario), formations(scenario), loops(scenario)
     return [defaults(scenario), known, *others]
 
 
@@ -114,7 +114,7 @@ def lines(scenario: Scenario) -> Family:
     })  # fmt: skip
 
 
-def patrols(scenario: Scenario) -> Family:
+def loops(scenario: Scenario) -> Family:
     """Return loops on which cars drive in file or by themselves, by their speed, number of lanes and inset."""
     first = [
         {"cruise": 0.8, "lanes": lanes, "inset": inset, "start": start}
@@ -157,13 +157,10 @@ def _plan_of(scenario: Scenario, name: str, given: Variables) -> Plan:
     shares = {key: value for key, value in given.items() if key not in ("policy", "start")}
     start = given.get("start", 0.0) * robots_top_speed(scenario)
     policy = absolute(PolicySettings(given["policy"], shares), scenario, digits=4)
-    about = ", ".join(f"{key.replace('_', ' ')} {_short(value)}" for key, value in policy.parameters.items())
+    words = {key: f"{value:.3g}" if isinstance(value, float) else value for key, value in policy.parameters.items()}
+    about = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in words.items())
     about += f", start on an ellipse at {start:.3g} m/s" if start else ""
     return Plan(name, on_ellipse(scenario, start) if start else scenario, policy, about)
-
-
-def _short(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def formations(scenario: Scenario) -> Family:
@@ -200,7 +197,7 @@ def _formation(scenario: Scenario, given: Variables) -> Plan:
     rate = float(f"{given['rate'] * _largest_rate(scenario, curve):.6g}")
     fields = formation_overrides(scenario, curve, rate)
     if "coupling" in given:
-        fields["formation.coupling"] = given["coupling"] * rate / (0.3 * fields["formation.alpha"])
+        fields["formation.coupling"] *= given["coupling"]
     coordinator, pace = {}, f"omega = {rate:.3g} rad/s"
     if policy.startswith("arc"):
         cruise = min(given["rate"] * (1 - HEADROOM), 1.0) * robots_top_speed(scenario)
@@ -226,6 +223,7 @@ def curves_of(scenario: Scenario) -> list[Curve]:
     n = scenario.num_robots
     half = scenario.driven.half_width, scenario.driven.half_height
     most = n + _MORE_OSCILLATIONS
+    # A curve (3) has an odd a, and a and b have no common divisor.
     ratios = ((a, b) for a in range(1, most + 1, 2) for b in range(1, most + 1 - a) if math.gcd(a, b) == 1)
     lap = {curve: 1 / _largest_rate(scenario, curve) for curve in (Curve(*half, a, b) for a, b in ratios)}
     first = sorted(lap, key=lambda curve: (curve.a + curve.b != n, lap[curve]))

@@ -1,7 +1,4 @@
-"""Plans: a policy with its parameters on a scenario, the figures that its episodes have, and the families of plans.
-
-A family makes plans for a scenario from values of its variables, which a search may change.
-"""
+"""Plans: a policy with its parameters on a scenario, the figures that its episodes have, and the families of plans."""
 
 import dataclasses
 import itertools
@@ -149,15 +146,10 @@ def absolute(relative: PolicySettings, scenario: Scenario, digits: int | None = 
     return PolicySettings(relative.policy, given)
 
 
-def worst_case(rows: Sequence[dict[str, Any]]) -> float:
-    """Return the worst-case undetected time of some episodes [s]; infinite if one shows no bound, NaN for none."""
-    return max(worst_cases(rows), default=math.nan)
-
-
 def worst_cases(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> list[float]:
-    """Return the worst-case undetected time of each episode [s]; infinite if an episode shows no bound.
+    """Return the worst-case undetected time of each episode [s], by its column; infinite if an episode shows no bound.
 
-    An episode whose time was still growing in its last step shows none, even if it is not open.
+    An episode whose time was still growing in its last step shows none, even if it is too short to be open (`OPEN`).
     """
     return [math.inf if row[OPEN.name] or row[GROWN] else row[name] for row in rows]
 

@@ -5,15 +5,14 @@ All robots play the same episodes, so they choose the same patrol without messag
 
 import math
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from baselines.planning.plans import absolute
-from baselines.planning.rehearse import cells
 from baselines.policies import registry
 from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.evaluation import evaluate
-from lissajous_env.episodes.guarantee import CELLS
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.parameters.scenario import Scenario
@@ -73,34 +72,26 @@ FEW, FIRST_SEED = 4, 800_000
 """Episodes of a rehearsal, and the seed of the first; no published results are from these seeds."""
 FINALISTS, MANY = 2, 16
 """Number of the best policies that are played again, and in how many episodes."""
-_CELLS_IN_A_SENSOR = 4.0
-"""Least sensing radius on the contamination grid of rehearsals [cell]."""
 _OPEN = 2.0
 """Worst case that stands for one without a bound, in durations of an episode."""
 _COLLISION, _MOST_COLLISIONS = 0.1, 20
 """Cost of a collision in an episode, and the largest number of collisions that counts."""
 
 
-class Result(NamedTuple):
-    """The result of a policy in some episodes."""
+def cost(time: float, collisions: float, step: float) -> float:
+    """Return the logarithm of a time [s], and a tenth for each collision in an episode.
 
-    time: float
-    """Mean detection time, or largest worst-case undetected time [s]; infinite if nothing was detected."""
-    collisions: float
-    """Collisions in an episode."""
-
-    def cost(self, step: float) -> float:
-        """Return the logarithm of the time, and a tenth for each collision in an episode.
-
-        Below a control step [s], collisions alone decide.
-        """
-        return math.log(max(self.time, step)) + _COLLISION * min(self.collisions, _MOST_COLLISIONS)
+    A time below a control step [s] counts as one step.
+    """
+    return math.log(max(time, step)) + _COLLISION * min(collisions, _MOST_COLLISIONS)
 
 
 def result_of(
     settings: PolicySettings, scenario: Scenario, episodes: int, portfolio: str, first_seed: int = FIRST_SEED
-) -> Result:
-    """Play a policy and return its result for the objective of a portfolio.
+) -> tuple[float, float]:
+    """Play a policy and return the time that a portfolio minimises [s], and the collisions in an episode.
+
+    The time is the mean detection time, or the largest worst-case undetected time; infinite if nothing was detected.
 
     Raises:
         UnsuitableScenarioError: the scenario does not suit the policy.
@@ -108,11 +99,10 @@ def result_of(
     rows = evaluate(settings.make(scenario, episodes), scenario, range(first_seed, first_seed + episodes))
     collisions = sum(row[COLLISIONS.name] for row in rows) / episodes
     if portfolio == GUARANTEE:
-        longest = max(row[WORST_CASE.name] for row in rows)
-        is_open = any(row[OPEN.name] for row in rows)
-        return Result(_OPEN * scenario.task.duration if is_open else longest, collisions)
+        without_bound = _OPEN * scenario.task.duration
+        return max(without_bound if row[OPEN.name] else row[WORST_CASE.name] for row in rows), collisions
     times = [row[DETECTION_TIME.name] for row in rows if math.isfinite(row[DETECTION_TIME.name])]
-    return Result(sum(times) / len(times) if times else math.inf, collisions)
+    return sum(times) / len(times) if times else math.inf, collisions
 
 
 def rehearsal_of(scenario: Scenario, portfolio: str) -> Scenario:
@@ -124,7 +114,7 @@ def rehearsal_of(scenario: Scenario, portfolio: str) -> Scenario:
     else:
         changes["targets.rogues"] = None
         if scenario.task.contamination is None:
-            changes["task.contamination"] = cells(scenario, CELLS, _CELLS_IN_A_SENSOR)
+            changes["task.contamination"] = cells(scenario)
     return named.build(scenario, **changes)
 
 
@@ -158,16 +148,16 @@ def _best_rehearsed(name: str, scenario: Scenario) -> PolicySettings:
     with quietly():
         for k, patrol in enumerate(patrols):
             try:
-                costs[k] = result_of(patrol, rehearsal, FEW, name).cost(step)
+                costs[k] = cost(*result_of(patrol, rehearsal, FEW, name), step)
             except UnsuitableScenarioError as error:
                 reason = reason or error
         if reason is not None and not costs:
             raise reason
         for k in sorted(costs, key=costs.__getitem__):
-            # The worst case of more episodes is at least that of some of them, so `costs` bounds it from below.
+            # Without collisions, `costs` bounds the cost from below: the worst case of more episodes is never shorter.
             may_be_best = name == GUARANTEE and costs[k] < min(finals.values(), default=math.inf)
             if len(finals) < FINALISTS or may_be_best:
-                finals[k] = result_of(patrols[k], rehearsal, MANY, name).cost(step)
+                finals[k] = cost(*result_of(patrols[k], rehearsal, MANY, name), step)
     return patrols[min(finals, key=finals.__getitem__)]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.statistics import bootstrap_interval
+from baselines.benchmark.statistics import summarize
 from baselines.planning.plans import (
     BEYOND,
     GROWN,
@@ -22,13 +22,13 @@ from baselines.planning.plans import (
     Figures,
     Plan,
     Planned,
-    worst_case,
     worst_cases,
 )
 from lissajous_env.episodes.evaluation import EpisodeRunner
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, SEPARATION
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, MEAN, SEPARATION
 from lissajous_env.world.robots.faults import removal_steps
 from lissajous_env.world.simulation import Simulation
 
@@ -52,6 +52,10 @@ _COARSE, _COARSE_CELLS_IN_A_SENSOR = 40, 2.5
 """Cells of a first look along the longer side of the rectangle, if the sensors are not too short for them."""
 
 
+class LateError(Exception):
+    """End of episodes of which no result is needed any more."""
+
+
 @dataclass(frozen=True)
 class Episodes:
     """The episodes of every plan: with the same seeds for all, so that plans are compared on the same failures."""
@@ -63,6 +67,15 @@ class Episodes:
     count: int = FINAL_EPISODES
     clearance: float = 0.0
     """Distance of two bodies below which a plan is ranked after all others [m]."""
+
+    is_late: Callable[[], bool] = lambda: False
+    """Function that returns whether no result is needed any more."""
+
+    def check(self) -> bool:
+        """Return False, or raise LateError if no result is needed any more."""
+        if self.is_late():
+            raise LateError
+        return False
 
     def lost(self, scenario: Scenario) -> int:
         """Return the number of robots that are removed in an episode with failures."""
@@ -157,7 +170,7 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     coarse = min(cells(plan.scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
     scenario = named.build(plan.scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
     run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
-    run.play(until, lambda: run.collisions > 0 or run.longest > cutoff)
+    run.play(until, lambda: episodes.check() or run.collisions > 0 or run.longest > cutoff)
     planned = _planned(run, episodes)
     if planned.figures.collisions:
         return planned
@@ -171,7 +184,7 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
 def play(plan: Plan, episodes: Episodes) -> Planned:
     """Play the final episodes of a plan, all of them to the end."""
     run = _Run(plan, plan.scenario, episodes.seed, [()] * episodes.count)
-    run.play(plan.scenario.task.steps)
+    run.play(plan.scenario.task.steps, episodes.check)
     return _planned(run, episodes, [] if run.collisions else episodes.losses(plan.scenario))
 
 
@@ -181,18 +194,17 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
     if losses:
         with_losses = named.build(scenario, **{"faults.lost": episodes.lost(scenario)})
         lossy = _Run(plan, with_losses, episodes.seed, losses)
-        lossy.play(scenario.task.steps)
+        lossy.play(scenario.task.steps, episodes.check)
         failed = lossy.rows()
     body, all_rows = 2 * plan.scenario.robot.radius, [*rows, *failed]
-    times = [row[DETECTION_TIME.name] for row in rows if not math.isnan(row[DETECTION_TIME.name])]
-    detection_low, detection_high = bootstrap_interval(np.array(times), cut=0.0)
+    detection = summarize([row[DETECTION_TIME.name] for row in rows], MEAN)
     collisions_failed = sum(row[COLLISIONS.name] for row in failed)
     minutes = scenario.task.duration / 60 * run.step / scenario.task.steps
     figures = Figures(
-        worst_case=worst_case(rows),
+        worst_case=max(worst_cases(rows)),
         settled=max(worst_cases(rows, SETTLED_TIME)),
-        worst_case_failed=math.inf if collisions_failed else worst_case(failed),
-        detection_time=statistics.fmean(times) if times else math.nan,
+        worst_case_failed=math.inf if collisions_failed else max(worst_cases(failed), default=math.nan),
+        detection_time=detection.value,
         collisions=run.collisions,
         collisions_failed=collisions_failed,
         clearance=min(row[SEPARATION.name] for row in rows) - body,
@@ -200,8 +212,8 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
         outside=max(row[BEYOND] for row in rows),
         distance=statistics.fmean(row[DISTANCE.name] for row in rows) / minutes,
         messages=run.policy.communicates,
-        detection_low=detection_low,
-        detection_high=detection_high,
+        detection_low=detection.low,
+        detection_high=detection.high,
     )
     return Planned(plan, figures, rows, failed)
 
@@ -218,17 +230,3 @@ def remove_early(simulation: Simulation, losses: Sequence[tuple[int, ...]]) -> N
             row[:] = removal_steps(faults, len(row), task.step)
             row[list(lost)] = np.minimum(row[list(lost)], round(_LOST_AT * task.steps))
     simulation.robots.removed_at.assign(removed_at)
-
-
-def cells(scenario: Scenario, longest: int, cells_in_a_sensor: float = 0.0) -> tuple[int, int]:
-    """Return columns and rows of about square cells.
-
-    Args:
-        scenario: The scenario.
-        longest: Cells along the longer side of the rectangle, more for short sensors.
-        cells_in_a_sensor: Least sensing radius [cell].
-    """
-    halves = scenario.curve.half_width, scenario.curve.half_height
-    longest = max(longest, min(math.ceil(2 * max(halves) * cells_in_a_sensor / scenario.sensing_radius), 2 * longest))
-    columns, rows = (max(round(longest * half / max(halves)), 1) for half in halves)
-    return columns, rows

@@ -28,24 +28,23 @@ FIGURES = "plans.json"
 def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) -> None:
     """Print a table of plans."""
     failures, bounds, episodes = outcome.request.failures, outcome.lower_bounds, f"{_played(plans)} episodes"
-    is_open = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
+    without_walls = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
 
     def entries(planned: Planned) -> list[tuple[bool, Column, str]]:
         """Return whether each column is shown, the column, and the words of a plan."""
         figures, robots = planned.figures, planned.plan.scenario.num_robots
         name = planned.plan.settings.policy + (" (close)" if figures.too_close else "")
         detection = Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
-        settled = worst_in_words(figures.settled, planned.rows, SETTLED_TIME)
         return [
             (True, Column("plan", left=True), name),
             (len(outcome.scenarios) > 1, Column("N"), str(robots)),
-            (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(figures.worst_case, planned.rows)),
-            (True, Column(f"second half [s]\n{episodes}"), settled),
+            (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(planned.rows)),
+            (True, Column(f"second half [s]\n{episodes}"), worst_in_words(planned.rows, SETTLED_TIME)),
             (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), _failed(planned)),
             (True, Column("lower\nbound [s]", rank=2), number(bounds.get(robots, math.nan))),
             (True, Column("mean detection\ntime [s]", rank=1), str(detection)),
             (True, Column("least gap\n[m]", rank=2), number(figures.clearance)),
-            (is_open, Column("outside\n[m]", rank=1), number(figures.outside)),
+            (without_walls, Column("outside\n[m]", rank=1), number(figures.outside)),
             (True, Column("driven\n[m/min]", rank=3), number(figures.distance)),
             (True, Column("messages", left=True, rank=4), figures.messages),
             (True, Column("details", prose=True, rank=1), planned.plan.about),
@@ -87,7 +86,7 @@ def sentences(outcome: PlanOutcome) -> list[str]:
         words[0] += " A worst case is the largest time of these episodes; the median is in brackets where it differs."
         words.append("Mean detection time: with its 95 % bootstrap interval over the episodes.")
     if broken := [reason for search in outcome.searches.values() for reason in search.broken]:
-        words.append(f"{len(broken)} plans failed when they were simulated to the end: {broken[0]}.")
+        words.append(f"{counted(len(broken), 'plan')} failed in simulations to the end: {broken[0]}.")
     if has_plans and all(math.isinf(planned.figures.worst_case) for planned in outcome.plans):
         words.append("No plan has a bound on the time for which such a target can stay undetected.")
     elif has_plans and episodes.failures:
@@ -109,10 +108,8 @@ def _of_failures(outcome: PlanOutcome) -> list[str]:
     if any(planned.figures.worst_case_failed < math.inf for planned in outcome.plans):
         return []
     lost, collide = _lost(outcome), sum(planned.figures.collisions_failed > 0 for planned in outcome.plans)
-    open_ones = len(outcome.plans) - collide
-    words = (
-        f"No plan has a bound with {lost} removed: {open_ones} of {len(outcome.plans)} leave a gap where a target can"
-    )
+    plans = len(outcome.plans)
+    words = f"No plan has a bound with {lost} removed: {plans - collide} of {plans} leave a gap where a target can"
     words += " stay undetected" + (f", {collide} collide" if collide else "")
     return [f"{words}. More robots or longer sensors are needed, or {_more(outcome)}."]
 
@@ -152,37 +149,30 @@ def _losses(outcome: PlanOutcome) -> str:
 def _failed(planned: Planned) -> str:
     if planned.figures.collisions_failed:
         return counted(planned.figures.collisions_failed, "collision")
-    return worst_in_words(planned.figures.worst_case_failed, planned.failed_rows)
+    return worst_in_words(planned.failed_rows)
 
 
-def worst_in_words(worst: float, rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
-    """Return the largest time of some episodes, with the median where it differs.
+def worst_in_words(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:
+    """Return the largest time of some episodes by its column, with the median where it differs; a dash for no episode.
 
-    A time that was still growing at the end of an episode, for less than half of it, is a lower bound.
-
-    Args:
-        worst: The largest time [s].
-        rows: Score rows of the episodes.
-        name: Column of the time.
+    A time that was still growing at the end is a lower bound if it is too short for its episode to be open (`OPEN`).
     """
-    words = _time(worst)
-    if math.isinf(worst) and rows and not any(row[OPEN.name] for row in rows):
+    times = worst_cases(rows, name) or [math.nan]
+    words, median = (
+        "no bound" if time == math.inf else number(time) for time in (max(times), statistics.median(times))
+    )
+    if words == "no bound" and not any(row[OPEN.name] for row in rows):
         words = f"> {number(max(row[name] for row in rows))}"
-    median = _time(statistics.median(worst_cases(rows, name))) if rows else words
     return words if median in (words, "no bound") else f"{words} (median {median})"
 
 
-def _time(seconds: float) -> str:
-    return "no bound" if math.isinf(seconds) else number(seconds)
-
-
-def open_folder(path: Path) -> Folder:
-    """Open a folder for plans, to test before the search whether it can be written to.
+def open_folder(path: Path, most: int) -> Folder:
+    """Open a folder for at most so many plans, to test before the search whether it can be written to.
 
     Raises:
         ValueError: it cannot be written to, or a file of a user has the name of one of the plans.
     """
-    return Folder(path, [FIGURES, *(f"{k}/" for k in range(1, 10))])
+    return Folder(path, [FIGURES, *(f"{k}/" for k in range(1, most + 1))])
 
 
 def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:

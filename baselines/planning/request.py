@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
-from baselines.benchmark.bounds import GRIDS
 from baselines.planning.plans import robots_top_speed
-from baselines.planning.rehearse import Episodes, cells
+from baselines.planning.rehearse import Episodes
 from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
-from lissajous_env.episodes.guarantee import CELLS
+from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.robot_models import tightest_radius
@@ -26,10 +25,10 @@ from lissajous_env.theory.design import Design, best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed
 from lissajous_env.wording import few_of, outside
 
-_SWEEPS = 12
-"""Duration of an episode of a rectangle, in the time in which an ideal team would sweep it once."""
+_SWEEPS, _FEWEST_SWEEPS = 12, 8
+"""Duration of an episode of a rectangle, in the time in which an ideal team would sweep it once, and the least one."""
 _MOST_STEPS, _FEWEST_STEPS = 4000, 200
-"""Most and fewest control steps of such an episode."""
+"""Most control steps of such an episode, unless the fewest sweeps have more, and fewest ones."""
 _TARGETS = 200
 """Targets that arrive in such an episode."""
 _START = 0.5
@@ -90,8 +89,8 @@ class Request(Checked, with_defaults=False, part=""):
     """Place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs."""
     failures: int = 0
     """Number of robots that fail for good, besides those that the scenario removes at random (`faults.lost`): each
-    combination of as many is removed once, after a quarter of an episode; of more than 64 combinations, 64 are drawn
-    at random."""
+    combination of as many in all is removed once, after a quarter of an episode; of more than 64 combinations, 64 are
+    drawn at random."""
     guarantee: float | None = number(None, 1e-3, _LONGEST, "s")
     """Time within which every target must be detected [s]; if robots is a range, the search ends at the smallest number
     that achieves it."""
@@ -183,7 +182,7 @@ class Request(Checked, with_defaults=False, part=""):
         else:
             scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
-            changed["task.contamination"] = GRIDS.get(scenario.name) or cells(scenario, CELLS, 4.0)
+            changed["task.contamination"] = cells(scenario)
         return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float | None = None) -> Scenario:
@@ -218,8 +217,9 @@ class Request(Checked, with_defaults=False, part=""):
             changed["robot"] = robot
         if (limit := self.rogue_speed) is not None and limit != scenario.rogue_speed:
             # A target that moves faster than the limit of the rogues would be one of them.
-            speeds = {name: min(getattr(scenario.targets, name), limit) for name in ("speed", "flee_speed")}
-            changed |= {f"targets.{name}": value for name, value in (speeds | {"speed_limit": limit}).items()}
+            speeds = {name: getattr(scenario.targets, name) for name in ("speed", "speed_min", "flee_speed")}
+            changed |= {f"targets.{name}": min(value, limit) for name, value in speeds.items() if value is not None}
+            changed["targets.speed_limit"] = limit
         if self.open:
             changed["task.boundary"] = "open"
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
@@ -232,9 +232,9 @@ class Request(Checked, with_defaults=False, part=""):
             changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
             changed["task.contamination"] = None
         scenario = named.build(scenario, **changed)
-        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID)} if is_new else {}
+        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID, 0.0)} if is_new else {}
         if self.speed is not None and scenario.robot.kind == "curve":
-            # A point is as fast at action 1 as the robots are where the curve is fastest.
+            # At this phase rate, a point has the given speed where the curve is fastest.
             more["robot.phase_rate_max"] = self.speed / (scenario.alpha * largest_speed(scenario.driven))
         return named.build(scenario, **more)
 
@@ -268,7 +268,7 @@ def paper_design(
 
 
 def _times(scenario: Scenario) -> dict[str, Any]:
-    """Return the control step, the duration and the grid of a scenario made of a rectangle, in scale with its motion.
+    """Return control step, duration and arrival rate of targets for a rectangle's scenario, in scale with its motion.
 
     The step is that of the paper's experiment in the time scale of the robots' motion. An episode lasts as long as
     some sweeps of the rectangle by a team that never covers a place twice.
@@ -278,7 +278,8 @@ def _times(scenario: Scenario) -> dict[str, Any]:
     limits = [0.1 * motion_scale(like).time, _REACH_STEP * radius / speed]
     step = float(f"{min(limits + ([1 / like.robot.drag] if like.robot.kind == 'car' else [])):.3g}")
     sweep = (width * height / (2 * radius) + width + height) / (robots * speed)
-    steps = min(max(math.ceil(_SWEEPS * sweep / step), _FEWEST_STEPS), max(_MOST_STEPS, math.ceil(8 * sweep / step)))
+    usual, least = (math.ceil(sweeps * sweep / step) for sweeps in (_SWEEPS, _FEWEST_SWEEPS))
+    steps = min(max(usual, _FEWEST_STEPS), max(least, _MOST_STEPS))
     duration = float(f"{steps * step:.9g}")
     return {
         "task.step": step,

@@ -7,7 +7,7 @@ import dataclasses
 import os
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,7 +18,7 @@ import numpy as np
 from baselines.benchmark.bounds import BEST_KNOWN
 from baselines.planning.families import DEFAULTS, families_of
 from baselines.planning.plans import Family, Plan, Planned, Variables, best_of, in_turn, sorted_both_ways
-from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, look_at, play
+from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, LateError, look_at, play
 from baselines.planning.request import PLANS, Request
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.lower_bounds import worst_case_lower_bound
@@ -88,9 +88,8 @@ class Search:
     def refusals(self) -> dict[str, str]:
         """Return the reason for each family without a final plan that does not collide."""
         good = {final.plan.family for final in self.finals if final.figures.collisions == 0}
-        collided = Counter(final.plan.family for final in self.finals)
-        others = [family for family in self.families if family.name not in good]
-        return {family.name: family.reason(collided[family.name]) for family in others}
+        played = Counter(final.plan.family for final in self.finals)
+        return {family.name: family.reason(played[family.name]) for family in self.families if family.name not in good}
 
     def untried(self) -> list[str]:
         """Return the families of which no plan was tried, although they may have some."""
@@ -120,6 +119,10 @@ class Search:
             return (self.clock() - self._begin) / self.seconds
         return (len(self.looks) + len(self.finals)) / (self.plans + self._finals_max)
 
+    def _is_late(self, results: Collection) -> bool:
+        """Return whether the time is over, and there are results without those that are awaited."""
+        return self.seconds is not None and bool(results) and not self.interrupted and self._done() > 1
+
     def _look(self, threads: ThreadPoolExecutor) -> None:
         """Look at plans until their number, or a share of the time, is spent."""
 
@@ -129,7 +132,8 @@ class Search:
             # Without a plan that may be played to the end there is nothing to print.
             return bool(self.looks) and self._done() > (_LOOKING if self._without_collisions() else 1.0)
 
-        calls = ((family, partial(look_at, plan, self.episodes, self._cutoff())) for family, plan in self._plans())
+        episodes = dataclasses.replace(self.episodes, is_late=lambda: self._is_late(self.looks))
+        calls = ((family, partial(look_at, plan, episodes, self._cutoff())) for family, plan in self._plans())
         for family, look in self._in_order(threads, calls, is_over):
             if isinstance(look, str):
                 family.refused.append(look)
@@ -177,7 +181,7 @@ class Search:
             yield family, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
-        """Play the best plans to the end, and defaults that may be among them, so that no printed plan is worse."""
+        """Play the best plans to the end, and defaults that may be among them: none of these beats the printed ones."""
         looks, cutoff = self.ranked(), self._cutoff()
         defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
         plans = [look.plan for look in looks]
@@ -201,13 +205,11 @@ class Search:
 
     def _play(self, threads: ThreadPoolExecutor, plans: Sequence[tuple[Plan, Episodes]]) -> bool:
         """Play plans to the end while there is time, and put them among the finals; return whether any was played."""
-        distinct = {plan.key: (plan, partial(play, plan, episodes)) for plan, episodes in plans}
-
-        def is_over() -> bool:
-            return self.seconds is not None and bool(self._finals) and not self.interrupted and self._done() > 1
-
+        late = partial(self._is_late, self._finals)
+        calls = ((plan, partial(play, plan, dataclasses.replace(more, is_late=late))) for plan, more in plans)
+        distinct = {plan.key: (plan, call) for plan, call in calls}
         played = False
-        for plan, final in self._in_order(threads, iter(distinct.values()), is_over):
+        for plan, final in self._in_order(threads, iter(distinct.values()), late):
             played = True
             if isinstance(final, str):
                 self._finals.pop(plan.key, None)
@@ -224,7 +226,8 @@ class Search:
     ) -> Iterator[tuple[Any, Planned | str]]:
         """Run calls in threads, and yield the subject of each with its result, in the order in which they began.
 
-        In place of a result, the reason of a failure is yielded: one policy that fails must not end the search.
+        In place of a result, the reason of a failure is yielded: one policy that fails must not end the search. After
+        the time of the search, results are left out.
 
         In a search for a number of plans, a call is taken from the iterator when the result of the one `AHEAD` before
         it has been used, whatever the number of cores and their load. So the results on which the next call depends
@@ -239,7 +242,8 @@ class Search:
                 if not waiting:
                     return
                 subject, future = waiting.popleft()
-                yield subject, _result_of(future)
+                if (result := _result_of(future)) is not None:
+                    yield subject, result
                 self._on_progress(self._done())
         finally:
             for _, future in waiting:
@@ -253,17 +257,21 @@ class Search:
         """
         collision_free, by_failed = sorted_both_ways(self._without_collisions())
         known = [look for look in collision_free if look.plan.family == BEST_KNOWN]
-        families = {look.plan.family: look for look in reversed(collision_free)}
-        policies = {look.plan.settings.policy: look for look in reversed(collision_free)}
-        order = [*collision_free[:1], *known, *collision_free[1:2], *by_failed[:2], *reversed(families.values())]
-        order += in_turn([collision_free, by_failed, list(reversed(policies.values()))])
+        families, policies = {}, {}
+        for look in collision_free:
+            families.setdefault(look.plan.family, look)
+            policies.setdefault(look.plan.settings.policy, look)
+        order = [*collision_free[:1], *known, *collision_free[1:2], *by_failed[:2], *families.values()]
+        order += in_turn([collision_free, by_failed, list(policies.values())])
         return list({look.plan.key: look for look in order}.values())
 
 
-def _result_of(future: Future) -> Planned | str:
-    """Return the plan that was played, or the reason why it cannot be played."""
+def _result_of(future: Future) -> Planned | str | None:
+    """Return the plan that was played, or the reason why it cannot be played; None if it is late."""
     try:
         return future.result()
+    except LateError:
+        return None
     except ValueError as error:
         return str(error)
     except Exception as error:  # a policy of a user may raise anything
@@ -349,16 +357,15 @@ class PlanOutcome:
         # A team whose lower bound is above the requested time cannot meet it.
         numbers = [n for n, bound in self.lower_bounds.items() if not (request.guarantee and bound > request.guarantee)]
         for k, number in enumerate(numbers):
-            seconds = None
-            if request.seconds is not None:
-                seconds = max((request.seconds - (time.monotonic() - begin)) / (len(numbers) - k), _LEAST)
 
             def progress(share: float, before: int = k) -> None:
                 on_progress((before + min(share, 1.0)) / len(numbers), self)
 
             with quietly():
                 scenario = self.scenarios[number]
-                families = families_of(scenario, request.clearance or 0.0)
+                families = families_of(scenario, request.required_clearance)
+                left = (request.seconds or 0.0) - (time.monotonic() - begin)
+                seconds = max(left / (len(numbers) - k), _LEAST) if request.seconds else None
                 budget = request.plans or PLANS, seconds
                 search = Search(scenario, families, request.episodes, *budget, request.seed, request.fixed_start)
                 self.searches[number] = search

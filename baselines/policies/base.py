@@ -21,7 +21,7 @@ from lissajous_env.device.program import launcher
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, whole_number
-from lissajous_env.wording import few_of, require, shown
+from lissajous_env.wording import few_of, require
 from lissajous_env.world.observation import layout
 
 _ARRAYS = ("numpy", "torch", "warp")
@@ -126,9 +126,8 @@ class Policy(Copyable, Remembering):
     for the scenario."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
-        if self.arrays not in _ARRAYS:
-            rule = f"must be one of {', '.join(_ARRAYS)}"
-            raise ValueError(f"arrays of {type(self).__name__} {rule}, got {shown(self.arrays)}")
+        rule = f"must be one of {', '.join(_ARRAYS)}"
+        require(self.arrays in _ARRAYS, f"arrays of {type(self).__name__}", rule, self.arrays)
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.scenario = named.build(scenario).resolve()
         self.num_robots = self.scenario.num_robots
@@ -206,8 +205,8 @@ class Policy(Copyable, Remembering):
             return wp.to_torch(self.action).clone() if is_torch(observation) else self.action.numpy().copy()
 
     def _act_by_agent(self, rows: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        if self.num_worlds != 1:
-            raise ValueError(f"policy must be for one world to take observations by agent, got {self.num_worlds}")
+        rule = "must be for one world to take observations by agent"
+        require(self.num_worlds == 1, "policy", rule, self.num_worlds)
         agents = [f"robot_{i}" for i in range(self.num_robots)]
         if unknown := [str(agent) for agent in rows if agent not in agents]:
             raise ValueError(f"observation must be of the agents {few_of(agents, unknown[0])}, got {few_of(unknown)}")

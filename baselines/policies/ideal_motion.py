@@ -11,6 +11,8 @@ import math
 
 import numpy as np
 
+from lissajous_env.device.discs import in_discs
+
 _MOST_CELLS = 3000
 _CELLS_IN_RADIUS = 7
 _ROUNDS = 4
@@ -95,17 +97,8 @@ class _Field:
         self.cleared_at = 0  # step from which on no target of the start can be undetected
 
     def sensed(self, places: np.ndarray) -> np.ndarray:
-        """Return True for the cells (K, rows, columns) whose centres are in a disc.
-
-        Args:
-            places: (N, K, 2) places of the robots at K times [m].
-        """
-        x_squares = (self.x - places[..., None, :1]) ** 2
-        x_squares_max = self.radius**2 - (self.y[:, None] - places[..., None, 1:]) ** 2
-        sensed = np.zeros((places.shape[1], *self.introduced.shape), dtype=bool)
-        for of_robot, most in zip(x_squares, x_squares_max, strict=True):
-            sensed |= of_robot < most
-        return sensed
+        """Return True for the cells (K, rows, columns) whose centres are in a disc at K times, for places (N, K, 2)."""
+        return in_discs(self.x, self.y, places, self.radius)
 
     def advance(self, sensed: np.ndarray) -> None:
         """Let targets hop and be introduced, and be detected in some cells, over a control step."""

@@ -146,7 +146,7 @@ class Rows:
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario, self._indices = _decoded(named.build(scenario))
+        self.scenario, self._indices, self._columns = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
         if self.values.shape[-1:] != (len(self._indices),):
             rule = f"observation must have rows of {len(self._indices)} numbers for {self.scenario.name}"
@@ -158,6 +158,14 @@ class Rows:
         rule = f"must be one of the {len(self._indices)} of the layout of the observation of {self.scenario.name}"
         require(name in self._indices, "entry", rule, name, self._indices)
         return self.values[..., self._indices[name]]
+
+    def entries_of(self, kind: str, *names: str) -> np.ndarray:
+        """Return the raw values (W, N, K, len(names)) of entries of the K things of a kind, such as `track`."""
+        if (kind, names) not in self._columns:
+            count = 2 if kind == "neighbour" else getattr(self.scenario.sensing, f"{kind}s_seen")
+            indices = [self._indices[f"{kind}_{k}_{name}"] for k in range(count) for name in names]
+            self._columns[kind, names] = np.array(indices, dtype=int).reshape(count, len(names))
+        return self.values.take(self._columns[kind, names], axis=-1)
 
     @cached_property
     def position(self) -> np.ndarray:
@@ -203,13 +211,12 @@ class Rows:
     @cached_property
     def neighbour_offset(self) -> np.ndarray:
         """Return the relative x, y of each neighbour's message (W, N, 2, 2) [m]."""
-        return self._pairs("neighbour") * 2 * self._half
+        return self.entries_of("neighbour", "x", "y") * 2 * self._half
 
     @cached_property
     def message(self) -> np.ndarray:
         """Return the last message of each neighbour's policy (W, N, 2, k), k = `messages.size`; zeros if none."""
-        sent = [self._of("neighbour", f"message_{m}") for m in range(self.scenario.messages.size)]
-        return np.stack(sent, axis=-1) if sent else np.zeros((*self.heard.shape, 0), self.values.dtype)
+        return self.entries_of("neighbour", *(f"message_{m}" for m in range(self.scenario.messages.size)))
 
     @cached_property
     def robots_seen(self) -> np.ndarray:
@@ -219,12 +226,12 @@ class Rows:
     @cached_property
     def robot_offset(self) -> np.ndarray:
         """Return the relative x, y of the robots in sight (W, N, R, 2) [m]."""
-        return self._pairs("robot") * self.scenario.sight
+        return self.entries_of("robot", "x", "y") * self.scenario.sight
 
     @cached_property
     def robot_velocity(self) -> np.ndarray:
         """Return the relative velocity of the robots in sight (W, N, R, 2) [m/s]."""
-        return self._pairs("robot", "x_velocity", "y_velocity") * 2 * self.scenario.speed_unit
+        return self.entries_of("robot", "x_velocity", "y_velocity") * 2 * self.scenario.speed_unit
 
     @cached_property
     def targets_seen(self) -> np.ndarray:
@@ -234,7 +241,7 @@ class Rows:
     @cached_property
     def target_offset(self) -> np.ndarray:
         """Return the relative x, y of the targets in sight (W, N, T, 2) [m]."""
-        return self._pairs("target") * self.scenario.sight
+        return self.entries_of("target", "x", "y") * self.scenario.sight
 
     @cached_property
     def tracks(self) -> np.ndarray:
@@ -244,12 +251,12 @@ class Rows:
     @cached_property
     def track_offset(self) -> np.ndarray:
         """Return the relative x, y of the tracks when they were last in sight (W, N, K, 2) [m]."""
-        return self._pairs("track") * 2 * self._half
+        return self.entries_of("track", "x", "y") * 2 * self._half
 
     @cached_property
     def track_velocity(self) -> np.ndarray:
         """Return the velocity of the tracks then (W, N, K, 2) [m/s]; 0 if unknown."""
-        return self._pairs("track", "x_velocity", "y_velocity") * 2 * self.scenario.speed_unit
+        return self.entries_of("track", "x_velocity", "y_velocity") * 2 * self.scenario.speed_unit
 
     @cached_property
     def track_age(self) -> np.ndarray:
@@ -274,7 +281,7 @@ class Rows:
     @cached_property
     def teammate_offset(self) -> np.ndarray:
         """Return the relative x, y of the teammates in their last messages (W, N, M, 2) [m]."""
-        return self._pairs("teammate") * 2 * self._half
+        return self.entries_of("teammate", "x", "y") * 2 * self._half
 
     @cached_property
     def cell_age(self) -> np.ndarray:
@@ -291,17 +298,11 @@ class Rows:
         return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))
 
     def _of(self, kind: str, name: str) -> np.ndarray:
-        """Return an entry of each of the K things of a kind (W, N, K)."""
-        count = 2 if kind == "neighbour" else getattr(self.scenario.sensing, f"{kind}s_seen")
-        indices = np.array([self._indices[f"{kind}_{k}_{name}"] for k in range(count)], dtype=int)
-        return self.values.take(indices, axis=-1)
-
-    def _pairs(self, kind: str, x: str = "x", y: str = "y") -> np.ndarray:
-        return np.stack([self._of(kind, x), self._of(kind, y)], axis=-1)
+        return self.entries_of(kind, name)[..., 0]
 
 
 @lru_cache(maxsize=64)
-def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int]]:
-    """Return a scenario with every field filled in, and the indices of the entries by name."""
+def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int], dict[tuple, np.ndarray]]:
+    """Return a scenario with every field filled in, the indices of the entries by name, and those that were read."""
     scenario = scenario.resolve()
-    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}
+    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}, {}

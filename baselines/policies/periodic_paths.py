@@ -43,29 +43,19 @@ class PathParameters(Checked):
     None means the places of the formation on its curve."""
 
 
-def places_of(paths: np.ndarray, period: int) -> np.ndarray:
-    """Return the places (..., period, 2) on paths (..., 2 + 4 K) at each control step of a period [m]."""
-    paths = np.asarray(paths, dtype=float)
-    count = (paths.shape[-1] - 2) // 4
-    waves = paths[..., 2:].reshape(*paths.shape[:-1], count, 2, 2)  # harmonic, coordinate, cosine and sine
-    turn = 2 * np.pi * np.arange(1, count + 1)[:, None] * np.arange(period) / period
-    cosines = np.einsum("...kc,kt->...tc", waves[..., 0], np.cos(turn))
-    return paths[..., None, :2] + cosines + np.einsum("...kc,kt->...tc", waves[..., 1], np.sin(turn))
-
-
 def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
     """Return the places (N, K, 2) of the robots at the control steps of a period [m]."""
     lap = 2 * math.pi / scenario.formation.phase_rate / scenario.task.step
     period = parameters.period or max(round(lap), 4)
+    turn = 2 * np.pi * np.arange(period) / period
     if parameters.paths is not None:
         if len(parameters.paths) != scenario.num_robots:
             rule = f"paths must contain a row for each of the {scenario.num_robots} robots"
             raise ValueError(f"{rule}, got {len(parameters.paths)}")
-        longest = max(map(len, parameters.paths))
-        padded = [[*row, *[0.0] * (longest - len(row))] for row in parameters.paths]
-        return places_of(np.array(padded), period)
-    gamma = scenario.alpha * scenario.equilibrium[:, None] + 2 * np.pi * np.arange(period) / period
-    return closed_forms.curve_point(scenario.driven, gamma)[..., :2]
+        paths = [(row[:2], np.reshape(row[2:], (-1, 4))) for row in parameters.paths]
+        return np.array([middle + closed_forms.series(harmonics, turn) for middle, harmonics in paths])
+    gamma = scenario.alpha * scenario.equilibrium[:, None] + turn
+    return closed_forms.curve_point(scenario.driven, gamma)
 
 
 @register("periodic-paths", on_request=True)

@@ -25,6 +25,8 @@ _APART = 6.25
 """Distance below which robots repel each other [body radius]."""
 _REPULSION = 1.5
 """Weight of that repulsion."""
+KEPT_FOR = 1.875
+"""Time for which a target is assumed to keep its velocity, in units of sight over top speed."""
 _POINTS = 21, 13
 """Points along the longer and the shorter side of the rectangle that stand for its area."""
 
@@ -265,8 +267,7 @@ class Searching(Reacting):
 
     def expected_offset(self, rows: Rows) -> np.ndarray:
         """Return where known targets are now (W, N, K, 2), relative to the robot, if they kept their velocity [m]."""
-        # Velocities of targets last for about twice the time in which a robot drives its radius of sight.
-        return self.offset_after(rows, np.minimum(rows.track_age, 1.875 * self.sight / self.top))
+        return self.offset_after(rows, np.minimum(rows.track_age, KEPT_FOR * self.sight / self.top))
 
     def offset_after(self, rows: Rows, time: np.ndarray) -> np.ndarray:
         """Return the places of tracks (W, N, K, 2), relative to the robot, after times (W, N, K) [s] [m]."""

@@ -49,11 +49,11 @@ wp.set_module_options(OPTIONS)
 
 _FINE = wp.constant(FINE)
 STEPS, PROGRESS, VARIANT, PUSH_BIAS, TURN_RATIO = (wp.constant(k) for k in range(5))
-NEXT_SPEED, NEXT_HEADING, NEXT_TURN = (wp.constant(k) for k in range(5, 8))
-MEMORY = 8
+SPEED, HEADING, CURVATURE, PUSH = (wp.constant(k) for k in range(5, 9))
+MEMORY = 9
 """Memory of a robot: the steps since the reset, the sample of its progress, one more than its variant, the bias of its
-motor [m/s^2], the relative error of its curvature, and speed [m/s], heading and turn [rad] predicted for the next step;
-speed 0 without a prediction."""
+motor [m/s^2], the relative error of its curvature, and of the latest step the speed at its beginning [m/s], the heading
+there, and the curvature [1/m] and acceleration without drag [m/s^2] of the model; speed 0 where it does not apply."""
 
 _SETTLING, _SETTLING_STEPS = 0.12, 0.8
 """Time constant of an error [s] in the time scale of the paper's experiment, and the least one [control step]; that of
@@ -63,7 +63,7 @@ _APPROACH = wp.constant(1.5)
 _CATCH_UP = wp.constant(0.5)
 """Largest share of the path's speed by which a car that is late drives faster, or one that is early slower."""
 _LEARNING = wp.constant(0.1)
-"""Share of its prediction error by which a car corrects its model of itself in each control step."""
+"""Share of the error of its model by which a car corrects it in each control step."""
 ARRIVING = SafetyParameters(clearance=0.07, growth=0.2)
 """Parameters of the collision filter of cars on the way to their loops, which give way earlier than those on loops."""
 
@@ -148,41 +148,18 @@ def integrator_gains(pole: float) -> wp.vec2:
 
 
 @wp.func
-def learn(memory: wp.array(dtype=float), heading: float, speed: float, tracking: Tracking):
-    """Correct the motor's bias [m/s^2] and the ratio of curvatures by the error of the latest prediction."""
-    turn = memory[NEXT_TURN]
-    if memory[NEXT_SPEED] > 0.0:
-        share = _LEARNING
-        memory[PUSH_BIAS] += share * (speed - memory[NEXT_SPEED]) / tracking.step
-        # Least mean squares, normalised: a turn of less than 0.1 rad contains little information.
-        missed = wrap(heading - memory[NEXT_HEADING])
-        ratio = memory[TURN_RATIO] + share * missed * turn / (turn * turn + 0.01)
-        memory[TURN_RATIO] = wp.clamp(ratio, -0.3, 0.3)
-
-
-@wp.func
-def predict(
-    memory: wp.array(dtype=float),
-    robot: RobotStruct,
-    heading: float,
-    speed: float,
-    wanted_steering: float,
-    wanted_throttle: float,
-    moves: bool,
-    tracking: Tracking,
-):
-    """Store the speed and the heading after the control step; speed 0 where the model cannot predict them."""
-    steering = wp.clamp(wanted_steering, -robot.steering_max, robot.steering_max)
-    throttle = wp.clamp(wanted_throttle, robot.throttle_min, robot.throttle_max)
+def learn(memory: wp.array(dtype=float), robot: RobotStruct, heading: float, speed: float, tracking: Tracking):
+    """Correct the motor's bias and the ratio of curvatures by the error of the model in the latest step."""
     decay = wp.exp(-robot.drag * tracking.step)
-    push = robot.drive * throttle - robot.model_offset + memory[PUSH_BIAS]
-    next_speed = wp.max(decay * speed + (1.0 - decay) * push / robot.drag, 0.0)
-    turn = wp.tan(steering) / robot.wheelbase * 0.5 * (speed + next_speed) * tracking.step
-    slides = speed * speed * wp.abs(wp.tan(steering)) > 0.9 * robot.wheelbase * robot.lateral_acceleration_max
-    coasts = throttle <= robot.dead_zone
-    memory[NEXT_SPEED] = wp.where(moves and not slides and not coasts, next_speed, 0.0)
-    memory[NEXT_HEADING] = heading + (1.0 + memory[TURN_RATIO]) * turn
-    memory[NEXT_TURN] = turn
+    push = memory[PUSH] + memory[PUSH_BIAS]
+    expected = wp.max(decay * memory[SPEED] + (1.0 - decay) * push / robot.drag, 0.0)
+    if memory[SPEED] > 0.0 and expected > 0.0:
+        memory[PUSH_BIAS] += _LEARNING * (speed - expected) / tracking.step
+        turn = memory[CURVATURE] * 0.5 * (memory[SPEED] + expected) * tracking.step
+        missed = wrap(heading - (memory[HEADING] + (1.0 + memory[TURN_RATIO]) * turn))
+        # Least mean squares, normalised: a turn of less than 0.1 rad contains little information.
+        ratio = memory[TURN_RATIO] + _LEARNING * missed * turn / (turn * turn + 0.01)
+        memory[TURN_RATIO] = wp.clamp(ratio, -0.3, 0.3)
 
 
 @wp.kernel
@@ -214,7 +191,7 @@ def follow_paths(
     if known[VARIANT] != float(variant[w, i] + 1):
         sample = joining_sample(path, steps, position, heading, tracking)
     sample = nearest_sample(path, sample - _FINE, 4 * _FINE, position, tracking)
-    learn(known, heading, speed, tracking)
+    learn(known, robot, heading, speed, tracking)
 
     nearest = path[sample]
     path_speed = nearest[3]
@@ -255,8 +232,14 @@ def follow_paths(
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
+    steering = wp.clamp(steering, -robot.steering_max, robot.steering_max)
+    throttle = wp.clamp(throttle, robot.throttle_min, robot.throttle_max)
+    slides = speed * speed * wp.abs(wp.tan(steering)) > 0.9 * robot.wheelbase * robot.lateral_acceleration_max
     moves = own_works(w, i, observation) and speed > least_speed
-    predict(known, robot, heading, speed, steering, throttle, moves, tracking)
+    known[SPEED] = wp.where(moves and not slides and throttle > robot.dead_zone, speed, 0.0)
+    known[HEADING] = heading
+    known[CURVATURE] = wp.tan(steering) / robot.wheelbase
+    known[PUSH] = robot.drive * throttle - robot.model_offset
     known[VARIANT] = float(variant[w, i] + 1)
     known[PROGRESS] = float(sample)
     known[STEPS] = steps + 1.0

@@ -145,8 +145,7 @@ class WithMpcc(Coordinated):
     def restrict(self, robot: int) -> None:
         """Solve the problem of one robot alone."""
         super().restrict(robot)
-        if self.num_worlds > 1:
-            raise ValueError(f"policy must be for one world to be restricted, got {self.num_worlds}")
+        require(self.num_worlds == 1, "policy", "must be for one world to be restricted", self.num_worlds)
         self.mpcc.restrict(robot)
 
     def forget(self, mask: np.ndarray) -> None:
@@ -304,9 +303,8 @@ def field_of(scenario: Scenario, parameters: FieldParameters) -> Any:
 
     The pull is limited so that at the formation's speed a step corrects at most half of `off`.
     """
-    field = Field()
+    field = to_struct(Field, parameters)
     field.least = 0.1 * motion_scale(scenario).speed
-    field.turn, field.speed, field.slowest = parameters.turn, parameters.speed, parameters.slowest
     field.rate, field.step = scenario.formation.phase_rate, scenario.task.step
     field.scale = curve_length(scenario.driven) / (2 * math.pi)
     field.pull = min(parameters.pull, 0.5 / (field.rate * field.scale * field.step))

@@ -76,8 +76,7 @@ def fig3(player: Player) -> Part:
         left, right = picture.figure.subplots(1, 2, sharex=True)
         counts = np.bincount(np.ceil(waited[detected] / step - 1e-6).astype(int), minlength=round(bound / step) + 1)
         left.stairs(counts, (np.arange(len(counts) + 1) - 0.5) * step, fill=True, color=BLUE, lw=0)
-        left.set_yscale("log")
-        left.set_ylabel(f"new detections in {step} s")
+        left.set(yscale="log", ylabel=f"new detections in {step} s")
         words: dict[str, Any] = {"textcoords": "offset points", "va": "top", "fontsize": 8, "color": DARK}
         words |= {"xytext": (16, -3), "arrowprops": {"arrowstyle": "-", "color": GREY, "lw": 0.7}}
         left.annotate(f"{counts[0]:,} in sight\nat the start", (0.03, counts[0]), **words)
@@ -90,8 +89,7 @@ def fig3(player: Player) -> Part:
         shown.set_zorder(5)
         right.set_ylabel("share of the targets detected")
         for axes in (left, right):
-            axes.set_xlabel("time t [s]")
-            axes.set_xlim(-0.15, 8.95)
+            axes.set(xlabel="time t [s]", xlim=(-0.15, 8.95))
             mark_time(axes, 4.5, "4.5 s\n(paper)", 0.97 if axes is left else 0.22, RED)
             mark_time(axes, bound, "$T_{max}$", 0.97 if axes is left else 0.22, side="right")
         picture.caption = (

@@ -42,8 +42,7 @@ def fig7(player: Player) -> Part:
             draw_ring(axes, played.position[moment, 0, :, :2], scenario.neighbours, alpha=0.75)
             for robot in range(scenario.num_robots):
                 _draw_car(axes, played, robot, moment)
-            axes.set_xlim(-2.35, 2.35)
-            axes.set_ylim(-1.5, 1.5)
+            axes.set(xlim=(-2.35, 2.35), ylim=(-1.5, 1.5))
         picture.caption = (
             "Simulated agents pink, physical ones blue, as in the paper, with the way of the last 1.5 s; a thick "
             f"orange rim marks a robot that has failed; edges of the ring orange. {_chosen(played)}."
@@ -93,9 +92,7 @@ def fig8(player: Player) -> Part:
         for k, time in enumerate(_STILLS[:5]):
             mark_time(upper, time, f"({'abcde'[k]})", 0.98, "#777777")
         upper.set_ylabel("states $\\theta$ [rad]")
-        lower.set_ylabel("deviation\nfrom (2) [rad]")
-        lower.set_xlabel("time t [s]")
-        lower.set_ylim(bottom=0)
+        lower.set(xlabel="time t [s]", ylabel="deviation\nfrom (2) [rad]", ylim=(0, None))
         picture.caption = (
             f"Above: one run, seed {player.seed}; below: its largest deviation from the equilibrium (blue) and "
             f"that of {SEEDS - 1} further seeds (grey). {_chosen(played)}."

@@ -74,10 +74,8 @@ def fig4(player: Player) -> Part:
             right.plot(played.time, played.deviation[:, 0], color=colour, label=f"{angle:.2f} rad, {word} (9)")
         right.axhline(RECOVERED, color=DARK, lw=0.8, ls="--")
         right.annotate(f"{RECOVERED} rad: recovered", (60, 1.12 * RECOVERED), ha="right", fontsize=8, color=DARK)
-        right.set_yscale("log")
-        right.set_ylim(1e-3, 6)
-        right.set_xlabel("time since the displacement [s]")
-        right.set_ylabel("largest deviation from the equilibrium [rad]")
+        right.set(yscale="log", ylim=(1e-3, 6))
+        right.set(xlabel="time since the displacement [s]", ylabel="largest deviation from the equilibrium [rad]")
         right.legend(loc="center right", bbox_to_anchor=(1, 0.68), title="robot 1 displaced by", title_fontsize=8)
         picture.caption = (
             f"N = 10, a = 7, b = 3, A = B = 5 m as in the paper; p = {perturbation.p} and the ring 1, 2 ... 10 are "
@@ -151,12 +149,9 @@ def fig6(player: Player) -> Part:
                 axes.axvspan(first, second, color=ORANGE, alpha=0.13, lw=0)
             mark_time(column[0], first, f"$t_1$ = {first} s", 0.98)
             mark_time(column[0], second, f"$t_2$ = {second} s", 0.98)
-            column[1].set_xlabel("time t [s]")
-            column[1].set_xlim(0, failure.task.duration)
+            column[1].set(xlabel="time t [s]", xlim=(0, failure.task.duration))
         grid[0, 0].set_ylabel("states $\\theta$ [rad]")
-        grid[1, 0].set_yscale("log")
-        grid[1, 0].set_ylim(1e-4, 8)
-        grid[1, 0].set_ylabel("largest deviation\nfrom (2) [rad]")
+        grid[1, 0].set(yscale="log", ylim=(1e-4, 8), ylabel="largest deviation\nfrom (2) [rad]")
         words, place = f"{RECOVERED} rad", (0.3, RECOVERED)
         grid[1, 0].annotate(words, place, xytext=(0, 2), textcoords="offset points", fontsize=7.5)
         picture.caption = (

@@ -65,8 +65,7 @@ def fig5(player: Player) -> Part:
         right.set_title("between two branches of the curve")
         right.axhline(body, color=DARK, lw=0.9, ls=":", label=f"body in Section VII, {body:g} m")
         for axes in (left, right):
-            axes.set(xlabel="C, half of the extent along z [m]", xlim=(0, depths[-1]))
-            axes.set_ylim(bottom=0)
+            axes.set(xlabel="C, half of the extent along z [m]", xlim=(0, depths[-1]), ylim=(0, None))
         right.legend(loc="upper left")
         left.set_ylabel("$r_{max}$ [m]")
         left.add_artist(left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6))

@@ -68,10 +68,7 @@ def _picture_of_distances(played: EpisodeArrays, seed: int) -> Picture:
             axes.plot(played.time, values[:, 0], color=colour, lw=1.1, label=name)
         axes.axhline(spacing, color=DARK, lw=1, ls="--", label=f"2 $r_s$ of (8), {spacing:.2f} m")
         axes.axhline(body, color=DARK, lw=1, ls=":", label=f"2 $r_i$, {body:.2f} m")
-        axes.set_xlim(0, task.task.duration)
-        axes.set_ylim(0, 3.6)
-        axes.set_xlabel("time t [s]")
-        axes.set_ylabel("distance [m]")
+        axes.set(xlim=(0, task.task.duration), ylim=(0, 3.6), xlabel="time t [s]", ylabel="distance [m]")
         axes.legend(loc="upper center", ncols=3, handlelength=1.6, columnspacing=1.1, borderaxespad=0.1)
         panels = (
             (played.score(SPACING), ETA, "$\\eta_1$, all pairs on the ring", 1.0, "2 $r_s$"),
@@ -85,10 +82,7 @@ def _picture_of_distances(played: EpisodeArrays, seed: int) -> Picture:
                           va="top", fontsize=7.5, color=RED)  # fmt: skip
             side.axvline(limit, color=DARK, lw=0.9, ls="--" if row == 0 else ":")
             side.annotate(word, (limit, 0.97), xytext=(3, 0), textcoords="offset points", va="top", fontsize=7.5)
-            side.set_ylim(0, 1)
-            side.set_yticks([0, 0.5, 1])
-            side.set_ylabel("share of seeds")
-            side.set_xlabel(name)
+            side.set(ylim=(0, 1), yticks=[0, 0.5, 1], ylabel="share of seeds", xlabel=name)
             low, high = min(*values, paper, limit), max(*values, paper, limit)
             side.set_xlim(low - 0.1 * (high - low), high + 0.3 * (high - low))
         picture.caption = (

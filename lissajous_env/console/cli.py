@@ -86,7 +86,7 @@ def _exit_code(arguments: list[str]) -> int:
         complain(f"interrupted{''.join(f'; {word}' for word in interrupt.args)}")
         return INTERRUPTED
     except Exception as error:
-        return _failed(FAILED, error, f"{type(error).__name__}: {error}; set {TRACEBACK}=1 for the traceback")
+        return _failed(FAILED, error, f"{where_raised(error)}; set {TRACEBACK}=1 for the traceback")
 
 
 def _failed(code: int, error: BaseException, words: str) -> int:

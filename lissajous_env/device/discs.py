@@ -3,10 +3,11 @@
 Each cell is represented by one point. The outermost points are `edge_gap` cells from the edges of the rectangle, and
 points are evenly spaced: with 0.5 they are the centres of the cells, with 0 the outermost ones are on the edges.
 
-C++ computes the cells that a resting disc covers, for eight rows at once, whose bits are adjacent in memory: arrays of
-bits are (W, words, rows). The cells that a moving disc sweeps are rarely required.
+C++ computes the cells that a resting disc covers, for eight rows at once, whose bits are adjacent in memory: the bits
+of a world are arrays (words, rows). The cells that a moving disc sweeps are rarely required.
 """
 
+import numpy as np
 import warp as wp
 
 from lissajous_env.device.curve import CurveStruct
@@ -103,96 +104,79 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, edge_gap: float, c
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
 
 
-def _over_runs(covered: str, body: str) -> str:
-    """Return C++ that computes the runs of columns of a disc, in eight rows of a lane at once, and runs `body`.
+def in_discs(x: np.ndarray, y: np.ndarray, places: np.ndarray, radius: float) -> np.ndarray:
+    """Return True for the points (K, rows, columns) at x and y [m] that any of N discs covers, at places (N, K, 2)."""
+    covered = np.zeros((places.shape[1], len(y), len(x)), dtype=bool)
+    for place in places[..., None]:
+        covered |= (x - place[:, :1]) ** 2 < radius**2 - (y[:, None] - place[:, 1:]) ** 2
+    return covered
 
-    It runs `body` for each word that the disc can reach in a row, where `at` is the index of this word in `mark` and in
-    `covered`, and `run` the bits of the disc's columns in it, 0 for none.
-    """
-    return f"""
+
+_VISIT = """
 #if defined(__CUDA_ARCH__)
     const int together = 1;
 #else
     const int together = 8;
 #endif
     typedef unsigned long long Word;
-    const int rows = marks.shape[2];
+    const int rows = marks.shape[1];
     const float row_scale = (rows - 1 + 2.0f * edge_gap) / (2.0f * curve.half_height);  // `points_per_metre`
     const float scale = (columns - 1 + 2.0f * edge_gap) / (2.0f * curve.half_width);
     const float low = (place[1] - radius + curve.half_height) * row_scale;
     const float high = (place[1] + radius + curve.half_height) * row_scale;
     const int top = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
     // Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
-    const auto first_column = [&](const float half) {{
+    const auto first_column = [&](const float half) {
         const float left = ceilf((place[0] - half + curve.half_width) * scale - edge_gap);
         return (int)(left > 0.0f ? (left < columns ? left : (float)columns) : 0.0f);
-    }};
-    const auto last_column = [&](const float half) {{
+    };
+    const auto last_column = [&](const float half) {
         const float right = floorf((place[0] + half + curve.half_width) * scale - edge_gap);
         const float most = right < columns - 1.0f ? right : columns - 1.0f;
         return (int)(most > -1.0f ? most : -1.0f);
-    }};
+    };
+    int added = 0;
     const auto mark_rows = [&](const int lane, const int lanes, const int first_word, const int last_word,
-                               Word* __restrict mark, Word* __restrict covered) {{
+                               Word* __restrict mark, Word* __restrict covered) {
         // Whole blocks, so that those of all discs are the same.
         const int skipped = top > lane ? (top - lane + lanes - 1) / lanes / together * together : 0;
-        for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {{
+        for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {
             int from[together], to[together];
-            for (int k = 0; k < together; ++k) {{
+            for (int k = 0; k < together; ++k) {
                 const float up = (first + k * lanes + edge_gap) / row_scale - curve.half_height - place[1];
                 const float square = radius * radius - up * up, half = sqrtf(square > 0.0f ? square : 0.0f);
                 from[k] = first_column(half);
                 to[k] = square < 0.0f || radius <= 0.0f ? -1 : last_column(half);
-            }}
-            for (int word = first_word; word <= last_word; ++word) {{
+            }
+            for (int word = first_word; word <= last_word; ++word) {
                 const size_t here = (size_t)word * rows + first;
-                for (int k = 0; k < together; ++k) {{
+                for (int k = 0; k < together; ++k) {
                     if (first + k * lanes >= rows)
                         continue;
                     const int start = from[k] > 64 * word ? from[k] - 64 * word : 0;
                     const int stop = to[k] < 64 * word + 63 ? to[k] - 64 * word : 63;
                     const Word run = start <= stop ? (~(Word)0 >> (63 - (stop - start))) << start : 0;
                     const size_t at = here + k * lanes;
-                    {body}
-                }}
-            }}
-        }}
-    }};
-    Word *const mark = &wp::index(marks, w, 0, 0), *const covered = {covered};
-    // On a CPU, where the rows of a lane stand side by side, this becomes SIMD; a single word is faster still.
-    if (lanes == 1 && marks.shape[1] == 1)
-        mark_rows(0, 1, 0, 0, mark, covered);
-    else if (lanes == 1)
-        mark_rows(0, 1, first_column(radius) / 64, last_column(radius) / 64, mark, covered);
+                    added += wp::bit_count(run & ~covered[at]);
+                    mark[at] |= run;
+                    covered[at] |= run;
+                }
+            }
+        }
+    };
+    Word *const mark = &wp::index(marks, 0, 0), *const covered = &wp::index(covered_before, 0, 0);
+    const int first_word = first_column(radius) / 64, last_word = last_column(radius) / 64;
+    // On a CPU, where the rows of a lane stand side by side, this becomes SIMD.
+    if (lanes == 1)
+        mark_rows(0, 1, first_word, last_word, mark, covered);
     else
-        mark_rows(lane, lanes, first_column(radius) / 64, last_column(radius) / 64, mark, covered);
+        mark_rows(lane, lanes, first_word, last_word, mark, covered);
+    return added;
 """
 
 
-@wp.func_native(_over_runs(covered="0", body="mark[at] |= run;"))
-def mark_disc(
-    w: int,
-    place: wp.vec2,
-    lane: int,
-    lanes: int,
-    curve: CurveStruct,
-    radius: float,
-    columns: int,
-    edge_gap: float,
-    marks: wp.array3d(dtype=wp.uint64),
-):
-    """Mark the cells, in the rows of a lane, whose points a disc covers at a place [m]."""
-
-
-_VISIT = """mark[at] |= run;
-                    added += wp::bit_count(run & ~covered[at]);
-                    covered[at] |= run;"""
-
-
-@wp.func_native("int added = 0;" + _over_runs("&wp::index(covered_before, w, i, 0, 0)", _VISIT) + "return added;")
+@wp.func_native(_VISIT)
 def visit_disc(
-    w: int,
-    i: int,
     place: wp.vec2,
     lane: int,
     lanes: int,
@@ -200,16 +184,18 @@ def visit_disc(
     radius: float,
     columns: int,
     edge_gap: float,
-    marks: wp.array3d(dtype=wp.uint64),
-    covered_before: wp.array4d(dtype=wp.uint64),
+    marks: wp.array2d(dtype=wp.uint64),
+    covered_before: wp.array2d(dtype=wp.uint64),
 ) -> int:
-    """Mark the cells as `mark_disc` does, and in `covered_before` of robot i; return how many are new to it."""
+    """Mark the cells, in the rows of a lane, whose points a disc covers at a place [m], in two different arrays.
+
+    Returns how many of the cells `covered_before` did not contain.
+    """
     ...
 
 
 @wp.func
 def mark_way(
-    w: int,
     a: wp.vec2,
     b: wp.vec2,
     lane: int,
@@ -218,10 +204,10 @@ def mark_way(
     radius: float,
     columns: int,
     edge_gap: float,
-    marks: wp.array3d(dtype=wp.uint64),
+    marks: wp.array2d(dtype=wp.uint64),
 ):
     """Mark the cells, in the rows of a lane, whose points a disc covers which moves from a to b [m]."""
-    rows = marks.shape[2]
+    rows = marks.shape[1]
     row_scale = points_per_metre(rows, edge_gap, curve.half_height)
     scale = points_per_metre(columns, edge_gap, curve.half_width)
     low = (wp.min(a[1], b[1]) - radius + curve.half_height) * row_scale
@@ -232,4 +218,4 @@ def mark_way(
         y = (float(row) + edge_gap) / row_scale - curve.half_height
         run = columns_of(swept_run(a, b, radius, y), curve.half_width, scale, edge_gap, columns)
         for word in range(run[0] / 64, run[1] / 64 + 1):
-            marks[w, word, row] |= run_of_bits(word, run[0], run[1])
+            marks[word, row] |= run_of_bits(word, run[0], run[1])

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from itertools import repeat
 from typing import Any
 
 import gymnasium
@@ -147,23 +148,13 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
             self._fetch()
         live, agents = self._live[0], self._names
         observation, _, reward, terminated, truncated, terms = self._rows[0]
-        terminated, truncated = terminated.tolist(), truncated.tolist()
         infos = [{"reward_terms": row} for row in terms.copy()]
-        observation, reward = observation.copy(), reward.tolist()
+        columns = [observation.copy(), reward.tolist(), terminated.tolist(), truncated.tolist(), infos]
         if len(live) < len(agents):
-            agents = [agents[i] for i in live]
-            observation, reward, terminated, truncated, infos = (
-                [column[i] for i in live] for column in (observation, reward, terminated, truncated, infos)
-            )
+            agents, *columns = [[column[i] for i in live] for column in (agents, *columns)]
         # The lengths are equal; a strict zip would double the time.
-        results = (
-            dict(zip(agents, observation)),  # noqa: B905
-            dict(zip(agents, reward)),  # noqa: B905
-            dict(zip(agents, terminated)),  # noqa: B905
-            dict(zip(agents, truncated)),  # noqa: B905
-            dict(zip(agents, infos)),  # noqa: B905
-        )
-        if True in terminated or True in truncated:
+        results: Any = tuple(map(dict, map(zip, repeat(agents), columns)))
+        if True in columns[2] or True in columns[3]:
             agents = [agent for agent in agents if not (results[2][agent] or results[3][agent])]
             self._live[0] = [self._names.index(agent) for agent in agents]
         self.agents = agents
@@ -178,10 +169,9 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         live = np.flatnonzero(rows.mask).tolist()
         shown = sorted({*self._live[1], *live})
         names, self._live[1] = [side.names[t] for t in shown], live
-        for result, column in zip(
-            results, (rows.observation, rows.reward, rows.terminated, rows.truncated), strict=False
-        ):
-            result.update(zip(names, column[shown].tolist() if column.ndim == 1 else column[shown], strict=True))
+        results[0].update(zip(names, rows.observation[shown], strict=True))
+        for result, column in zip(results[1:4], (rows.reward, rows.terminated, rows.truncated), strict=True):
+            result.update(zip(names, column[shown].tolist(), strict=True))
         results[4].update((name, {}) for name in names)
         self.agents = [*self.agents, *(side.names[t] for t in live)]
 

@@ -5,7 +5,10 @@ computed by the contamination field (`lissajous_env.world.contamination.field`) 
 """
 
 import math
+from bisect import bisect_left
 from dataclasses import replace
+
+import numpy as np
 
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -17,10 +20,24 @@ from lissajous_env.world.simulation import Simulation
 
 ROUNDS = 12
 """Length of an episode of the formation in units of T_max; a worst case that still grows then counts as unbounded."""
-CELLS = 90
-"""Default number of cells along the longer side of the rectangle."""
-_HALVINGS = 9
-"""Number of bisections of the range of speeds for a critical speed."""
+CELLS, CELLS_IN_A_SENSOR = 90, 5.0
+"""Default number of cells along the longer side of the rectangle, and least sensing radius [cell]."""
+_SPEEDS = 513
+"""Number of speeds, evenly spaced, among which a critical speed is searched."""
+
+
+def cells(scenario: Scenario, longest: int = CELLS, cells_in_a_sensor: float = CELLS_IN_A_SENSOR) -> tuple[int, int]:
+    """Return columns and rows of about square cells, by default those of a grid for the worst-case undetected time.
+
+    Args:
+        scenario: The scenario.
+        longest: Cells along the longer side of the rectangle, at most twice as many for short sensors.
+        cells_in_a_sensor: Least sensing radius [cell].
+    """
+    halves = scenario.curve.half_width, scenario.curve.half_height
+    longest = max(longest, min(math.ceil(2 * max(halves) * cells_in_a_sensor / scenario.sensing_radius), 2 * longest))
+    columns, rows = (max(round(longest * half / max(halves)), 1) for half in halves)
+    return columns, rows
 
 
 class IdealFormation:
@@ -35,14 +52,15 @@ class IdealFormation:
     def __init__(self, scenario: str | Scenario, radius: float | None = None, cells: int = CELLS):
         self.scenario = named.build(scenario)
         self.radius = self.scenario.sensing_radius if radius is None else radius
-        curve, self._step = self.scenario.curve, self.scenario.task.step
+        curve, self._step, self._cells = self.scenario.curve, self.scenario.task.step, cells
         self._side = 2 * max(curve.half_width, curve.half_height) / cells
+        self._limit = 30 * self._side / self._step  # of the speed of targets on this grid [m/s]
 
     @property
     def fastest_rogue(self) -> float:
-        """Largest speed that `critical_speed` tries [m/s]: 4 times that of the robots or the grid's limit."""
+        """Largest speed that `critical_speed` tries [m/s]: 4 times that of the robots, or half of the grid's limit."""
         top_speed = self.scenario.formation.phase_rate * largest_speed(self.scenario.curve)
-        return min(4 * top_speed, 15 * self._side / self._step)
+        return min(4 * top_speed, self._limit / 2)
 
     def against(self, speed: float) -> Scenario:
         """Return the scenario with these points, no faults, and targets of a speed [m/s].
@@ -50,12 +68,11 @@ class IdealFormation:
         Raises:
             ValueError: the targets are too fast for the grid.
         """
-        scenario, limit = self.scenario, 30 * self._side / self._step
+        scenario, limit = self.scenario, self._limit
         if speed > limit:
             rule = f"must be at most {limit:.3g} m/s for cells of {self._side:.3g} m and a step of {self._step:g} s"
             raise ValueError(f"the speed of targets {rule}, got {speed:g}")
-        curve, known = scenario.curve, scenario.resolve()
-        columns, rows = (max(round(2 * half / self._side), 1) for half in (curve.half_width, curve.half_height))
+        known, grid = scenario.resolve(), cells(scenario, self._cells, 0.0)
         rate = scenario.formation.phase_rate / scenario.alpha
         duration = math.ceil(ROUNDS * scenario.detection_time_bound / self._step) * self._step
         return replace(
@@ -66,7 +83,7 @@ class IdealFormation:
             targets=Targets(count=1, arrival_rate=1.0 / duration, wandering=0.0, speed_limit=speed),
             faults=Faults(),
             noise=Noise(),
-            task=Task(duration=duration, step=self._step, substeps=2, grid=None, contamination=(columns, rows)),
+            task=Task(duration=duration, step=self._step, substeps=2, grid=None, contamination=grid),
             extensions=(),
         )
 
@@ -81,16 +98,9 @@ class IdealFormation:
         Returns:
             0 if even a target at rest can, inf if none up to `fastest_rogue` can.
         """
-        low, high = 0.0, self.fastest_rogue
-        if self._largest_age(low, until_cleared=True) is None:
-            return 0.0
-        if self._largest_age(high, until_cleared=True) is not None:
-            return math.inf
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            is_cleared = self._largest_age(middle, until_cleared=True) is not None
-            low, high = (middle, high) if is_cleared else (low, middle)
-        return (low + high) / 2
+        speeds = np.linspace(0.0, self.fastest_rogue, _SPEEDS)
+        first = bisect_left(speeds, True, key=lambda speed: self._largest_age(speed, until_cleared=True) is None)
+        return math.inf if first == _SPEEDS else float(speeds[max(first - 1, 0) : first + 1].mean())
 
     def _largest_age(self, speed: float, until_cleared: bool) -> int | None:
         """Play an episode; return the largest age [step], or None if it still grows at the end.

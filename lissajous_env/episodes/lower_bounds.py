@@ -37,9 +37,6 @@ _PLACES = 64
 """Number of places that are tried for a target that appears outside all discs; if all are sensed, it is detected at
 once."""
 
-_Swept = Callable[[np.ndarray | float, np.ndarray | float], np.ndarray]
-"""Function that returns the largest swept size for discs of a radius [m] that have each moved a distance [m]."""
-
 
 def robot_speed_limit(scenario: str | Scenario) -> float:
     """Return the top speed of a robot over the ground [m/s]; NaN for registered models.
@@ -138,17 +135,13 @@ def _time_along_boundary(scenario: Scenario, speed: float) -> float:
 def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray) -> np.ndarray:
     """Return (T,) the least share of targets of a motion that are undetected at times after they appeared."""
     targets, radius, driven = scenario.targets, scenario.sensing_radius, speed * times
-    on_boundary = targets.entry == "boundary"
     swept, whole = _swept_and_whole(scenario)
-    if motion == "still":
-        size = swept(radius, driven)
-    elif motion == "independent":
-        size = _least_swept(swept, radius, driven, targets.speed * times, on_boundary)
+    moved = targets.speed * times
+    if motion == "fleeing":
+        fastest, zone = max(targets.speed, targets.flee_speed), max(radius, targets.flee_radius)
+        size = np.minimum(swept(radius + fastest * times, driven), swept(zone, driven, moved))
     else:
-        fastest = max(targets.speed, targets.flee_speed)
-        zone = max(radius, targets.flee_radius)
-        until_it_flees = _least_swept(swept, zone, driven, targets.speed * times, on_boundary)
-        size = np.minimum(swept(radius + fastest * times, driven), until_it_flees)
+        size = swept(radius, driven, 0.0 if motion == "still" else moved)
     if targets.entry != "unseen":
         return np.clip(1 - size / whole, 0.0, 1.0)
     at_once = scenario.num_robots * math.pi * radius**2
@@ -158,23 +151,25 @@ def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray
     return has_place * np.clip(1 - (size - at_once) / (whole - at_once), 0.0, 1.0)
 
 
-def _swept_and_whole(scenario: Scenario) -> tuple[_Swept, float]:
-    """Return the function for the largest swept size, and the total size, of where targets appear [m^2 or m]."""
+def _swept_and_whole(scenario: Scenario) -> tuple[Callable[..., np.ndarray], float]:
+    """Return a function for the largest swept size, and the total size, of where targets appear [m^2 or m].
+
+    Its arguments are the radius of the discs, and the distances that each of them and each target have moved,
+    independently of each other [m].
+    """
     width, height, robots = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height, scenario.num_robots
 
-    def on_area(reach: np.ndarray | float, driven: np.ndarray | float) -> np.ndarray:
-        return robots * (math.pi * np.square(reach) + 2 * np.multiply(reach, driven))
+    def on_area(radius: np.ndarray | float, driven: np.ndarray | float, moved: np.ndarray | float = 0.0) -> np.ndarray:
+        return robots * (math.pi * np.square(radius) + 2 * np.multiply(radius, driven + moved))
 
-    def on_perimeter(reach: np.ndarray | float, driven: np.ndarray | float) -> np.ndarray:
-        size = robots * (2 * np.asarray(reach) + driven) + 4 * math.sqrt(2) * np.asarray(reach)
-        return np.where(4 * np.asarray(reach) <= min(width, height), size, math.inf)
+    def on_perimeter(
+        radius: np.ndarray | float, driven: np.ndarray | float, moved: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        # The relative speed gives a smaller value, which is not proved for the corners of a boundary.
+        reach = np.asarray(radius + moved)
+        size = robots * (2 * reach + driven) + 4 * math.sqrt(2) * reach
+        return np.where(4 * reach <= min(width, height), size, math.inf)
 
     if scenario.targets.entry == "boundary":
         return on_perimeter, 2 * (width + height)
     return on_area, width * height
-
-
-def _least_swept(swept: _Swept, radius: float, driven: np.ndarray, moved: np.ndarray, on_boundary: bool) -> np.ndarray:
-    """Return the swept size for targets that have moved a distance [m] independently of the discs."""
-    # The relative speed gives a smaller value, which is not proved for the corners of a boundary.
-    return swept(radius + moved, driven) if on_boundary else swept(radius, driven + moved)

@@ -4,7 +4,6 @@ import json
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, get_origin, get_type_hints
 
@@ -57,7 +56,7 @@ class Recording:
     """(F, T, 2) float32 x, y of the targets [m]; before a target appears, where it will, unless it appears unseen.
     A target that appears anew after its detection counts as another target."""
     motion: Annotated[np.ndarray, "T", np.int32]
-    """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets.motion`."""
+    """(T,) int32 STILL, DRIFTING, WANDERING, FLEEING or CUSTOM of `lissajous_env.world.targets.motion`."""
     appears_at: Annotated[np.ndarray, "T", np.int32]
     """(T,) int32 step in which a target appears."""
     found_at: Annotated[np.ndarray, "T", np.int32]
@@ -65,7 +64,7 @@ class Recording:
     found_early: Annotated[np.ndarray, "T", np.float32]
     """(T,) float32 share of that step that was left then, in [0, 1]."""
     sensed_at: Annotated[np.ndarray, "F R C", np.int32]
-    """(F, R, C) int32 step in which a cell was last sensed; the lowest row comes first."""
+    """(F, R, C) int32 step in which a cell was last sensed, 0 also for never; the lowest row comes first."""
     contact: Annotated[np.ndarray, "M 3", np.int32]
     """(M, 3) int32 moment and two robots that have collided and not yet parted."""
     collisions: Annotated[np.ndarray, "F", np.int32]
@@ -138,9 +137,7 @@ class Recorder:
 
     def __init__(self, simulation: Simulation, world: int = 0):
         self.simulation, self.world = simulation, world
-        fixed = () if simulation.scenario.targets.respawn else _FIXED
-        self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name not in fixed}
-        self._last: Snapshot | None = None
+        self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS}
         self._bytes = 0
 
     def take(self) -> None:
@@ -150,20 +147,19 @@ class Recorder:
             ValueError: this is not exactly one step after the previous call, or the recording exceeds a gibibyte.
         """
         now = Snapshot.of(self.simulation, self.world)
-        due = 0 if self._last is None else self._last.step + 1
+        due = len(self._moments["position"])
         if now.step != due:
             raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
-        others = self._others() | {"contact": np.insert(now.contact, 0, now.step, axis=1)}
+        arrays = vars(now) | self._others() | {"contact": np.insert(now.contact, 0, now.step, axis=1)}
         for name, history in self._moments.items():
-            history.append(np.array(others[name] if name in others else getattr(now, name)))
+            history.append(np.array(arrays[name]))
         self._bytes += sum(history[-1].nbytes for history in self._moments.values())
         _check_size(self._bytes)
-        self._last = now
 
     def _others(self) -> dict[str, np.ndarray]:
         """Return the arrays that are not part of a snapshot."""
         simulation, w = self.simulation, self.world
-        action = np.clip(np.nan_to_num(of_world(simulation.action, w)), -1.0, 1.0)
+        action = of_world(simulation.limited_action, w)
         return {
             "speed": of_world(simulation.robots.speed, w),
             "phase": of_world(simulation.robots.phase, w),
@@ -176,12 +172,11 @@ class Recorder:
 
     def recording(self, policy: str = "") -> Recording:
         """Return the recording so far, with the current score and the name of the policy."""
-        if self._last is None:
+        if not self._moments["position"]:
             raise ValueError("a recording must contain at least one moment, got none")
         join: dict[str, Any] = {"contact": np.concatenate}
         arrays = {name: join.get(name, np.stack)(history) for name, history in self._moments.items()}
-        respawn, last = self.simulation.scenario.targets.respawn, self._last
-        arrays |= _split_lives(arrays) if respawn else {name: getattr(last, name) for name in _FIXED}
+        arrays |= _split_lives(arrays)
         arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         score = {"policy": policy, "episode": 0} | self.simulation.score([self.world])[0]
         names = self.simulation.layout.names, self.simulation.reward_term_names
@@ -194,13 +189,10 @@ def _split_lives(slots: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     Args:
         slots: (F, T, 2) positions of the slots [m], and (F, T) the arrays of `_FIXED` at each moment.
     """
-    lives = [
-        (slot, begin, end - 1)
-        for slot, appears in enumerate(slots["appears_at"].T)
-        for begin, end in pairwise([0, *np.flatnonzero(np.diff(appears)) + 1, len(appears)])
-    ]
-    slot, begin, last = np.array(lives, dtype=int).reshape(-1, 3).T
-    moment = np.clip(np.arange(len(slots["appears_at"]))[:, None], begin, last)
+    appears = slots["appears_at"]
+    slot, begin = np.nonzero(np.diff(appears, axis=0, prepend=-1).T)
+    last = (np.roll(begin, -1) - 1) % len(appears)  # every slot has a life that begins at the reset
+    moment = np.clip(np.arange(len(appears))[:, None], begin, last)
     places = {"target_position": slots["target_position"][moment, slot]}
     return {name: slots[name][last, slot] for name in _FIXED} | places
 

@@ -6,18 +6,16 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.world.coverage import last_sensed
-from lissajous_env.world.episode import detection_times
+from lissajous_env.world.episode import Detections
 from lissajous_env.world.selection import of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED, WORKING
 
 
-@dataclass(frozen=True)
-class Snapshot:
+@dataclass(frozen=True, kw_only=True)
+class Snapshot(Detections):
     """State of one world at one time. N robots, T target slots, R rows and C columns of the coverage grid."""
 
-    step: int
-    """Number of control steps in the episode so far."""
     world: int
     """Index of the world in the batch."""
     seed: int
@@ -31,23 +29,13 @@ class Snapshot:
     target_position: np.ndarray
     """(T, 2) x, y of the targets [m]; for targets that left, where they were detected."""
     motion: np.ndarray
-    """(T,) STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets.motion`."""
-    appears_at: np.ndarray
-    """(T,) step in which a target appears."""
-    found_at: np.ndarray
-    """(T,) step in which it was detected; larger than `step` until then."""
-    found_early: np.ndarray
-    """(T,) share of that step that was left then."""
+    """(T,) STILL, DRIFTING, WANDERING, FLEEING or CUSTOM of `lissajous_env.world.targets.motion`."""
     sensed_at: np.ndarray
-    """(R, C) step in which a cell was last sensed, lowest row first."""
+    """(R, C) step in which a cell was last sensed, 0 also for never; the lowest row comes first."""
     contact: np.ndarray
     """(M, 2) pairs of robots that have collided and not yet parted."""
     collisions: int
     """Collisions in the episode so far."""
-    earlier: int = 0
-    """Number of detections after which targets appeared anew, which a recording counts as targets of their own."""
-    earlier_time: float = 0.0
-    """Sum of the times until these detections [step]."""
 
     @classmethod
     def of(cls, simulation: Simulation, world: int = 0) -> "Snapshot":
@@ -79,38 +67,15 @@ class Snapshot:
     @property
     def present(self) -> np.ndarray:
         """(T,) bool: targets that are present and undetected."""
-        return (self.appears_at <= self.step) & (self.found_at > self.step)
-
-    @property
-    def detected(self) -> np.ndarray:
-        """(T,) bool: detected targets."""
-        return self.found_at <= self.step
-
-    @property
-    def num_targets(self) -> int:
-        """Number of targets that have appeared."""
-        return int((self.appears_at <= self.step).sum()) + self.earlier
-
-    @property
-    def num_detected(self) -> int:
-        """Number of targets that were detected."""
-        return int(self.detected.sum()) + self.earlier
+        return self.appeared & ~self.detected
 
     def in_sight(self, sight: float) -> np.ndarray:
-        """Return (T,) bool: targets in the world that a working robot has within `sight` [m]."""
+        """Return (T,) bool: targets within `sight` [m] of a working robot, for those that left at their detection."""
         robots = self.position[self.status == WORKING, :2]
         nearest = np.full(len(self.target_position), np.inf)
         for place in robots:
             nearest = np.minimum(nearest, np.hypot(*(self.target_position - place).T))
-        return (self.appears_at <= self.step) & (nearest < sight)
-
-    def mean_detection_time(self, step: float) -> float:
-        """Return the mean detection time of the targets so far [s]; NaN without targets.
-
-        As in the score, an undetected target counts with the time since it appeared.
-        """
-        waited, _ = detection_times(self.appears_at, self.found_at, self.found_early, self.step)
-        return float(waited.sum() + self.earlier_time) / self.num_targets * step if self.num_targets else np.nan
+        return self.appeared & (nearest < sight)
 
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:

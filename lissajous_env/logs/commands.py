@@ -11,7 +11,7 @@ from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.log import Series
 from lissajous_env.settings.parts import Robot
-from lissajous_env.wording import few_of
+from lissajous_env.wording import few_of, require
 from lissajous_env.world.robots.car import action_of_input, steering_and_throttle
 from lissajous_env.world.robots.differential import commanded_speed, drive_action
 
@@ -43,15 +43,15 @@ def named_commands(series: Series, names: Sequence[str]) -> np.ndarray:
     """Return the columns (K, A) of commands with some names; commands without names must be as many, in this order.
 
     Raises:
-        ValueError: there are no such commands, or steering angles are not in radians.
+        ValueError: there are no such commands, a number is not finite, or steering angles are not in radians.
     """
-    count = series.value.shape[1]
-    known = list(series.names or (names if count == len(names) else ()))
+    known = list(series.names or (names if series.value.shape[1:] == (len(names),) else ()))
     if not set(names) <= set(known):
         wanted = [f"{name} [{_UNITS[name]}]" if name in _UNITS else name for name in names]
-        got = few_of(series.names) or f"{count} numbers without names"
+        got = few_of(series.names) or f"values of shape {series.value.shape} without names"
         raise ValueError(f"commands must be {' and '.join(wanted)}, got {got}")
     values = series.value[:, [known.index(name) for name in names]]
+    require(np.isfinite(values).all(), "commands", "must be finite", values)
     if "steering" in names and (largest := float(np.abs(values[:, names.index("steering")]).max())) >= np.pi / 2:
         raise ValueError(f"steering must be an angle below pi / 2 [rad], got {largest:.4g}: is it in degrees?")
     return values

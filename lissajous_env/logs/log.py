@@ -15,6 +15,15 @@ def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+def _increasing(name: str, time: Any) -> np.ndarray:
+    """Return the times of a series or track as float64 [s]; they must be finite and increase."""
+    time = np.asarray(time, float)
+    steps: Any = np.diff(np.atleast_1d(time))
+    fits = np.isfinite(time).all() and (steps > 0).all()
+    require(fits, f"time of a {name}", "must be finite and increase [s]", time)
+    return time
+
+
 @dataclass(frozen=True)
 class Series:
     """Values over time."""
@@ -25,6 +34,15 @@ class Series:
     """(K, ...) values."""
     names: tuple[str, ...] = ()
     """Names of the columns, where the messages have any."""
+
+    def __post_init__(self) -> None:
+        time, value = _increasing("series", self.time), np.asarray(self.value)
+        fits = time.ndim == 1 and time.size > 0 and value.shape[:1] == time.shape
+        require(fits, "value of a series", "must have one row for each time, at least one", (time.shape, value.shape))
+        fits = not self.names or value.shape[1:] == (len(self.names),)
+        require(fits, "names of a series", "must be as many as the columns of its values", self.names)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "value", value)
 
     def in_force(self, time: np.ndarray, late: float = 1e-6) -> np.ndarray:
         """Return the value in force at each of some times [s]: the latest until `late` [s] after it, else the first."""
@@ -50,9 +68,8 @@ class Track:
             array = np.asarray(getattr(self, name), float)
             require(array.shape == shape, f"{name} of a track", f"must have the shape {shape}", array.shape)
             object.__setattr__(self, name, array)
-        width = np.diff(self.time)
         require(count > 1, "a track", "must have two poses at least", count)
-        require(np.isfinite(width).all() and width.min() > 0, "time of a track", "must increase [s]", width.min())
+        _increasing("track", self.time)
         require(np.isfinite(self.position).all(), "position of a track", "must be finite [m]", self.position.min())
 
     def __len__(self) -> int:

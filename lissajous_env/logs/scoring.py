@@ -10,7 +10,7 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.commands import COMMAND_NAMES, actions_of_commands, named_commands
-from lissajous_env.logs.log import Log
+from lissajous_env.logs.log import Log, Series
 from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import COLLISION, EDGE, FAULT, PrescribedSimulation
 from lissajous_env.logs.writing import episode_of
@@ -274,7 +274,7 @@ def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> tuple[np.ndarra
     commands = []
     for robot, series in sorted(log.commands.items()):
         try:
-            own = dataclasses.replace(series, value=named_commands(series, scenario.action_names))
+            own = Series(series.time, named_commands(series, scenario.action_names))
         except ValueError as error:
             return None, [f"the commands are ignored, because of {log.called([robot])}: {error}"]
         # A command that arrives in the first half of a step is the one in force for most of it.

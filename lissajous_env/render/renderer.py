@@ -1,7 +1,5 @@
 """The renderer, which combines ground, targets, team and panel to one picture, and the window that shows it."""
 
-from collections import deque
-
 import numpy as np
 import pygame
 
@@ -40,8 +38,8 @@ class Renderer:
         self._panel = Panel(self.scenario, self.view, self._ground.idle_full, self._targets.radius)
         self._panel.draw_fixed(self._ground.base)
         self._window: Window | None = None
-        self._episode: tuple[int, int] | None = None
-        self._past: deque[tuple[int, np.ndarray]] = deque()
+        self._past: list[tuple[tuple[int, int], int, np.ndarray]] = []
+        """Moments of the trails: world and seed, step, and positions (N, 2) [m]."""
 
     def draw(self, simulation: Simulation | Snapshot, world: int = 0) -> np.ndarray:
         """Return the picture of one world of a simulation, or of a snapshot.
@@ -82,19 +80,13 @@ class Renderer:
 
     def _trail(self, snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray]:
         """Return the steps (K,) and positions (K, N, 2) of the trails, oldest first, ending at the robots."""
-        past, longest = self._past, self._team.trail_steps
-        if self._episode != (snapshot.world, snapshot.seed):
-            self._episode = snapshot.world, snapshot.seed
-            past.clear()
-        while past and past[-1][0] >= snapshot.step:
-            past.pop()
-        while past and past[0][0] < snapshot.step - longest:
-            past.popleft()
-        now = snapshot.step, snapshot.position[:, :2]
-        trail = [*past, now]
-        if not past or snapshot.step - past[-1][0] >= longest / _TRAIL_MOMENTS:
-            past.append(now)
-        return np.array([step for step, _ in trail]), np.stack([place for _, place in trail])
+        episode, now, longest = (snapshot.world, snapshot.seed), snapshot.step, self._team.trail_steps
+        past = [moment for moment in self._past if moment[0] == episode and now - longest <= moment[1] < now]
+        trail = [*past, (episode, now, snapshot.position[:, :2])]
+        is_new = not past or now - past[-1][1] >= longest / _TRAIL_MOMENTS
+        self._past = trail if is_new else past
+        _, steps, places = zip(*trail, strict=True)
+        return np.array(steps), np.stack(places)
 
 
 class Window:

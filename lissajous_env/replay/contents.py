@@ -253,9 +253,8 @@ def quantised(values: np.ndarray) -> dict[str, Any]:
 def angles(values: np.ndarray) -> dict[str, Any]:
     """Encode angles (F, ...) [rad] to 1/65,536 of a turn; decoded they are (..., F), in [0, 2 pi)."""
     turns = np.asarray(values, dtype=np.float64) / (2 * np.pi)
-    return _packed(
-        (np.rint(turns % 1.0 * 65_536).astype(np.uint32) & 0xFFFF).astype(np.uint16), 0.0, 2 * np.pi / 65_536
-    )
+    whole = np.rint(turns % 1.0 * 65_536).astype(np.uint32).astype(np.uint16)  # 65,536 becomes 0
+    return _packed(whole, 0.0, 2 * np.pi / 65_536)
 
 
 def counts(values: np.ndarray, most: int) -> dict[str, Any]:

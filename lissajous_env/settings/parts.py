@@ -247,16 +247,16 @@ class Robot(Checked):
             self._require(reached > self.dead_zone, "speed_min", rule)
 
     def _check_forwards(self) -> None:
+        least, full = max(self.throttle_min, self.dead_zone), self.full_throttle
+        name, rule = "throttle_max", f"must be above throttle_min and dead_zone, {least:g}"
+        if self.throttle_max is None and self.speed_max is not None:
+            rule = f"must be reached at a throttle above throttle_min and dead_zone, {least:g}, not at {full:.4g} [m/s]"
+            name = "speed_max"
+        self._require(full > least, name, rule)
         if self.speed_max is None:
-            self._require(self.full_throttle > self.throttle_min, "throttle_max", "must be above throttle_min")
             rule = "must lead to a top speed, (drive throttle_max - offset) / drag, from 0.001 to 10000 m/s"
             self._require(1e-3 <= self.top_speed <= 1e4, "throttle_max", rule)
-        elif self.throttle_max is None:
-            least = max(self.throttle_min, self.dead_zone)
-            rule = "must be reached at a throttle above throttle_min and dead_zone"
-            rule = f"{rule}, {least:g}, not at {self.full_throttle:.4g} [m/s]"
-            self._require(self.full_throttle > least, "speed_max", rule)
-        else:
+        elif self.throttle_max is not None:
             reached = (self.drive * self.throttle_max - self.offset) / self.drag
             fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
             rule = f"must be {reached:.6g} m/s for throttle_max = {self.throttle_max:g}, or one of the two must be None"

@@ -11,11 +11,12 @@ import contextlib
 import fcntl
 import json
 import os
+import sys
 from collections.abc import Collection, Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from lissajous_env.storage.files import open_plainly, parse_json, sync, write_atomically
+from lissajous_env.storage.files import open_plainly, parse_json, read_bytes, sync, write_atomically
 from lissajous_env.wording import shown
 
 LIST = ".lissajous.jsonl"
@@ -30,8 +31,8 @@ _TEMPORARY = ".lissajous-writing"
 class Journal:
     """A JSON Lines file that only grows; its lines are on the disk when `append` returns.
 
-    It is created if it does not exist, and locked until the process ends or closes it. When it is opened, a last line
-    that a kill left unfinished is dropped, and `torn` is its length [bytes].
+    It is created if it does not exist, and locked until the process ends or closes it. `entries` are those of the file
+    when it was opened; then a last line that a kill left unfinished is dropped, and `torn` is its length [bytes].
 
     Raises:
         BlockingIOError: another process has locked the file.
@@ -40,9 +41,6 @@ class Journal:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self.entries: list[dict[str, Any]] = []
-        """Entries of the file when it was opened; entry k was on line k + 1."""
-        self._end = 0
         self._descriptor = open_plainly(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -54,21 +52,8 @@ class Journal:
 
     def _read(self) -> None:
         """Read the entries, and drop an unfinished last line."""
-        with open(self._descriptor, "rb", closefd=False) as file:
-            file.seek(0)
-            *lines, torn = file.read().split(b"\n")
-            self.torn = len(torn)
-            self._end = file.tell() - self.torn
-        for number, line in enumerate(lines, start=1):
-            place = f"{self.path}, line {number}"
-            try:
-                entry = parse_json(line, place)
-                if not isinstance(entry, dict):
-                    raise ValueError(f"{place} is damaged: it must contain one JSON object")
-            except ValueError as error:
-                got = f"got {line.decode(errors='replace')[:60]!r}; delete that line to create it again"
-                raise ValueError(f"{error}; {got}") from None
-            self.entries.append(entry)
+        self.entries, self.torn = read_lines(self.path)
+        self._end = os.fstat(self._descriptor).st_size - self.torn
         if self.torn:
             os.ftruncate(self._descriptor, self._end)
             os.fsync(self._descriptor)
@@ -226,6 +211,27 @@ class Folder(contextlib.ExitStack):
                 case _:
                     raise ValueError(f"{self._list.path}, line {number} must contain what was written, got {entry}")
             _require_plain(name)
+
+
+def read_lines(path: Path) -> tuple[list[dict[str, Any]], int]:
+    """Read the entries of a file that only grows, without a lock, and the length of an unfinished last line [bytes].
+
+    Raises:
+        ValueError: the file is missing or a link, or a finished line is damaged; the message names file and line.
+    """
+    *lines, torn = read_bytes(path, sys.maxsize).split(b"\n")
+    entries = []
+    for number, line in enumerate(lines, start=1):
+        place = f"{path}, line {number}"
+        try:
+            entry = parse_json(line, place)
+            if not isinstance(entry, dict):
+                raise ValueError(f"{place} is damaged: it must contain one JSON object")
+        except ValueError as error:
+            got = f"got {line.decode(errors='replace')[:60]!r}; delete that line to create it again"
+            raise ValueError(f"{error}; {got}") from None
+        entries.append(entry)
+    return entries, len(torn)
 
 
 def _require_plain(name: str) -> None:

@@ -188,7 +188,7 @@ def curve_point(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """Return (A cos(a gamma), B sin(b gamma)) [m], equation (3); gamma [rad] of any shape gains an axis of 2."""
     gamma = np.asarray(curve_phase, dtype=float)
     if curve.harmonics:
-        return _series(curve, gamma, 0)
+        return series(curve.harmonics, gamma)
     return np.stack([curve.half_width * np.cos(curve.a * gamma), curve.half_height * np.sin(curve.b * gamma)], axis=-1)
 
 
@@ -208,17 +208,17 @@ def curve_derivatives(curve: Curve, curve_phase: np.ndarray) -> tuple[np.ndarray
     """Return r' [m/rad] and r'' [m/rad^2] of the plane curve; gamma [rad] of any shape gains an axis of 2."""
     gamma = np.asarray(curve_phase, dtype=float)
     if curve.harmonics:
-        return _series(curve, gamma, 1), _series(curve, gamma, 2)
+        return series(curve.harmonics, gamma, 1), series(curve.harmonics, gamma, 2)
     A, B, a, b = curve.half_width, curve.half_height, curve.a, curve.b
     first = np.stack([-A * a * np.sin(a * gamma), B * b * np.cos(b * gamma)], axis=-1)
     return first, np.stack([-A * a**2 * np.cos(a * gamma), -B * b**2 * np.sin(b * gamma)], axis=-1)
 
 
-def _series(curve: Curve, gamma: np.ndarray, order: int) -> np.ndarray:
-    """Return the curve of the harmonics, or its first or second derivative by gamma (..., 2) [m/rad^order]."""
-    k = np.arange(1, len(curve.harmonics) + 1)
+def series(harmonics: Sequence[Sequence[float]] | np.ndarray, gamma: np.ndarray, order: int = 0) -> np.ndarray:
+    """Return the curve of the rows of `Curve.harmonics`, or a derivative by gamma [rad], (..., 2) [m/rad^order]."""
+    k = np.arange(1, len(harmonics) + 1)
     turn = gamma[..., None] * k + order * np.pi / 2
-    rows = np.array(curve.harmonics) * (k**order)[:, None]
+    rows = np.array(harmonics) * (k**order)[:, None]
     return np.cos(turn) @ rows[:, ::2] + np.sin(turn) @ rows[:, 1::2]
 
 

@@ -93,15 +93,15 @@ def _within_bound(episode: Episode) -> Any:
     """Return the column `detected_within_bound`."""
     if episode.scenario.targets.respawn:
         return math.nan
-    times, detected = episode.detections
-    within = times <= episode.scenario.detection_time_bound * (1 + 1e-9)
+    detected = episode.targets.detected[episode.targets.appeared]
+    within = episode.times <= episode.scenario.detection_time_bound * (1 + 1e-9)
     return _some(np.mean, (detected & within)[detected | ~within])
 
 
 def _rate(episode: Episode) -> float:
     """Return the column `detection_rate`."""
     elapsed = episode.steps * episode.step
-    return 60 * episode.num_detected / elapsed if episode.scenario.targets.respawn and elapsed else math.nan
+    return 60 * episode.targets.num_detected / elapsed if episode.scenario.targets.respawn and elapsed else math.nan
 
 
 def _observed(episode: Episode) -> float:
@@ -132,17 +132,17 @@ _NO_CONTAMINATION = "contamination is not computed"
 _NO_FORMATION = "actions are velocities"
 
 # fmt: off
-TARGETS = Column("targets", "number of targets that appeared", lambda e: e.num_targets, rule=WHOLE)
+TARGETS = Column("targets", "number of targets that appeared", lambda e: e.targets.num_targets, rule=WHOLE)
 DETECTED = Column(
     "detected_fraction", "share of the targets that were detected",
-    lambda e: e.num_detected / e.num_targets if e.num_targets else math.nan, rule=SHARE, empty=_NO_TARGET,
-    title="detected",
+    lambda e: e.targets.num_detected / e.targets.num_targets if e.targets.num_targets else math.nan, rule=SHARE,
+    empty=_NO_TARGET, title="detected",
 )
 DETECTION_TIME = Column(
     "detection_time_mean",
     "time from a target's appearance until it is first within a working robot's sensing disc, also between control "
     "steps, mean over targets; a target that is never detected counts with the time for which it was present",
-    lambda e: (e.times.sum() + e.earlier_time) / e.num_targets if e.earlier else _some(np.mean, e.times), "s",
+    lambda e: e.targets.mean_detection_time(e.step), "s",
     empty=_NO_TARGET, title="detection", better=-1, order=1, main=True,
 )
 DETECTION_TIME_P95 = Column(
@@ -163,7 +163,7 @@ OBSERVED = Column(
     "observed_fraction",
     "share of the targets that are within `sensing.sight` of a working robot, mean over time, if targets stay when "
     "they are detected (`targets.leave = false`)",
-    _observed, rule=SHARE, empty="targets leave", title="observed", better=1, order=14,
+    _observed, rule=SHARE, empty=f"targets leave, or {_NO_TARGET}", title="observed", better=1, order=14,
 )
 WITHIN_BOUND = Column(
     "detected_within_bound",
@@ -191,11 +191,11 @@ SEPARATION = Column(
 )
 COVERAGE = Column(
     "coverage_time", "time until every cell was covered by some robot", lambda e: e.reached(e.totals["covered_at"]),
-    "s", empty="never", title="coverage", better=-1, order=11,
+    "s", empty=f"never, or {_NO_GRID}", title="coverage", better=-1, order=11,
 )
 COVERAGE_EACH = Column(
     "coverage_time_each", "time until every cell was covered by every robot",
-    lambda e: e.reached(e.totals["covered_each_at"]), "s", empty="never",
+    lambda e: e.reached(e.totals["covered_each_at"]), "s", empty=f"never, or {_NO_GRID}",
 )
 IDLENESS = Column(
     "idleness_mean", "time since a cell was last covered, mean over cells and time", _idleness, "s", empty=_NO_GRID,
@@ -303,7 +303,8 @@ GUARANTEE_RECOVERY = Column(
     "guarantee_recovery_time",
     "time from the end of the last fault until the time for which a target can have been undetected stays below 1.1 "
     "times its largest value before the first fault",
-    _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s", empty="never, or never disturbed",
+    _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s",
+    empty=f"never, never disturbed, or {_NO_CONTAMINATION}",
 )
 RETURN = Column(
     "return_mean", "sum of the rewards, mean over robots", lambda e: e.totals["returns"].mean(), rule=FINITE,

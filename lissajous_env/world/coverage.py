@@ -89,7 +89,7 @@ def cover(w, lane, lanes, curve, sensing, clock, robots, cells, latest, tally):
         place = robots.sensor[w, i]
         if place[0] < NOWHERE:
             added_each += wp.int64(
-                visit_disc(w, i, place, lane, lanes, curve, radius, columns, CENTRE, cells.coming, cells.sensed_by)
+                visit_disc(place, lane, lanes, curve, radius, columns, CENTRE, cells.coming[w], cells.sensed_by[w, i])
             )
     counts = count_visits(w, lane, lanes, clock.step[w], cells)
     ended = counts[0]

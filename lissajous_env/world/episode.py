@@ -22,6 +22,58 @@ _READ = {
 """Arrays of the state from which a score is computed, besides the totals and the contamination."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Detections:
+    """Targets of one world and their detections at one time. T target slots."""
+
+    step: int
+    """Number of control steps in the episode so far."""
+    appears_at: np.ndarray
+    """(T,) step in which a target appears."""
+    found_at: np.ndarray
+    """(T,) step in which it was detected; larger than `step` until then."""
+    found_early: np.ndarray
+    """(T,) share of that step that was left then."""
+    earlier: int = 0
+    """Number of detections after which targets appeared anew, which a recording counts as targets of their own."""
+    earlier_time: float = 0.0
+    """Sum of the times until these detections [step]."""
+
+    @property
+    def appeared(self) -> np.ndarray:
+        """(T,) bool: targets that have appeared."""
+        return self.appears_at <= self.step
+
+    @property
+    def detected(self) -> np.ndarray:
+        """(T,) bool: detected targets."""
+        return self.found_at <= self.step
+
+    @property
+    def num_targets(self) -> int:
+        """Number of targets that have appeared."""
+        return int(self.appeared.sum()) + self.earlier
+
+    @property
+    def num_detected(self) -> int:
+        """Number of targets that were detected."""
+        return int(self.detected.sum()) + self.earlier
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Times from the appearance of each target that has appeared until its detection or now [step].
+
+        The time of an undetected target ends now: it is right-censored.
+        """
+        detected = self.found_at[self.appeared] - self.found_early[self.appeared].astype(float)
+        return np.minimum(detected, self.step) - self.appears_at[self.appeared]
+
+    def mean_detection_time(self, step: float) -> float:
+        """Return the mean of `times` and of those before [s], for a control step [s]; NaN without targets."""
+        total = float((self.times * step).sum() + self.earlier_time * step)
+        return total / self.num_targets if self.num_targets else math.nan
+
+
 @dataclass(frozen=True)
 class Episode:
     """The latest episode of one world, up to now."""
@@ -50,36 +102,17 @@ class Episode:
         return self.scenario.task.grid is not None
 
     @cached_property
-    def detections(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (K,) from each target's appearance until its detection or now [s], and True (K,) if it was detected."""
-        times = (self.state[f"targets.{name}"] for name in ("appears_at", "found_at", "found_early"))
-        times, detected = detection_times(*times, now=self.steps)
-        return times * self.step, detected
+    def targets(self) -> Detections:
+        """Targets and their detections."""
+        state = self.state
+        slots = {name: state[f"targets.{name}"] for name in ("appears_at", "found_at", "found_early")}
+        earlier, earlier_time = int(state["targets.earlier"].sum()), float(state["targets.earlier_time"].sum())
+        return Detections(step=self.steps, earlier=earlier, earlier_time=earlier_time, **slots)
 
     @property
     def times(self) -> np.ndarray:
-        """Times of `detections` [s]."""
-        return self.detections[0]
-
-    @property
-    def earlier(self) -> int:
-        """Number of detections after which targets appeared anew."""
-        return int(self.state["targets.earlier"].sum())
-
-    @property
-    def earlier_time(self) -> float:
-        """Sum of the detection times of the targets that appeared anew [s]."""
-        return float(self.state["targets.earlier_time"].sum()) * self.step
-
-    @property
-    def num_targets(self) -> int:
-        """Number of targets that appeared."""
-        return len(self.times) + self.earlier
-
-    @property
-    def num_detected(self) -> int:
-        """Number of targets that were detected."""
-        return int(np.count_nonzero(self.detections[1])) + self.earlier
+        """Times (K,) from each target's appearance until its detection or now [s]."""
+        return self.targets.times * self.step
 
     @property
     def steps_present(self) -> int:
@@ -111,8 +144,8 @@ class Episode:
     def recovery(self, last_off: Any) -> float:
         """Return the time from the end of the last fault until a quantity returned to its bounds [s].
 
-        It is NaN without a fault, if the quantity never left its bounds, or if it returned less than
-        `Scenario.time_unit` ago.
+        It is NaN without a fault and while one lasts, if the quantity never left its bounds, or if it returned less
+        than `Scenario.time_unit` ago.
 
         Args:
             last_off: Latest step in which the quantity was outside its bounds; -1 for none.
@@ -149,15 +182,3 @@ def episodes_of(scenario: Scenario, structs: Mapping[str, Any], worlds: np.ndarr
     hosts = [{name: array.numpy() for name, array in arrays.items()} for arrays in (state, totals, unseen)]
     for w in worlds:
         yield Episode(scenario, *({name: array[w] for name, array in arrays.items()} for arrays in hosts))
-
-
-def detection_times(
-    appears_at: np.ndarray, found_at: np.ndarray, found_early: np.ndarray, now: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (K,) from each target's appearance until its detection [step], and True (K,) where it was detected.
-
-    Targets that have not appeared are omitted. The time of an undetected target ends now: it is right-censored.
-    """
-    there = appears_at <= now
-    detected = found_at[there] - found_early[there].astype(float)
-    return np.minimum(detected, now) - appears_at[there], found_at[there] <= now

@@ -228,12 +228,10 @@ class ExtensionStages:
                 follows, copies, value = "reward", reduce_column, self._zeros(shape[:1], wp.float64)
                 self.remembered[extension.name] = own["reduced"] = self._zeros(shape[:1], wp.float64)
                 own["reduction"] = REDUCTIONS.index(extension.reduce)
-            elif isinstance(extension, (TargetMotion, TargetEntry)):
+            else:
                 is_motion = isinstance(extension, TargetMotion)
                 follows, copies = ("collisions", copy_positions) if is_motion else ("respawn", place_arrivals)
                 value = self._zeros((shape[0], scenario.target_capacity), wp.vec2)
-            else:
-                continue
             state = self._state_of(extension, shape[0])
             if state:
                 self._after_reset.setdefault("arrays", []).append(self._beginning(extension, state))

@@ -106,7 +106,7 @@ def insert_nearest(w, i, filled: int, room: int, offset: wp.vec2, index: int, ne
         if not comes_before(new, nearest[w, i, rank - 1]):
             break
         rank -= 1
-    is_listed = bool(False)  # a robot may be in several bins
+    is_listed = bool(False)  # a list of bins may contain a robot twice
     if rank > 0:
         is_listed = nearest[w, i, rank - 1] == new
     if rank == room or is_listed:

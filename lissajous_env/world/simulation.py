@@ -46,6 +46,7 @@ class Simulation(Copyable):
         speed_unit: Unit of observed speeds [m/s].
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
+        limited_action: `action_shape`, the latest actions in [-1, 1]: zeros for a robot whose action was not finite.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
         rogues: State of the rogues, among it `observation` and `action`; None without `targets.rogues`.
@@ -203,7 +204,8 @@ class Simulation(Copyable):
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Return times (K,) from each target's appearance until its detection or now [s], and True (K,) if detected."""
-        return next(episodes_of(self.scenario, self._structs, self._chosen([world]))).detections
+        (episode,) = episodes_of(self.scenario, self._structs, self._chosen([world]))
+        return episode.times, episode.targets.detected[episode.targets.appeared]
 
     @property
     def over(self) -> np.ndarray:
@@ -217,7 +219,7 @@ class Simulation(Copyable):
         self.rogues: Any = self._structs.get("rogues")
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
-        self._limited_action = wp.zeros_like(self.action)  # limited to [-1, 1], and `command` is that with noise
+        self.limited_action = wp.zeros_like(self.action)
         # On a CPU, the same memory as `action`; elsewhere empty, so that no action has its shape.
         self._action_host = self.action.numpy() if self.device.is_cpu else np.empty(0, dtype=np.float32)
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
@@ -231,7 +233,7 @@ class Simulation(Copyable):
         """Bind the stages of a reset and of a step to the arrays."""
         constants = constants_of(self.scenario, self.device)
         self.speed_unit = constants["speed_unit"]
-        values = constants | self._structs | {"seeds": self._seeds, "limited_action": self._limited_action}
+        values = constants | self._structs | {"seeds": self._seeds, "limited_action": self.limited_action}
         values |= {name: getattr(self, name) for name in ("action", "command", "observation", "final_observation")}
         values["initial"] = initial_of(self._structs, self.device)
         shape = self.num_worlds, self.num_robots, self.scenario.sensing.most_seen

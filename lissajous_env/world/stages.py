@@ -90,8 +90,8 @@ def _beginning(scenario: Scenario) -> list[Stage]:
         Stage("arrays", reset_arrays),
         Stage("losses", reset_losses),
         Stage("robots", reset_robots),
-        Stage("headway", redraw_colliding_starts, when=scenario.formation.start_headway > 0),
         Stage("facing", turn_from_walls, when=scenario.start_turning > 0),
+        Stage("headway", redraw_colliding_starts, when=scenario.formation.start_headway > 0),
     ]
 
 

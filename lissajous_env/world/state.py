@@ -233,7 +233,7 @@ class Contamination:
     sensed: wp.array3d(dtype=wp.uint64)
     """(W, D, R) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint64)
-    """(W, D, R) a bit for each cell that the disc of a robot that moved far has passed over since the tick before."""
+    """(W, D, R) a bit for each of these, and for each that the disc of a robot that moved far has passed over."""
     settled: wp.array3d(dtype=wp.uint32)
     """(W, R, B) four numbers of 8 bits, one for each 8 cells: latest ticks after which all of them had the label of the
     oldest target."""
@@ -269,6 +269,8 @@ class StepEvents:
     """(W, N) targets that this robot was the first to detect."""
     collisions: wp.array2d(dtype=wp.int32)
     """(W, N) collisions that began."""
+    sensed: wp.array2d(dtype=wp.int32)
+    """(W, N) 1 for a robot that worked in the step, even if a collision or the edge ended its work at the end."""
     effort: wp.array2d(dtype=wp.float32)
     """(W, N) mean square of the action without its message."""
     change: wp.array2d(dtype=wp.float32)

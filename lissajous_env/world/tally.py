@@ -49,7 +49,7 @@ def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, late
                 latest.terms[w, i, term] = 0.0
             latest.reward[w, i] = 0.0
         else:
-            # A robot that was removed in an earlier step has no share in the team's later rewards.
+            # A robot that a collision or the edge removed has no share in the team's rewards of later steps.
             is_new = latest.collisions[w, i] > 0 or latest.outside[w, i] == 1
             share = wp.where(latest.terminated[w, i] and not is_new, 0.0, 1.0)
             detection = task.reward_detection * float(latest.detections[w, i])

@@ -69,9 +69,9 @@ def update_track(w, i, t, sighted: int, slot, sighted_at: int, step: float, trac
     if sighted_at > latest:
         position = tracks.target_position[w, slot, t]
         velocity = wp.vec2(0.0, 0.0)
-        if sighted == _IN_SIGHT:  # a target that has appeared anew has no part in the track of the one that left
+        if sighted == _IN_SIGHT:  # if it left, it has appeared anew since then
             tracks.leaves[w, i, t] = 0
-        if latest > left_at and latest == sighted_at - 1:
+        if latest > left_at and latest == sighted_at - 1:  # not where it was before it left
             velocity = (position - tracks.position[w, i, t]) / step
         tracks.position[w, i, t] = position
         tracks.velocity[w, i, t] = velocity

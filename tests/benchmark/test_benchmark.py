@@ -19,11 +19,11 @@ from scipy.stats import trim_mean
 import baselines
 import lissajous_env
 from baselines.benchmark import local, types
-from baselines.benchmark.results_folder import FILES, Results
+from baselines.benchmark.results_folder import Results
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.statistics import refusal_of
 from baselines.benchmark.types import Benchmark, cells_of
-from lissajous_env.storage.folder import LIST, Folder
+from lissajous_env.storage.folder import LIST
 from lissajous_env.world.columns import COLUMNS, NAMES
 
 SHORT_SCENARIO = lissajous_env.scenario("failure", **SHORT)
@@ -100,8 +100,8 @@ def test_a_damaged_line_is_refused_by_file_and_number(copied, damaged, words):
     first, second, *others = lines(copied)
     line = damaged if isinstance(damaged, str) else json.dumps(json.loads(second) | damaged)
     (copied / "episodes.jsonl").write_text("\n".join([first, line, *others]) + "\n")
-    with pytest.raises(ValueError, match=rf"episodes\.jsonl, line 2:? .*{words}"), Folder(copied, FILES) as folder:
-        Results(folder)
+    with pytest.raises(ValueError, match=rf"episodes\.jsonl, line 2:? .*{words}"):
+        Results(copied)
     assert lines(copied)[1] == line
 
 
@@ -133,6 +133,7 @@ def test_other_settings_are_refused_and_both_are_shown(copied):
     ("change", "words"),
     [
         ({"episodes": -1}, "must be one of -1 episodes"), ({"policies": []}, r"settings\.json is damaged"),
+        ({"scenarios": {"mine": 3}}, r"settings\.json must be an undamaged .* be a table of its parts, got int"),
         ({"versions": {"lissajous-env": "0.1.0"}}, "versions.lissajous-env: '0.1.0' there"),
     ],
 )  # fmt: skip
@@ -142,8 +143,8 @@ def test_settings_that_no_call_wrote_are_refused(copied, change, words):
     with pytest.raises(ValueError, match=words):
         run(small(copied), console=QUIET)
     path.unlink()
-    with pytest.raises(ValueError, match=r"must contain settings\.json"), Folder(copied, FILES) as folder:
-        Results(folder)
+    with pytest.raises(ValueError, match=r"must contain settings\.json"):
+        Results(copied)
 
 
 def test_scenarios_policies_and_episodes_are_added_and_nothing_is_played_twice(whole, tmp_path):
@@ -244,7 +245,6 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
         ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
         ({"scenarios": ("failure", "evaders")}, "one for evaders, which has robots of kind car; got kuramoto"),
         ({"episodes": 0}, "episodes must be a whole number from 1 to 1000000, got 0"),
-        ({"episodes": 10**9}, "episodes must be a whole number from 1"),
         ({"address": ""}, "address must be given only with engine ray"), ({"seed": 2**31 - 2}, "seed must be"),
         ({"scenarios": ("failure", "failure")}, "each entry once"), ({"replays": -1}, "replays must be a whole"),
         ({"against": "sweep"}, r"against must be one of the policies \(kuramoto, open-loop\), got sweep"),

@@ -17,6 +17,7 @@ from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.commands.figures import figures
 from baselines.reproduce.drawing import sheet
+from lissajous_env.storage.folder import Folder
 
 SHORT = {"task.duration": 3.0}
 
@@ -59,7 +60,11 @@ def test_the_figures_show_the_columns_of_the_table(folder, tmp_path, monkeypatch
 def test_one_episode_of_one_policy_without_any_bound_is_drawn(tmp_path):
     pair = [lissajous_env.scenario(name, **{"task.duration": 0.5}) for name in ("evaders", "intruders")]
     run(Benchmark(policies=("sweep",), episodes=1, out=tmp_path / "results", replays=0), scenarios=pair, console=QUIET)
-    written = figures(tmp_path / "results", "png")
+    journal = tmp_path / "results" / "episodes.jsonl"
+    with Folder(journal.parent), journal.open("a") as file:  # a benchmark that writes a line
+        print('{"scenario": "evad', end="", file=file, flush=True)
+        written = figures(journal.parent, "png")
+    assert journal.read_text().endswith("evad"), "it does not change"
     assert [path.name for path in written][1:] == ["overall-car.png", "scores-evaders.png", "scores-intruders.png"]
     # Oracle: 7.16 inch, as IEEE requires.
     with Image.open(written[1]) as picture:

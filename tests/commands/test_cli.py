@@ -60,8 +60,6 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
         (["run", "failure", "kuramoto", "--set", "task.duration=-3"], "must be from 0.001 to 100000000 [s], got -3"),
         (["evaluate", "failure", "kuramoto", "--set", "name=evil"], "override must name one of curve"),
         (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "-" * 100_000 + "1"], "--set curve.a must be given"),
-        (["evaluate", "failure", "kuramoto", "--episodes", "0"], "episodes must be a whole number from 1 to 1000000"),
-        (["run", "failure", "kuramoto", "--seed", "99999999999"], "seed must be a whole number from 0 to 2147483647"),
         (["guarantee", "ideal", "ideal"], "scenarios must differ in name, got 2 of ideal"),
         (["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"], "out must be in an existing folder"),
         (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),
@@ -107,11 +105,15 @@ def test_benchmark_prints_a_table_and_resumes(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("command", "ending"),
-    [(lambda: True, (0, "")), (lambda: 3, (3, "")), (lambda: sys.exit("no end"), (1, "error: no end\n"))],
-)
+    [
+        (lambda: True, (0, "")), (lambda: 3, (3, "")), (lambda: sys.exit("no end"), (1, "error: no end\n")),
+        (lambda: exec("raise RuntimeError('a\\nb')"), (1, "error: RuntimeError: a (<string>, line 1);")),
+    ],
+)  # fmt: skip
 def test_a_command_of_another_package_ends_with_its_exit_code_or_reason(command, ending, monkeypatch, capsys):
     monkeypatch.setattr(cli, "commands", lambda: {"mine": SimpleNamespace(load=lambda: command)})
-    assert called(capsys, "mine")[::2] == ending
+    code, _, error = called(capsys, "mine")
+    assert (code, error.partition(" set ")[0]) == ending
 
 
 def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path, capsys, monkeypatch):
@@ -187,9 +189,7 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys, monkeyp
         (["run"], "--help"),
         (["scenarios", "--episodes"], "--episodes"),
         (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
-        (["train", "--learning-rate", "1000"], "learning_rate must be from 1e-12 to 1, got 1000.0"),
         (["train", "--noise", "nan"], "noise must be from 1e-06 to 10, got nan"),
-        (["train", "--worlds", "1000000000"], "worlds must be a whole number from 1 to 1000000"),
     ],
 )
 def test_an_invalid_command_line_ends_with_exit_code_2_and_names_the_option(arguments, words, capsys):

@@ -20,7 +20,6 @@ def visits_of(ways, places):
     visits = Visits()
     for at in ways:
         visits.sensors.append(np.asarray(at, dtype=np.float32)[None, None])
-        visits.works.append(np.ones((1, 1), dtype=bool))
         visits.rows.append(places.copy())
         visits.worlds.append(np.zeros(len(places), dtype=int))
         visits.places.append(places)

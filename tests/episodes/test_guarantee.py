@@ -6,10 +6,10 @@ import re
 
 import numpy as np
 import pytest
+from command_line import called
 
 import baselines
 import lissajous_env
-from lissajous_env.console import cli
 from lissajous_env.episodes.guarantee import IdealFormation
 
 # Longest time unseen [s] by exact discs on cells of a tenth of a step's motion; inf where a rogue is never found.
@@ -77,13 +77,6 @@ def test_a_rogue_must_be_faster_where_sensors_are_larger():
     assert critical[2:] == [0.0, math.inf]
     scenario = IdealFormation("intruders", 0.7).against(0.3)
     assert (scenario.sensing.radius, scenario.rogue_speed, scenario.robot.kind) == (0.7, 0.3, "curve")
-
-
-def called(capsys, *arguments):
-    with pytest.raises(SystemExit) as ended:
-        cli.main([*map(str, arguments)])
-    captured = capsys.readouterr()
-    return ended.value.code, captured.out, captured.err
 
 
 def test_the_command_prints_its_radii(capsys):

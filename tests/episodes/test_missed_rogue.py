@@ -12,13 +12,12 @@ import baselines
 import lissajous_env
 from baselines.commands.exploit import exploit
 from baselines.commands.playing import PlayOptions
-from lissajous_env.episodes.missed import missed_rogue
+from lissajous_env.episodes.missed import missed_rogue, play
 from lissajous_env.episodes.missed.played import PlayedEpisode
 from lissajous_env.episodes.missed.search import longest_path
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay import Replay
 
-GRID = {"task.contamination": (90, 40)}
 SHORT = {"task.duration": 12.0}
 
 
@@ -83,12 +82,20 @@ def test_a_rogue_appears_in_the_middle_if_only_that_is_unsensed():
     assert (np.abs(path.places[:, 1]) < 0.4).all()
 
 
+def test_a_robot_that_fails_senses_nothing_in_a_step_in_which_others_collide_with_it():
+    # Story: bodies overlap from the start, so all five collide in the first step, in which one has failed already.
+    body = {"robot.radius": 1.0, "formation.start_headway": 0.0, "faults.schedule": ((0, 0.0, 9.0),)}
+    scenario = lissajous_env.scenario("evaders", **{"task.duration": 0.3, "task.on_collision": "stop", **body})
+    works = play(baselines.make("random", scenario, 1), scenario).works
+    assert works.tolist() == [[True] * 5, [False, *[True] * 4], [False] * 5, [False] * 5]
+
+
 # Brute force, and the simulation.
 
 
 def test_the_rogue_is_that_of_a_search_over_all_paths():
     # Oracle: the field of all paths on another grid, with exact discs at four moments of a step and no contamination.
-    settings = {"sensing.radius": 0.65, "targets.speed_limit": 0.5, "targets.count": 1, **GRID}
+    settings = {"sensing.radius": 0.65, "targets.speed_limit": 0.5, "targets.count": 1, "task.contamination": (90, 40)}
     rogue = missed("experiment", "random", 3, **{"task.duration": 4.0, "faults.schedule": (), **settings})
     path = rogue.played.path
     share = np.array([0.5, 1.0]) * (path.shape[2] - 1)

@@ -82,13 +82,17 @@ def test_saved_and_loaded_by_any_name_is_the_same(recording, tmp_path):
         np.testing.assert_array_equal(original, read, err_msg=name)
 
 
-def test_scenarios_with_infinite_fields_come_back(tmp_path):
+def test_infinite_fields_of_a_scenario_come_back_and_infinite_actions_as_the_zeros_that_they_count_as(tmp_path):
     scenario = lissajous_env.scenario("failure", **{"faults.schedule": ((1, 0.2, np.inf),), "task.duration": 0.5})
     simulation = lissajous_env.Simulation(scenario)
     recorder = recordings.Recorder(simulation)
     recorder.take()
+    simulation.step(np.full(simulation.action_shape, np.inf))
+    recorder.take()
     recorder.recording("nobody").save(tmp_path / "one.npz")
-    assert recordings.load(tmp_path / "one.npz").scenario == simulation.scenario
+    loaded = recordings.load(tmp_path / "one.npz")
+    assert loaded.scenario == simulation.scenario
+    assert not loaded.action.any()
 
 
 def test_every_damaged_byte_is_refused_or_harmless(recording, tmp_path):

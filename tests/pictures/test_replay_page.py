@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 
 import baselines
 import lissajous_env
-from lissajous_env.console.cli import main
 from lissajous_env.episodes.recording import ARRAYS, Recorder, record
 from lissajous_env.replay import Replay
 from lissajous_env.replay.contents import angles, contents, counts, quantised
@@ -136,29 +136,21 @@ def test_long_episodes_and_fine_grids_are_thinned(recording):
     np.testing.assert_allclose(unpacked(episode["robots"]["x"]), long.position[::2, :, 0], atol=1e-3)
 
 
-def called(*arguments):
-    """Exit code of `lissajous`."""
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    return ended.value.code or 0
-
-
 def test_commands_write_pages(tmp_path, monkeypatch, capsys):
     # Story: an episode is played to a page, to a recording, and that beside another policy to a page of two.
     monkeypatch.chdir(tmp_path)
     short = ("--seed", 3, "--set", "task.duration=1")
-    assert called("run", "failure", "kuramoto", "--out", "a.html", *short) == 0
-    assert called("replay", "failure", "kuramoto", "--out", "b.html", *short) == 0
+    assert called(capsys, "run", "failure", "kuramoto", "--out", "a.html", *short)[0] == 0
+    assert called(capsys, "replay", "failure", "kuramoto", "--out", "b.html", *short)[0] == 0
     assert Path("a.html").read_text() == Path("b.html").read_text()
-    assert called("run", "failure", "kuramoto", "--out", "c.npz", *short) == 0
-    assert called("replay", "c.npz", "--out", "c.html") == 0
+    assert called(capsys, "run", "failure", "kuramoto", "--out", "c.npz", *short)[0] == 0
+    assert called(capsys, "replay", "c.npz", "--out", "c.html")[0] == 0
     assert Path("a.html").read_text() == Path("c.html").read_text()
-    assert called("replay", "c.npz", "--against", "open-loop", "--out", "d.html") == 0
+    assert called(capsys, "replay", "c.npz", "--against", "open-loop", "--out", "d.html")[0] == 0
     one, other = data_of(Path("d.html").read_text())["episodes"]
     assert (one["policy"], other["policy"], one["seed"], other["seed"]) == ("kuramoto", "open-loop", 3, 3)
     assert one == data_of(Path("a.html").read_text())["episodes"][0]
     assert other["targets"]["x"] == one["targets"]["x"]
-    capsys.readouterr()
 
 
 @pytest.mark.parametrize(
@@ -173,8 +165,9 @@ def test_commands_write_pages(tmp_path, monkeypatch, capsys):
 def test_what_cannot_be_shown_is_said(tmp_path, monkeypatch, capsys, arguments, words):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("lissajous_env.episodes.recording.record", lambda *_: pytest.fail("played before"))
-    assert called("replay", *arguments) == 2
-    assert words in capsys.readouterr().err
+    code, _, said = called(capsys, "replay", *arguments)
+    assert code == 2
+    assert words in said
     assert not list(tmp_path.iterdir())
 
 

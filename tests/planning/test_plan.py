@@ -1,5 +1,6 @@
 """Planning: the printed plans are the best ones, the folders reproduce their figures, and interrupts lose nothing."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -16,7 +17,7 @@ import lissajous_env
 from baselines.planning import report
 from baselines.planning.families import default_policies, defaults, families_of
 from baselines.planning.plans import Family, Figures, Plan, Planned, best_of, pareto_optimal
-from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, look_at
+from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, LateError, look_at, play
 from baselines.planning.request import Request
 from baselines.planning.search import AHEAD, PlanOutcome, Search
 from baselines.policies.settings import PolicySettings
@@ -236,10 +237,15 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, h
 
 
 def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_every_start(small, monkeypatch, hours):
+    begun = []
     monkeypatch.setattr("baselines.planning.search.cores", lambda: 64)
+    monkeypatch.setattr("baselines.planning.search.look_at", lambda *call: begun.append(call) or look_at(*call))
     search = Search(lissajous_env.scenario(small), families_of(lissajous_env.scenario(small)), seconds=1)
     search.run()
-    assert len(search.looks) == AHEAD < sum(len(family.first) for family in search.families)
+    assert 1 <= len(search.looks) <= len(begun) == AHEAD < sum(len(family.first) for family in search.families)
+    for rehearse, *cutoff in ((look_at, math.inf), (play,)):
+        with pytest.raises(LateError):
+            rehearse(begun[0][0], Episodes(is_late=lambda: True), *cutoff)
 
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):
@@ -257,6 +263,19 @@ def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeyp
     assert untried == []
     assert looks >= sum(len(family.first) for family in search.families) - AHEAD - 1
     assert search.finals  # what was interrupted is played to the end
+
+
+def test_the_best_plans_of_families_are_played_to_the_end_in_their_order():
+    """Story: a family with the third best plan comes before that with the fourth, also if it has the worst one, too."""
+
+    def look(name, time):
+        plan = dataclasses.replace(planned(time).plan, family=name, settings=PolicySettings(name, {"time": time}))
+        return dataclasses.replace(planned(time), plan=plan)
+
+    times = {"a": (1.0, 6.0), "b": (2.0,), "c": (3.0, 8.0), "d": (4.0,)}
+    families = [Family(name, looks=[look(name, time) for time in its]) for name, its in times.items()]
+    ranked = Search(families[0].looks[0].plan.scenario, families).ranked()
+    assert [look.figures.worst_case for look in ranked] == [1.0, 2.0, 3.0, 4.0, 6.0, 8.0]
 
 
 def test_a_family_without_a_plan_says_whether_its_plans_collide_when_they_are_played_to_the_end():
@@ -298,9 +317,11 @@ def test_a_time_below_the_bound_is_refused_with_the_bound(small, capsys):
     assert "0 plans were tried" in said
 
 
-def test_the_out_folder_is_checked_before_the_search(tmp_path, capsys):
-    (tmp_path / report.FIGURES).write_text("mine")
-    code, _, said = called(capsys, "plan", "evaders", "--out", tmp_path)
+@pytest.mark.parametrize("name", [report.FIGURES, "12"])
+def test_the_out_folder_is_checked_before_the_search(tmp_path, capsys, monkeypatch, name):
+    monkeypatch.delattr(PlanOutcome, "search")
+    (tmp_path / name).write_text("mine")
+    code, _, said = called(capsys, "plan", "evaders", "--rows", 12, "--out", tmp_path)
     assert code == 2
-    assert "plans.json" in said
-    assert (tmp_path / report.FIGURES).read_text() == "mine"
+    assert f"without a {name}" in said
+    assert (tmp_path / name).read_text() == "mine"

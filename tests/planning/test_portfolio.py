@@ -6,7 +6,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.planning import plans, portfolio
-from baselines.planning.portfolio import DETECTION, GUARANTEE, Result
+from baselines.planning.portfolio import DETECTION, GUARANTEE, cost
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 
@@ -92,7 +92,7 @@ def test_other_robots_and_names_are_refused():
 
 
 def test_below_a_control_step_only_collisions_count():
-    costs = [Result(time, collisions).cost(1.0) for time, collisions in ((0.1, 1.0), (0.9, 0.0), (1.1, 0.0))]
+    costs = [cost(time, collisions, 1.0) for time, collisions in ((0.1, 1.0), (0.9, 0.0), (1.1, 0.0))]
     assert costs == pytest.approx((0.1, 0.0, np.log(1.1)))
 
 

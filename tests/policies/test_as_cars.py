@@ -8,7 +8,7 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.planning.families import formations, lines, partitions, patrols
+from baselines.planning.families import formations, lines, loops, partitions
 from baselines.policies.as_cars import scenario_of_cars
 from baselines.policies.registry import as_factory
 from baselines.policies.settings import PolicySettings
@@ -64,7 +64,7 @@ def test_a_world_depends_on_its_own_observation_alone():
 def test_the_search_tries_for_other_wheels_what_it_tries_for_cars():
     """Law: the same settings of every family, and a plan of each on the robots' own scenario, which makes a policy."""
     cars = scenario_of_cars(DRIVES.resolve())
-    for family_of in (partitions, lines, formations, patrols):
+    for family_of in (partitions, lines, formations, loops):
         family, of_cars = family_of(DRIVES), family_of(cars)
         assert not family.refusal
         assert family.first == of_cars.first

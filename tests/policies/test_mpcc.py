@@ -165,7 +165,6 @@ def test_parameters_of_a_robot():
 
 
 @pytest.mark.parametrize(("make", "message"), [
-    (lambda: MpccParameters(stages=0), "stages must be a whole number from 1 to 200, got 0"),
     (lambda: MpccParameters(throttle_min=0.3), "throttle_max must be above throttle_min, got 0.25"),
     (lambda: Mpcc(CURVE, P, 0), "batch must be a whole number of at least 1, got 0"),
     (lambda: Mpcc(CURVE, P, 2, threads=0), "threads must be a whole number of at least 1, got 0"),

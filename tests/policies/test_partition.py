@@ -12,7 +12,7 @@ from baselines.policies import partition_plan as partition_module
 from baselines.policies.as_cars import like_cars
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
-from baselines.policies.partition import PartitionRepair, RepairParameters, in_ring_order, loops_lie_apart
+from baselines.policies.partition import PartitionRepair, in_ring_order, loops_lie_apart
 from baselines.policies.partition_plan import PartitionParameters, partition_plans, problem_of, smallest_distance
 from baselines.policies.timed_paths import plain_of
 from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, planned_transit, radius_for_all_cars
@@ -192,8 +192,6 @@ def test_the_speed_is_a_parameter():
      "rows must be at most the 5 robots, got 6"),
     (lambda: partition_plans(lissajous_env.scenario("evaders", **{"task.boundary": "wall", "curve.inset": 0.35})),
      r"got one of 0\.45 m to a side within an inset of 0\.35 m"),
-    (lambda: PartitionParameters(lanes=3), "lanes must be an even whole number from 2 to 64, got 3"),
-    (lambda: RepairParameters(patience=0), "patience must be a whole number from 1"),
     (lambda: PartitionRepair("evaders", parameters=PartitionParameters()),
      r"parameters of PartitionRepair must be RepairParameters, got PartitionParameters\("),
 ])  # fmt: skip

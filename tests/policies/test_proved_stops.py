@@ -7,7 +7,7 @@ from test_proved import FIVE, driven, towards_the_nearest
 
 import lissajous_env
 from baselines.policies.safety.proved import Proved, ProvedParameters
-from baselines.policies.safety.tails import Tail, place_on, roll_on, segment_distance
+from baselines.policies.safety.tails import POINTS, Tail, gap_between, place_on, roll_on
 
 FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30.0}
 """Robots can fail, and the test chooses when."""
@@ -61,26 +61,34 @@ def test_robots_assumed_to_coast_are_hit_where_they_stop_dead():
 
 
 @wp.kernel
-def measure_gaps(ends: wp.array2d(dtype=wp.vec3), out: wp.array(dtype=float)):
-    """Measure the distance of two segments in each row."""
+def measure_gaps(courses: wp.array3d(dtype=wp.vec3), stops: wp.array2d(dtype=int), out: wp.array(dtype=float)):
+    """Measure the gap of the two courses in each row, beyond 0.1 m."""
     k = wp.tid()
-    out[k] = segment_distance(ends[k, 0], ends[k, 1], ends[k, 2], ends[k, 3])
+    out[k] = gap_between(courses[k, 0], courses[k, 1], stops[k, 0] == 1, stops[k, 1] == 1, 0.1, -wp.inf)
 
 
-def test_distance_of_segments():
-    """Oracle: the least distance of 200 x 200 points of the segments, in float64."""
+def test_gap_of_courses_on_which_cars_may_stop_dead():
+    """Oracle: the least distance of 20 x 20 points of each two pieces that can matter, in float64."""
     rng = np.random.default_rng(0)
-    ends = np.zeros((80, 4, 3), dtype=np.float32)
-    ends[..., :2] = rng.uniform(-1, 1, (80, 4, 2))
-    ends[:20, 1] = ends[:20, 0]  # a point
-    ends[20:30, 2:] = ends[20:30, :2] + np.float32(0.5)  # parallel
-    gaps = wp.zeros(80, dtype=float, device="cpu")
-    wp.launch(measure_gaps, 80, [wp.array(ends, dtype=wp.vec3, device="cpu")], [gaps], device="cpu")
-    share = np.linspace(0, 1, 200)[:, None]
-    for (a, a_end, b, b_end), value in zip(ends[..., :2].astype(float), gaps.numpy(), strict=True):
-        one, other = a + share * (a_end - a), b + share * (b_end - b)
-        least = np.linalg.norm(one[:, None] - other, axis=-1).min()
-        assert least - 0.02 < value < least + 1e-5
+    courses = rng.normal(0, 0.04, (200, 2, int(POINTS), 3)).cumsum(axis=2).astype(np.float32)
+    courses[..., :2] += rng.uniform(-0.4, 0.4, (200, 2, 1, 2))
+    courses[:20, 1] = courses[:20, 1, :1]  # a car that stands
+    courses[20:30, 1, :, :2] = courses[20:30, 0, :, :2] + np.float32(0.2)  # parallel
+    reach = np.linalg.norm(courses - courses[..., :1, :], axis=-1).max(axis=-1) + 0.02
+    courses[..., 2] = rng.uniform(0, 0.02, (200, 2, int(POINTS)))
+    courses[..., 0, 2] = reach
+    stops = rng.choice([(0, 1), (1, 0), (1, 1)], 200).astype(np.int32)
+    gaps = wp.zeros(200, dtype=float, device="cpu")
+    given = [wp.array(courses, dtype=wp.vec3, device="cpu"), wp.array(stops, device="cpu")]
+    wp.launch(measure_gaps, 200, given, [gaps], device="cpu")
+    piece, share = np.arange(POINTS - 1), np.linspace(0, 1, 20)[:, None, None]
+    for pair, stop, value in zip(courses.astype(float), stops, gaps.numpy(), strict=True):
+        one, other = pair[:, None, :-1, :2] + share * np.diff(pair[..., :2], axis=1)[:, None]
+        apart = np.linalg.norm(one[:, None, :, None] - other[None, :, None], axis=-1).min(axis=(0, 1))
+        apart -= pair[0, 1:, None, 2] + pair[1, None, 1:, 2] + 0.1
+        matters = (stop[0] | (piece[:, None] >= piece)) & (stop[1] | (piece >= piece[:, None])) == 1
+        least = min(apart[matters].min(), 0.0)
+        assert least - 0.01 < min(value, 0.0) < least + 1e-5
 
 
 @wp.kernel

@@ -136,6 +136,8 @@ def test_a_bad_first_guess_uneven_times_and_failures_do_not_matter(minute):
         (lambda t, c: (t, Series(c.time, 0 * c.value)), "whose speed and steering change"),
         (lambda t, c: (t, Series(c.time, c.value, ("steer", "gas"))), r"steering \[rad\] and throttle, got steer, gas"),
         (lambda t, c: (t, Series(c.time, c.value * (57.3, 1))), "is it in degrees"),
+        (lambda t, c: (t, Series(c.time, c.value * (np.nan, 1))), "commands must be finite, got array"),
+        (lambda t, c: (t, Series(c.time, c.value[:, 0])), "and throttle, got values of shape .* without names"),
     ],
 )
 def test_a_log_that_shows_nothing_is_refused(change, words):

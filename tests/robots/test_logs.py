@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from command_line import called
 import baselines
 import lissajous_env
 from lissajous_env.episodes.recording import record
-from lissajous_env.logs.log import Log, Track
+from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.motion import motion_of
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.scoring import score
@@ -132,6 +133,9 @@ def test_another_number_of_robots_and_a_short_log_are_refused():
     for field, wrong in {"time": track.time[::-1], "position": nan, "heading": nan, "speed": [0.3]}.items():
         with pytest.raises(ValueError, match=f"{field} of a track must "):
             dataclasses.replace(track, **{field: wrong})
+    for field, *wrong in (("time", track.time[::-1], nan), ("value", [], []), ("names", [0.0], [[0.0]], ("x", "y"))):
+        with pytest.raises(ValueError, match=f"{field} of a series must "):
+            Series(*wrong)
 
 
 def test_interpolation_is_exact_for_a_cubic():
@@ -199,8 +203,10 @@ def test_a_damaged_or_missing_log_is_refused_by_its_name(logged, tmp_path, damag
     with pytest.raises(ValueError, match="bad") as caught:
         read([logged[1], bad])
     assert logged[1] not in [path.resolve() for path in Path("/proc/self/fd").iterdir()], caught
-    with pytest.raises(ValueError, match=r"logs must be existing files or folders, got .*none\.mcap"):
-        read(tmp_path / "none.mcap")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    for name in ("none", "pipe"):
+        with pytest.raises(ValueError, match=rf"logs must be existing files or folders, got .*{name}\.mcap"):
+            read(tmp_path / f"{name}.mcap")
 
 
 def test_the_commands_score_and_identify(logged, tmp_path, capsys):

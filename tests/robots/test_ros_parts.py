@@ -206,7 +206,6 @@ def test_a_robot_that_announces_decides_as_one_that_does_not():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"robot": -1}, "node.robot must be a whole number from 0 to 1023, got -1"),
         ({"command": "boat"}, "node.command must be one of car, dart, twist, twist_stamped, got 'boat'"),
         ({"origin": (0.0, 1.0)}, r"node.origin must be x, y \[m\] and heading \[rad\], got"),
     ],

@@ -6,12 +6,12 @@ import warnings
 
 import numpy as np
 import pytest
+from command_line import called
 
 import baselines
 import lissajous_env
 from baselines.planning.request import Request
 from baselines.policies.settings import PolicySettings
-from lissajous_env.console.cli import main
 from lissajous_env.parameters import assumptions, named
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
@@ -139,12 +139,8 @@ def test_nothing_warns_about_a_formation_that_no_policy_uses(plan_of_partition):
 
 
 def test_the_command_scenarios_lists_all(capsys):
-    with pytest.raises(SystemExit):
-        main(["scenarios", "evaders"])
-    printed = capsys.readouterr().out
+    _, printed, _ = called(capsys, "scenarios", "evaders")
     assert "Violated assumptions of the paper:" in printed
     for words in violations(lissajous_env.scenario("evaders")):
         assert f"* {words}" in printed
-    with pytest.raises(SystemExit):
-        main(["scenarios", "ideal"])
-    assert "Assumptions" not in capsys.readouterr().out
+    assert "Assumptions" not in called(capsys, "scenarios", "ideal")[1]

@@ -114,7 +114,8 @@ def test_none_is_only_for_fields_that_are_derived_or_switched_off(part, field):
 
 TOGETHER = [
     ({"curve.a": 3, "curve.b": 6}, "curve.b must share no factor with a = 3, got 6"),
-    ({"robot.throttle_max": 0.05}, "robot.throttle_max must be above throttle_min, got 0.05"),
+    ({"robot.throttle_max": 0.05}, "robot.throttle_max must be above throttle_min and dead_zone, 0.1, got 0.05"),
+    ({"robot.throttle_max": 0.3, "robot.dead_zone": 0.3}, "robot.throttle_max must be above throttle_min and dead_zo"),
     ({"robot.drive": 1.0}, "robot.throttle_max must lead to a top speed, (drive throttle_max - offset) / drag, from"),
     ({"targets.wandering": 0.6, "targets.fleeing": 0.5}, "targets.fleeing must not make drifting + wandering + fl"),
     ({"task.duration": 0.05}, "task.duration must be at least one step of 0.1 s, got 0.05"),

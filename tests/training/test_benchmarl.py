@@ -156,8 +156,6 @@ def test_the_config_of_a_task():
     assert LissajousTaskClass("mine", {"scenario": own}).scenario == own
     with pytest.raises(ValueError, match=r"did you mean"):
         LissajousTask.INTRUDERS.get_task({"task.duraton": 30.0})
-    with pytest.raises(ValueError, match=r"did you mean"):
-        LissajousTaskClass("intruder")
 
 
 def test_logged_scores_are_means_over_the_episodes_that_ended():

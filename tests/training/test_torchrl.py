@@ -138,7 +138,5 @@ def test_refusals():
     env = make()
     with pytest.raises(ValueError, match="_reset must be a mask of worlds"):
         env.reset(env.reset().set(("robot", "_reset"), torch.ones(4, 5, 1, dtype=torch.bool)))
-    with pytest.raises(ValueError, match="did you mean intruders"):
-        LissajousTorchEnv("intruder")
     with pytest.raises(ValueError, match="seed must be a whole number"):
         env.set_seed(-1)

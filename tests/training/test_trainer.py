@@ -46,7 +46,7 @@ def arrays_of(folder):
     ({"scenario": "intercept", "heads": 0}, "divided-pursuit"),
     ({"scenario": "hotspots"}, "index-learned"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "messages.size": 1}}, "arc-mpcc"),
-    ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "arc-mpcc"),
+    ({"scenario": "evaders", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "partition-repair"),
     ({"scenario": "failure", "overrides": NOTHING | {"task.duration": 2.0}}, "kuramoto"),
     ({"scenario": "watch-v1", "groups": 2, "episodes": 16}, "greedy-herd"),
     ({"base": "none", "critic": "own"}, "greedy-herd"),

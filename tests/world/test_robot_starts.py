@@ -104,7 +104,7 @@ def _least_distances(simulation, time):
     return least + np.where(np.eye(least.shape[1], dtype=bool), np.inf, 0)
 
 
-def test_no_robots_of_a_team_collide_at_once():
+def test_no_robots_collide_at_once():
     # Oracle: straight lines, in NumPy, and the starts without a headway, which all other worlds have.
     scenario = lissajous_env.scenario("team", **{"task.contamination": None, "task.duration": 1.0})
     headway, touch = scenario.formation.start_headway, 2 * scenario.robot.radius
@@ -118,6 +118,10 @@ def test_no_robots_of_a_team_collide_at_once():
     changed = (before != after).sum(axis=1)
     assert (changed[meets] >= 1).all()
     assert changed.max() <= 4  # of fifteen
+    # In these worlds, robots that turn away from a wall turn towards others.
+    turned = lissajous_env.Simulation("watch", 2)
+    turned.reset(seeds=[361, 640])
+    assert (_least_distances(turned, 1.0) > 0.999 * 2 * turned.scenario.robot.radius).all()
     np.testing.assert_array_equal(apart.robots.path.numpy()[:, :, -1], apart.robots.position.numpy())
 
 

@@ -15,24 +15,19 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.policies.base import Policy
-from baselines.policies.own_row import COS_HEADING, COS_PHASE, SIN_HEADING, SIN_PHASE, SPEED, WORKS, Rows
-from baselines.policies.reacting import Reacting, away_from_others
+from baselines.policies.own_row import Rows
+from baselines.policies.reacting import KEPT_FOR, Reacting, away_from_others
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.observation import (
-    NEIGHBOUR_ENTRIES,
-    OWN_ENTRIES,
-    ROBOT_ENTRIES,
-    TARGET_ENTRIES,
-    TEAMMATE_ENTRIES,
-    TRACK_ENTRIES,
-    track_start,
-)
+from lissajous_env.world.observation import NEIGHBOUR_ENTRIES
 
+_BODY, _PHASE = ("cos_heading", "sin_heading", "speed", "works"), ("cos_phase", "sin_phase")
+_NEIGHBOURS = tuple(f"neighbour_{k}_{name}" for k in (0, 1) for name, *_ in NEIGHBOUR_ENTRIES)
 OWN = (
-    *("cos_heading", "sin_heading", "speed", "works", "cos_phase", "sin_phase"),
+    *_BODY,
+    *_PHASE,
     *("right", "upper", "left", "lower", "width", "height", "team", "pace"),
-    *(f"neighbour_{k}_{name}" for k in (0, 1) for name, *_ in NEIGHBOUR_ENTRIES),
+    *_NEIGHBOURS,
     *("first_base", "second_base"),
 )
 """Numbers of the robot: its entries of the observation; distances to the walls [4 sights]; half of the width and of the
@@ -62,8 +57,6 @@ FAR = np.float32(1e4)
 """Distance of a robot that does not exist [sight]."""
 _REST = np.float32(0.25)
 """Speed below which a car rests [top speed]."""
-_MEMORY = 1.875
-"""Time for which a target is assumed to keep its velocity, in units of sight over top speed."""
 
 
 class Perception(NamedTuple):
@@ -115,96 +108,70 @@ def perceive(observation: np.ndarray, scenario: Scenario, of_base: np.ndarray | 
         scenario: The scenario, resolved.
         of_base: (W, N, A) `base_action`, if there is a base.
     """
-    sensing, sight, top = scenario.sensing, scenario.sight, scenario.speed_unit
-    half = half_of(scenario)
-    axes = axes_of(observation, scenario)
+    rows, sensing = Rows(observation, scenario), scenario.sensing
+    half, axes = half_of(scenario), axes_of(observation, scenario)
     here = observation[..., :2] * half * axes
-    signs, none, parts = {"x": axes[..., :1], "y": axes[..., 1:]}, np.ones_like(axes[..., :1]), {}
-    for first, kinds in (
-        (len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES), {"robot": ROBOT_ENTRIES, "target": TARGET_ENTRIES}),
-        (track_start(scenario), {"track": TRACK_ENTRIES, "teammate": TEAMMATE_ENTRIES}),
-    ):
-        for kind, entries in kinds.items():
-            count, size = getattr(sensing, f"{kind}s_seen"), len(entries)
-            part = observation[..., first : first + count * size].reshape(*here.shape[:2], count, size)
-            along_axes = np.concatenate([signs.get(name[0], none) for name, *_ in entries], axis=-1)
-            parts[kind] = part * along_axes[:, :, None]
-            first += count * size
-    chosen = ["track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"]
+    chosen = "track" if sensing.tracks_seen else "target", "teammate" if sensing.teammates_seen else "robot"
+    counts = [getattr(sensing, f"{kind}s_seen") for kind in chosen]
     # At least one slot, so that a network of a team that observes no objects has something to pool.
-    count = max(sum(parts[kind].shape[2] for kind in chosen), 1)
-    tokens = np.zeros((*here.shape[:2], count, len(TOKEN)), np.float32)
-    first = 0
-    for kind in chosen:
-        part, token = parts[kind], tokens[:, :, first : first + parts[kind].shape[2]]
-        first += part.shape[2]
+    tokens = np.zeros((*here.shape[:2], max(sum(counts), 1), len(TOKEN)), np.float32)
+    for kind, slots in zip(chosen, (slice(counts[0]), slice(counts[0], sum(counts))), strict=True):
+        token, offset = tokens[:, :, slots], rows.entries_of(kind, "x", "y") * axes[:, :, None]
         token[..., TOKEN.index(kind)] = 1.0
-        offset = part[..., 1:3] * (2 * half if kind in ("track", "teammate") else np.float32(1.0))
+        if kind in ("track", "robot"):
+            token[..., _VELOCITY] = 2 * rows.entries_of(kind, "x_velocity", "y_velocity") * axes[:, :, None]
+        if kind in ("track", "teammate"):
+            token[..., TOKEN.index("age")] = rows.entries_of(kind, "age")[..., 0]
+            offset *= 2 * half
         if kind == "track":
-            memory = sensing.memory * top / sight
-            offset = _fill_track_tokens(token, part, offset, here, half, parts["teammate"], memory)
-        elif kind == "teammate":
-            token[..., TOKEN.index("age")] = part[..., 3]
-        elif kind == "robot":
-            token[..., _VELOCITY] = 2 * part[..., 3:5]
+            offset = _fill_track_tokens(token, rows, offset, here, half, axes)
         distance = _length(offset)
         token[..., _DIRECTION] = offset / np.maximum(distance, np.float32(1e-6))[..., None]
         token[..., TOKEN.index("distance")] = distance / (1 + distance)
         token[..., TOKEN.index("near")] = np.maximum(1 - distance, 0)
         token[..., TOKEN.index("away")] = (token[..., _DIRECTION] * token[..., _VELOCITY]).sum(axis=-1)
         token[..., columns_of(TOKEN, "right", "lower")] = to_walls(here[:, :, None] + offset, half, 2)
-        token *= part[..., :1] > 0.5
+        token *= rows.entries_of(kind, "present") > 0.5
     own = np.zeros((*here.shape[:2], len(OWN)), np.float32)
-    own[..., columns_of(OWN, "cos_heading", "works")] = observation[..., [COS_HEADING, SIN_HEADING, SPEED, WORKS]]
+    for name in _BODY if scenario.task.action == "velocity" else _BODY + _PHASE + _NEIGHBOURS:
+        own[..., OWN.index(name)] = rows.entry(name)
     own[..., columns_of(OWN, "cos_heading", "sin_heading")] *= axes
     own[..., columns_of(OWN, "right", "lower")] = to_walls(here, half, 4)
     own[..., columns_of(OWN, "width", "height")] = half / 8
     own[..., OWN.index("team")] = scenario.num_robots / 8
-    own[..., OWN.index("pace")] = top * scenario.task.step / sight
-    if scenario.task.action != "velocity":
-        own[..., columns_of(OWN, "cos_phase", "sin_phase")] = observation[..., [COS_PHASE, SIN_PHASE]]
-        links = observation[..., len(OWN_ENTRIES) : len(OWN_ENTRIES) + 2 * len(NEIGHBOUR_ENTRIES)]
-        own[..., OWN.index("pace") + 1 : OWN.index("first_base")] = links
+    own[..., OWN.index("pace")] = scenario.speed_unit * scenario.task.step / scenario.sight
     if of_base is not None:
         own[..., BASE][..., : of_base.shape[-1]] = of_base[..., :2] * axes[..., : of_base.shape[-1]]
     return Perception(own, tokens, tokens[..., :4].sum(axis=-1))
 
 
 def _fill_track_tokens(
-    token: np.ndarray,
-    part: np.ndarray,
-    offset: np.ndarray,
-    here: np.ndarray,
-    half: np.ndarray,
-    teammates: np.ndarray,
-    memory: float,
+    token: np.ndarray, rows: Rows, offset: np.ndarray, here: np.ndarray, half: np.ndarray, axes: np.ndarray
 ) -> np.ndarray:
     """Write the numbers that only tracks have, and return their expected offsets now (W, N, K, 2) [sight].
 
     Args:
-        token: (W, N, K, F) tokens of the tracks.
-        part: (W, N, K, 9) entries of the tracks.
+        token: (W, N, K, F) tokens of the tracks, with their velocities and ages.
+        rows: Rows of the robots.
         offset: (W, N, K, 2) positions relative to the robot when they were last in sight [sight].
         here: (W, N, 2) positions of the robots [sight].
         half: Half of the width and of the height [sight].
-        teammates: (W, N, M, 4) entries of the teammates.
-        memory: `sensing.memory` in units of sight over top speed.
+        axes: (W, N, 2) directions of the robots' axes.
     """
-    age = np.minimum(part[..., 3] * np.float32(memory), np.float32(_MEMORY))
-    token[..., _VELOCITY] = 2 * part[..., 4:6]
-    token[..., TOKEN.index("age")] = part[..., 3]
-    token[..., columns_of(TOKEN, "own", "leaves")] = part[..., 6:9]
+    memory = rows.scenario.sensing.memory * rows.scenario.speed_unit / rows.scenario.sight
+    age = np.minimum(token[..., TOKEN.index("age")] * np.float32(memory), np.float32(KEPT_FOR))
+    token[..., columns_of(TOKEN, "own", "leaves")] = rows.entries_of("track", "own", "other", "leaves")
     here = here[:, :, None]
     offset = np.clip(here + offset + token[..., _VELOCITY] * age[..., None], -half, half) - here
-    there = part[..., 0] > 0.5
-    mates = np.where(teammates[..., :1] > 0.5, teammates[..., 1:3] * (2 * half), FAR)
+    places = rows.entries_of("teammate", "x", "y") * axes[:, :, None] * (2 * half)
+    mates = np.where(rows.teammates[..., None], places, FAR)
     to_mates = _length(offset[:, :, :, None] - mates[:, :, None])
     nearest = to_mates.min(axis=-1, initial=FAR)
     token[..., TOKEN.index("mate_distance")] = nearest / (1 + nearest)
     closer_mates = (to_mates < _length(offset)[..., None]).sum(axis=-1)
     token[..., TOKEN.index("closer_mates")] = closer_mates / np.float32(4)
     between = offset[:, :, None] - offset[:, :, :, None]
-    close = (_length(between) < 1) & there[:, :, None] & ~np.eye(offset.shape[2], dtype=bool)
+    close = (_length(between) < 1) & rows.tracks[:, :, None] & ~np.eye(offset.shape[2], dtype=bool)
     crowd = close.sum(axis=-1)
     token[..., TOKEN.index("crowd")] = crowd / np.float32(4)
     mean = (between * close[..., None]).sum(axis=3) / np.maximum(crowd, 1)[..., None]

@@ -35,16 +35,16 @@ from lissajous_env.world.robots.contacts import closest_approach
 wp.set_module_options(OPTIONS)
 
 MANOEUVRES = wp.constant(9)
-"""Manoeuvres that can be ways out: full right, straight on, full left; each coasting, at this speed, driving on."""
+"""Manoeuvres that can be ways out: full right, straight on, full left; coasting, at this speed, or at full throttle."""
 NEAREST = wp.constant(8)
 """Largest number of robots that are avoided, the nearest first."""
 _LONGEST = 40
-"""Longest horizon [control steps]."""
+"""Longest horizon to which `SafetyParameters.of` scales [control steps]."""
 _DIFFERENCE = wp.constant(0.05)
 """Change of an action by which the margins are differentiated."""
 
 Others = wp.array(dtype=wp.vec4)
-"""Relative x, y [m] and velocity [m/s] of the other robots (NEAREST,)."""
+"""Relative x, y [m] and velocity over ground [m/s] of the other robots (NEAREST,)."""
 Paths = wp.array2d(dtype=wp.vec2)
 """Places [m] on the manoeuvres of this car, then on those of another, at each step of the horizon."""
 
@@ -120,7 +120,7 @@ class Constants:
 
 
 @wp.func
-def drive_on(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
+def car_after(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
     """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max.
 
     A dead zone of the motor is left out, except for cars that reverse.
@@ -170,33 +170,29 @@ def price(safety: SafetyStruct, b: int) -> float:
 
 
 @wp.func
-def margin(c: Constants, car: wp.vec4, other: wp.vec4, action: wp.vec2, way_out: wp.vec2) -> float:
-    """Return m(action; way_out) = min over the horizon of distance - (2 r + clearance + growth t) [m].
+def barrier(
+    c: Constants, car: wp.vec4, first: int, after: int, others: Others, action: wp.vec2, way_out: wp.vec2
+) -> float:
+    """Return min m_k(action; way_out) over the robots k from `first` on and before `after` [m].
 
-    The car applies the action for one step and then follows the way out; the other (x, y, x', y') goes straight on.
+    The margin m_k is the least distance to robot k less 2 r + clearance + growth t, over the horizon. The car applies
+    the action for one step and then follows the way out; the others (x, y, x', y') go straight on.
     """
     least = float(wp.inf)
     now = car
     required = 2.0 * c.robot.radius + c.safety.clearance
     for t in range(c.safety.horizon):
-        then = drive_on(c, now, wp.where(t == 0, action, way_out))
+        then = car_after(c, now, wp.where(t == 0, action, way_out))
         early = float(t) * c.step
         late = early + c.step
-        square = closest_approach(
-            wp.vec2(now[0] - other[0] - early * other[2], now[1] - other[1] - early * other[3]),
-            wp.vec2(then[0] - other[0] - late * other[2], then[1] - other[1] - late * other[3]),
-        )
-        least = wp.min(least, wp.sqrt(square) - required - c.safety.growth * early)
+        for k in range(first, after):
+            other = others[k]
+            square = closest_approach(
+                wp.vec2(now[0] - other[0] - early * other[2], now[1] - other[1] - early * other[3]),
+                wp.vec2(then[0] - other[0] - late * other[2], then[1] - other[1] - late * other[3]),
+            )
+            least = wp.min(least, wp.sqrt(square) - required - c.safety.growth * early)
         now = then
-    return least
-
-
-@wp.func
-def barrier(c: Constants, car: wp.vec4, n: int, others: Others, action: wp.vec2, way_out: wp.vec2) -> float:
-    """Return the least margin to the n others [m], min over k of m_k(action; way_out)."""
-    least = float(wp.inf)
-    for k in range(n):
-        least = wp.min(least, margin(c, car, others[k], action, way_out))
     return least
 
 
@@ -209,7 +205,7 @@ def lay_out_manoeuvres(c: Constants, car: wp.vec4, first: int, count: int, moves
         for t in range(c.safety.horizon + 1):
             path_out[first + b, t] = wp.vec2(now[0], now[1])
             if moves:
-                now = drive_on(c, now, action)
+                now = car_after(c, now, action)
 
 
 @wp.func
@@ -270,16 +266,16 @@ def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, w
     steering = wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE)
     throttling = wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
     for k in range(n):
-        here = margin(c, car, others[k], at, way_out) / c.safety.unit
-        steered = margin(c, car, others[k], at + wp.vec2(steering, 0.0), way_out) / c.safety.unit
-        driven = margin(c, car, others[k], at + wp.vec2(0.0, throttling), way_out) / c.safety.unit
+        here = barrier(c, car, k, k + 1, others, at, way_out) / c.safety.unit
+        steered = barrier(c, car, k, k + 1, others, at + wp.vec2(steering, 0.0), way_out) / c.safety.unit
+        driven = barrier(c, car, k, k + 1, others, at + wp.vec2(0.0, throttling), way_out) / c.safety.unit
         g = wp.vec2((steered - here) / steering, (driven - here) / throttling)
         rows_out[k] = wp.vec3(g[0], g[1], wp.dot(g, at) - here)
 
 
 @wp.func
 def list_seen(w: int, i: int, c: Constants, own: wp.vec2, observation: Observation, others_out: Others) -> int:
-    """Write relative x, y [m] and velocity [m/s] of the robots in sight; `own` is its velocity. Return their number."""
+    """Write the `Others` in sight of a robot with the velocity `own` [m/s]; return their number."""
     n = int(0)
     for k in range(wp.min(c.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
@@ -301,7 +297,7 @@ def list_heard(
     observation: Observation,
     others_out: Others,
 ) -> int:
-    """Add ring neighbours beyond the sight of which a new and an earlier message arrived; return the number of all.
+    """Add ring neighbours beyond the radius of sight that sent a new and an earlier message; return the number of all.
 
     Their velocity follows from the two positions, and with it their place now. The memory is the positions in the
     messages of the latest steps (W, N, 2, M), and 1 where there is one.
@@ -338,7 +334,7 @@ def avoid(
     """Return the wanted action in the box if a way out remains after it, or else the nearest one that leaves one."""
     u = into_box(wanted, top)
     for b in range(MANOEUVRES):
-        if barrier(c, car, n, others, u, manoeuvre(c.robot, b, car[3])) >= 0.0:
+        if n == 0 or barrier(c, car, 0, n, others, u, manoeuvre(c.robot, b, car[3])) >= 0.0:
             return u
     way_out = manoeuvre(c.robot, agreed_way_out(c, car, n, others, path), car[3])
     way_out[1] = wp.min(way_out[1], top)
@@ -351,7 +347,7 @@ def avoid(
         if k == 0 and solution[2] > 0.0:
             # The linearised rows contradict one another there: begin again at the way out itself.
             at = way_out
-        elif barrier(c, car, n, others, u, way_out) >= -TOLERANCE * c.safety.unit:
+        elif barrier(c, car, 0, n, others, u, way_out) >= -TOLERANCE * c.safety.unit:
             break
     return u
 

@@ -49,7 +49,7 @@ class Memory:
     """Memory of robots (W, N) and worlds (W,) from step to step; zeros before the first step of an episode."""
 
     tail: wp.array2d(dtype=Tail)
-    """Committed tail at the beginning of the step: `baselines.policies.safety.tails`."""
+    """Committed tail: that at the beginning of a step, and from `commit_to_old_course` on that at its end."""
     old_tail: wp.array2d(dtype=Tail)
     """Tail of the robot if it failed in the latest step: the rest of the previous one, or the place where it stands."""
     factors: wp.array2d(dtype=wp.vec4)
@@ -196,7 +196,7 @@ def begin(w: int, i: int, terms: Terms, car: wp.vec4, memory: Memory, observatio
         return True
     errors = wp.vec3(terms.position_error, terms.heading_error, terms.speed_error)
     memory.tail[w, i] = tail_from(terms, memory.factors[w, i], car, errors, tail.steering)
-    return memory.presence[w, i] == REMOVED
+    return now == REMOVED
 
 
 @wp.func

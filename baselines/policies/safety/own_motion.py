@@ -1,9 +1,10 @@
 """Motion of a robot's own car over a step, with bounds on where it can be after an action.
 
 Every number is an interval: the errors of measured positions, headings and speeds are within those of `Terms`. A robot
-stores bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and
-narrow with each step: to what the step allows (`learn`) or, where commands are noisy, to the mean of the steps
-(`add_step`). A way is the distance that the car drives in a step.
+stores bounds on the `factors` of its own curvature and drive over the nominal ones: least and most curvature, least and
+most drive. They are as wide as the scenario allows at first and narrow with each step: to what the step allows
+(`learn`) or, where commands are noisy, to the mean of the steps (`add_step`). A way is the distance that the car drives
+in a step. The theorem and its conditions are those of `baselines.policies.safety.proved`.
 """
 
 import warp as wp
@@ -86,9 +87,10 @@ def arc_of(terms: Terms, factors: wp.vec4, steering: float) -> tuple[float, floa
 
 @wp.func
 def tail_from(terms: Terms, factors: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float) -> Tail:
-    """Return the tail from x, y, heading, speed, with bounds on their errors: position [m], heading [rad], speed [m/s].
+    """Return the tail from x, y, heading, speed, with bounds on their errors: place [m], heading [rad], speed [m/s].
 
-    The distance of two cars that begin with these differences is at most
+    The distance of two cars that begin with these differences, and whose L and kappa differ by `along` and `bend`, is
+    at most
 
         |p_1 - p_2|(q) <= place + integral of (along + L |heading_1 - heading_2|) dq,
         |heading_1 - heading_2|(q) <= heading + bend L q + (|kappa| + bend) along q.
@@ -228,7 +230,7 @@ def mean_and_deviation(action: float, noise: float) -> wp.vec2:
 
 @wp.func
 def add_step(terms: Terms, sums: wp.vec4, last: wp.vec4, heading: float, speed: float) -> wp.vec4:
-    """Return the sums with the latest step: weight and weighted factor less 1 of curvature, then those of drive.
+    """Return the sums with the latest step: of weight and of weight times (factor - 1), for curvature, then for drive.
 
     The motion of a step with a noisy command shows a factor with a standard deviation; the weight is 1 over its square.
     Steps in which noise may turn off the motor, or grip may limit the turn, do not count.

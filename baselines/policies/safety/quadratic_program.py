@@ -27,8 +27,7 @@ def violation(n: int, rows: HalfPlanes, u: wp.vec2) -> float:
     """Return max_k c - g.u, and at least 0."""
     most = float(0.0)
     for k in range(n):
-        row = rows[k]
-        most = wp.max(most, row[2] - row[0] * u[0] - row[1] * u[1])
+        most = wp.max(most, rows[k][2] - rows[k][0] * u[0] - rows[k][1] * u[1])
     return most
 
 
@@ -46,7 +45,7 @@ def into_box(u: wp.vec2, top: float) -> wp.vec2:
 
 @wp.func
 def least_violation(n: int, rows: HalfPlanes, top: float) -> float:
-    """Return the smallest s >= 0 for which g.u >= c - s has a solution in the box, by its vertices."""
+    """Return the smallest s >= 0 for which g.u >= c - s has a solution u in the box: a vertex in (u, s)."""
     least = violation(n, rows, wp.vec2(-1.0, -1.0))
     for a in range(n):
         first = half_plane(a, n, rows, top, 0.0)
@@ -76,7 +75,7 @@ def nearest_action(n: int, rows: HalfPlanes, allowed: float, weight: float, top:
     for a in range(-1, n + 4):
         first = half_plane(wp.max(a, 0), n, rows, top, relaxed)
         square = first[0] * first[0] + first[1] * first[1] / weight
-        for b in range(a, wp.where(a < 0, 0, n + 4)):
+        for b in range(a, wp.where(a < 0, 0, n + 4)):  # none is active if a < 0, one if b == a, otherwise two
             u = wanted
             if a >= 0 and b == a and square > 1.0e-10:
                 along = (first[2] - first[0] * wanted[0] - first[1] * wanted[1]) / square

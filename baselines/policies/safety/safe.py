@@ -6,7 +6,7 @@ curve by decimetres, and targets between two cars are detected later. Its parame
 
 The car has no brakes: from 1.1 m/s it coasts 1.2 m, so it must steer, and in time. The filter therefore evaluates an
 action u by the ways out that remain after it. The car applies u for one step and then, as its way out, one of nine
-manoeuvres b (full right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes
+manoeuvres b (full right, straight on, full left; each coasting, at its speed, or at full throttle). Another car k goes
 straight on. It is a car in sight, whose position and velocity are observed, or, where the radius of sight is too short
 for the speed of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its position and,
 by their difference, its velocity (`steps_of_velocity`). Without robots in observations (`sensing.robots_seen` = 0) this
@@ -16,20 +16,21 @@ radius is 0. With d_k(t) their distance and D = 2 r + clearance,
     V(u)      = max_b min_k m_k(u; b)
 
 V is a control barrier function of the sampled car, by backup manoeuvres: while V >= 0 there is a way out. Where V of
-the wanted action w, clipped to the limits below, is not below 0, it passes, bit for bit. Elsewhere b is chosen, and
+the wanted action w, clipped to the limits below, is not below 0, it passes, bit for bit. Elsewhere
 
     minimise   (u_0 - w_0)^2 + throttle_weight (u_1 - w_1)^2
     subject to m_k(v; b) + dm_k/du(v; b) (u - v) >= 0 for every k,  u_0 in [-1, 1],  u_1 in [-1, top]
 
-is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; if the rows contradict
-each other, all are relaxed by the same smallest amount. `top` is the throttle that leads to `speed_max`.
+is solved exactly for the steering u_0 and the throttle u_1, with the b of `agreed_way_out`, by active sets, for v = w
+and up to `passes` times, v being the last solution; if the rows contradict each other, all are relaxed by the same
+smallest amount. `top` is the throttle that leads to `speed_max`.
 
 By default `speed_max` is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up,
 and the worst-case undetected time would be several times as long. A car gives way late and little, which preserves that
 time best; cars whose motor hardly lets them catch up lose it all the same.
 
-Two cars that avoid each other must not choose the same side, so both compute the same best pair of ways out
-(`agreed_way_out`). A symmetric pair passes on the right.
+Two cars that avoid each other must not choose the same side, so both compute the same best pair of ways out. A
+symmetric pair passes on the right.
 
 Limits: the filter accounts for `sensing.robots_seen` robots, at most 8, and, beyond the radius of sight, only for ring
 neighbours, as long as no message is lost; where they are late, their senders are assumed to have driven straight on.
@@ -95,8 +96,7 @@ class Safe(Filter):
         constants.listens = int(sight_speed < formation_speed)
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
-        shape = (*self.shape, 2, steps_of_velocity(scenario))
-        self._memory = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        self._memory = wp.zeros((*self.shape, 2, steps_of_velocity(scenario)), dtype=wp.vec3, device=self.device)
         others, places = (*self.shape, int(NEAREST)), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
         self._others = wp.zeros(others, dtype=wp.vec4, device=self.device)
         self._paths = wp.zeros((*self.shape, *places), dtype=wp.vec2, device=self.device)

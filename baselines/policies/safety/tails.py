@@ -22,10 +22,6 @@ POINTS = wp.constant(int(PIECES) + 3)
 """Sampled points of a course: the position of the car, the middle of the step, and PIECES + 1 points of its tail."""
 Course = wp.array(dtype=wp.vec3)
 """Sampled points of a course (POINTS,), as `lay_out` writes them."""
-BLOCK = wp.constant(4)
-"""Pieces of a tail that are compared together first."""
-BLOCKS = wp.constant(int(PIECES) // int(BLOCK) + 1)
-"""Blocks of a course: the step, and those of the tail."""
 
 
 @wp.struct
@@ -88,9 +84,8 @@ def lay_out(course_out: Course, now: wp.vec2, middle: wp.vec3, tail: Tail, slack
     course_out[1] = wp.vec3(middle[0], middle[1], middle[2] + tail.w[0])
     course_out[2] = wp.vec3(tail.begin[0], tail.begin[1], middle[2] + tail.w[0])
     sagitta = wp.abs(tail.curvature) * length * length / 8.0 + slack
-    half = 0.5 * length * tail.curvature
     end = arc_end(wp.vec3(0.0, 0.0, tail.begin[2]), length, tail.curvature)
-    turn = cos_sin(2.0 * half)
+    turn = cos_sin(length * tail.curvature)
     onward = wp.vec2(end[0], end[1])
     place = wp.vec2(tail.begin[0], tail.begin[1])
     for k in range(PIECES):
@@ -141,79 +136,32 @@ def segment_distance(a: wp.vec3, a_end: wp.vec3, b: wp.vec3, b_end: wp.vec3) -> 
 
 
 @wp.func
-def block_start(block: int) -> int:
-    """Return the point of a course at which a block begins; it ends where the next one begins."""
-    return wp.where(block == 0, 0, 2 + (block - 1) * BLOCK)
-
-
-@wp.func
-def chord_bound(course: Course, block: int) -> float:
-    """Return a bound on the distance of the car from a block's chord [m]: that of the points, and their own bound."""
-    begin = block_start(block)
-    end = block_start(block + 1)
-    along = course[end] - course[begin]
-    square = wp.max(along[0] * along[0] + along[1] * along[1], 1.0e-30)
-    away = float(0.0)
-    for k in range(begin + 1, end):
-        offset = course[k] - course[begin]
-        share = wp.clamp((offset[0] * along[0] + offset[1] * along[1]) / square, 0.0, 1.0)
-        away = wp.max(away, wp.length(wp.vec2(offset[0] - share * along[0], offset[1] - share * along[1])))
-    return away + wp.max(course[begin + 1][2], course[end][2])
-
-
-@wp.func
-def gap_of_blocks(
-    one: Course,
-    other: Course,
-    block: int,
-    other_block: int,
-    stops: bool,
-    other_stops: bool,
-    required: float,
-    enough: float,
-) -> float:
-    """Return `swept_gap` of two blocks."""
-    least = float(wp.inf)
-    for k in range(block_start(block), block_start(block + 1)):
-        a_end = one[k + 1]
-        for m in range(block_start(other_block), block_start(other_block + 1)):
-            if (stops or k >= m) and (other_stops or m >= k):
-                b_end = other[m + 1]
-                least = wp.min(least, segment_distance(one[k], a_end, other[m], b_end) - a_end[2] - b_end[2] - required)
-                if least < enough:
-                    return least
-    return least
-
-
-@wp.func
 def swept_gap(one: Course, other: Course, stops: bool, other_stops: bool, required: float, enough: float) -> float:
-    """Return `gap_between` the courses of two cars of which either may stop dead.
+    """Return `gap_between` the courses of two cars of which either may stop dead, at most 0.
 
     A car that `stops` can be at any earlier place of its course than at equal times: the places of piece k are compared
     with those of all pieces m >= k of the other course, with those of k >= m if the other one stops, and with all if
-    both do.
+    both do. The distance of piece k from the next piece is at most shorter by the length of that one, so `clear` is a
+    lower bound of it, and no distance is computed while this bound is large enough.
     """
-    least = float(wp.inf)
-    for block in range(BLOCKS):
-        begin = one[block_start(block)]
-        end = one[block_start(block + 1)]
-        to_end = wp.length(wp.vec2(end[0] - other[0][0], end[1] - other[0][1]))
-        wide = chord_bound(one, block)
-        length = wp.length(wp.vec2(end[0] - begin[0], end[1] - begin[1]))
-        away = to_end - length - wide - other[0][2] - required
-        if away >= 0.0:
-            least = wp.min(least, away)
-            continue
-        for other_block in range(BLOCKS):
-            if (stops or block >= other_block) and (other_stops or other_block >= block):
-                start = other[block_start(other_block)]
-                finish = other[block_start(other_block + 1)]
-                gap = segment_distance(begin, end, start, finish) - wide - chord_bound(other, other_block) - required
-                if gap < 0.0:
-                    gap = gap_of_blocks(one, other, block, other_block, stops, other_stops, required, enough)
-                least = wp.min(least, gap)
+    least = float(0.0)
+    for k in range(POINTS - 1):
+        a_end = one[k + 1]
+        length = wp.length(wp.vec2(a_end[0] - one[k][0], a_end[1] - one[k][1]))
+        to_end = wp.length(wp.vec2(a_end[0] - other[0][0], a_end[1] - other[0][1]))
+        clear = to_end - length - a_end[2]
+        if clear >= other[0][2] + required:
+            continue  # it is farther away than the reach of the other course
+        m = int(0)  # a loop over a range is a third slower
+        while m < POINTS - 1:
+            b_end = other[m + 1]
+            clear -= wp.length(wp.vec2(b_end[0] - other[m][0], b_end[1] - other[m][1]))
+            if clear < b_end[2] + required and (stops or k >= m) and (other_stops or m >= k):
+                clear = segment_distance(one[k], a_end, other[m], b_end) - a_end[2]
+                least = wp.min(least, clear - b_end[2] - required)
                 if least < enough:
                     return least
+            m += 1
     return least
 
 

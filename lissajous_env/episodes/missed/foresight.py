@@ -3,7 +3,8 @@
 `search` computes one path, exactly. For a training, the time for which a target at any position can still stay
 undetected follows from the recorded positions of the sensors, by dynamic programming:
 
-    V(t, x) = 0 where a disc senses x at t, else step + max over |y - x| <= speed * step of V(t + 1, y)
+    V(t, x) = 0 where a disc senses x at t, else max over |y - x| <= speed * step of U(t + 1, y)
+    U(t, y) = 0 where a disc senses y at t, else step + V(t, y)
 
 on a grid, backward in time. The action with foresight leads to the y of the maximum. It is computed for the positions
 that the learner visited: S. Ross, G. Gordon and D. Bagnell, "A Reduction of Imitation Learning and Structured
@@ -18,9 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from lissajous_env.episodes.missed.played import SensingRobots
+from lissajous_env.device.discs import in_discs
+from lissajous_env.episodes.missed.played import sensing_robots
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import NOWHERE
 
 MARGIN = 1 / 30
 """Distance by which discs are enlarged [sensing radius]."""
@@ -40,10 +43,7 @@ class Visits:
     """Recorded episodes: positions of the sensors, and rows and positions of the rogues. W worlds, V visits."""
 
     sensors: list[np.ndarray] = field(default_factory=list)
-    """For each moment (W, N, 2) positions of the robots [m]."""
-    works: list[np.ndarray] = field(default_factory=list)
-    """For each moment (W, N) bool: robots that sense."""
-    sensing: SensingRobots = field(default_factory=SensingRobots)
+    """For each moment (N, W, 2) positions of the robots that sense [m], NOWHERE for others."""
     rows: list[np.ndarray] = field(default_factory=list)
     """For each moment the rows of the live rogues (V, D); those of the last moment are not labelled."""
     worlds: list[np.ndarray] = field(default_factory=list)
@@ -53,8 +53,8 @@ class Visits:
 
     def record(self, simulation: Simulation) -> None:
         """Record a moment."""
-        self.sensors.append(simulation.robots.position.numpy()[..., :2].copy())
-        self.works.append(self.sensing.of_step(simulation))
+        senses, position = sensing_robots(simulation)[..., None], simulation.robots.position.numpy()[..., :2]
+        self.sensors.append(np.where(senses, position, NOWHERE).swapaxes(0, 1))
         worlds, slots = np.nonzero(simulation.rogues.present.numpy())
         self.rows.append(simulation.rogues.observation.numpy()[worlds, slots])
         self.worlds.append(worlds)
@@ -99,14 +99,10 @@ class Foresight:
         ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
         self._choices = np.concatenate([np.zeros((1, 2)), ring, ring / 2]).astype(np.float32)
 
-    def sensed(self, sensors: np.ndarray, works: np.ndarray) -> np.ndarray:
+    def sensed(self, sensors: np.ndarray) -> np.ndarray:
         """Return (W, rows, columns) True for the cells that a disc senses at a moment."""
         x, y = self._centres
-        sensed = np.zeros((len(sensors), len(y), len(x)), dtype=bool)
-        for w, i in zip(*np.nonzero(works), strict=True):
-            away = (y[:, None] - sensors[w, i, 1]) ** 2 + (x[None] - sensors[w, i, 0]) ** 2
-            sensed[w] |= away <= self._radius**2
-        return sensed
+        return in_discs(x, y, sensors, self._radius)
 
     def label(self, visits: Visits) -> Labels:
         """Return the labels of the visits in all whole stages of episodes of one length, the stages in order of time.
@@ -135,7 +131,7 @@ class Foresight:
             horizon: Time for which a rogue that is undetected at the end is assumed to stay undetected [s].
         """
         last = len(visits.rows) - 1
-        value = np.where(self.sensed(visits.sensors[last], visits.works[last]), 0.0, horizon).astype(np.float32)
+        value = np.where(self.sensed(visits.sensors[last]), 0.0, horizon).astype(np.float32)
         for now in range(last, -1, -self.stage):
             yield now, value
             if now >= self.stage:
@@ -144,12 +140,11 @@ class Foresight:
     def _before(self, after: np.ndarray, visits: Visits, now: int) -> np.ndarray:
         """Return the values at the beginning of a stage from those at its end."""
         moments = range(now + 1, now + self.stage + 1)
-        blocked = np.any([self.sensed(visits.sensors[k], visits.works[k]) for k in moments], axis=0)
+        blocked = np.any([self.sensed(visits.sensors[k]) for k in moments], axis=0)
         value = ndimage.gaussian_filter(after, (0, self._blur, self._blur), mode="nearest", truncate=3.0)
         value = np.where(blocked, 0.0, value + self.stage * self._step).astype(np.float32)
-        for w in range(len(value)):
-            value[w] = ndimage.maximum_filter(value[w], footprint=self._near, mode="constant")
-        value[self.sensed(visits.sensors[now], visits.works[now])] = 0.0
+        value = ndimage.maximum_filter(value, footprint=self._near[None], mode="constant")
+        value[self.sensed(visits.sensors[now])] = 0.0
         return value
 
     def best_actions(

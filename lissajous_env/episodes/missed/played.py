@@ -13,7 +13,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
 from lissajous_env.world.selection import of_world
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import HIDDEN, NEVER, NOWHERE, PRESENT
+from lissajous_env.world.state import HIDDEN, NEVER, PRESENT
 
 _TESTED = 10
 """Steps after which the tracks of the robots are compared."""
@@ -49,21 +49,9 @@ class PlayedEpisode:
         return sorted(last.items(), key=lambda rogue: rogue[0] - rogue[1])
 
 
-class SensingRobots:
-    """Robots that sense in the steps of a simulation, also those that a collision or the edge stops at a step's end."""
-
-    def __init__(self) -> None:
-        self._worked: Any = True
-
-    def of_step(self, simulation: Simulation) -> np.ndarray:
-        """Return (W, N) True for the robots that sensed in the latest step; called after the reset and each step."""
-        robots, latest, task = simulation.robots, simulation.latest, simulation.scenario.task
-        senses = robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE
-        stopped = (latest.collisions.numpy() > 0) & (task.on_collision != "count")
-        stopped |= (latest.outside.numpy() == 1) & (task.boundary == "remove")
-        resumed = robots.resumed_at.numpy() == simulation.clock.step.numpy()[:, None] - 1
-        worked, self._worked = self._worked, senses
-        return senses | (stopped & (worked | resumed))
+def sensing_robots(simulation: Simulation) -> np.ndarray:
+    """Return (W, N) True for the robots that sensed in the latest step; none in a world without that step."""
+    return (simulation.latest.sensed.numpy() == 1) & (simulation.clock.active.numpy() == 1)[:, None]
 
 
 def check_contamination(scenario: str | Scenario) -> None:
@@ -82,12 +70,12 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
     scenario = named.build(scenario)
     check_contamination(scenario)
     scenario = replace(scenario, task=replace(scenario.task, conservative=False))
-    simulation, sensing = Simulation(scenario, policy.num_worlds, device=device), SensingRobots()
+    simulation = Simulation(scenario, policy.num_worlds, device=device)
     moments: list[tuple[np.ndarray, ...]] = []
 
     def copy(taken: int) -> None:
         path, action = of_world(simulation.robots.path, 0)[..., :2], of_world(simulation.action, 0)
-        works, now = sensing.of_step(simulation)[0], of_world(simulation.contamination.oldest, 0)
+        works, now = sensing_robots(simulation)[0], of_world(simulation.contamination.oldest, 0)
         moments.append((path, works, action if taken else np.zeros_like(action), now))
 
     EpisodeRunner(policy, simulation).play([seed], copy)

@@ -52,7 +52,7 @@ class Lattice:
     middle: wp.array(dtype=wp.vec2)
     """(N,) positions around which the robots are during the moves [m]."""
     near: wp.array(dtype=float)
-    """(N,) distances from these beyond which no end of a move is that of a detected one [m]."""
+    """(N,) distances from these: the robot detects no move that ends farther away [m]."""
 
 
 @wp.func
@@ -242,7 +242,7 @@ class _Search:
             self._prepare(ends[-1], ends[-1] + steps)
             wp.launch(move, dim=self.shape, inputs=[ends[-1], ends[-1] + steps, lattice, nodes, after])
             if not after.numpy().any():
-                steps //= 2  # to less than a step, after which the rogue is detected wherever it goes
+                steps //= 2  # to 0 if the rogue is detected in a single step, too, wherever it goes
                 continue
             ends.append(ends[-1] + steps)
             reached.append(np.packbits(after.numpy(), axis=1))
@@ -281,7 +281,7 @@ class _Search:
         return Path(ends[0], np.stack([np.interp(steps, ends, places[:, axis]) for axis in range(2)], axis=1))
 
     def _moves(self, steps: int) -> np.ndarray:
-        """Return the moves (H, 2): none, and those of about the distance of some steps."""
+        """Return the moves (H, 2): that of length 0, and those of about the distance of some steps."""
         reach = steps * self.moved * (1 + _ROUNDING)
         columns, rows = (np.arange(-most, most + 1) for most in (reach / self.spacing).astype(int))
         moves = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)

@@ -20,8 +20,8 @@ two cells.
 * Sensing between the ends of steps is ignored, and so are cells that only several discs together cover. Both make
   labels older, never younger, so that they remain bounds.
 
-A target that is undetected at the end of step n may be so until the end of step n + 1, so the largest age that is
-stored is that at the end of step n + 1 (`lissajous_env.world.contamination.field`).
+A target that is undetected at the end of a step may be so until the end of the next one, so the largest age that is
+stored is that at the end of the next step (`lissajous_env.world.contamination.field`).
 
 `Contamination.labels` contains L times 256.
 """

@@ -7,17 +7,20 @@ graph" (Theory and Applications of Graphs, 1978); L. J. Guibas, J.-C. Latombe, S
 visibility-based pursuit-evasion problem" (Int. J. Computational Geometry & Applications 9, 1999). t - min e is the time
 for which a target can have stayed undetected.
 
-A label is e in control steps times 256, plus the moment at which the target arrived, as a share of the tick, of which a
-step has `Hops.ticks`, or which has `Hops.period` steps. Of two labels, the smaller one is that of the older target or,
-at the same age, of the earlier arrival. The labels of the latest ticks are stored for each cell, because a target that
-hops now (`lissajous_env.parameters.spreading`) arrived some ticks ago in the cell from which it hops. All labels of a
-cell that is sensed are deleted: during a hop, a target counts as being in the cell from which it hops.
+Time is counted in ticks: a step has `Hops.ticks` of them, or one tick has `Hops.period` steps. A label is e in control
+steps times 256, plus the share of a tick, in 255ths, at which the target arrived in its cell. Of two labels, the
+smaller one is that of the older target or, at the same age, of the earlier arrival. The labels of the latest ticks are
+stored for each cell, because a target that hops now (`lissajous_env.parameters.spreading`) arrived some ticks ago in
+the cell from which it hops. All earlier labels of a sensed cell are deleted: during a hop, a target counts as being in
+the cell from which it hops. A cell is sensed if it is in a disc at the end of a tick, and swept if it is sensed or a
+disc has passed over it since the tick before. No target stays in a swept cell, but one that hops there may arrive after
+the disc.
 """
 
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.discs import half_of, mark_disc, mark_way, place_along, points_per_metre, run_of_bits
+from lissajous_env.device.discs import half_of, mark_way, place_along, points_per_metre, run_of_bits, visit_disc
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
 from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, latest_slot
 from lissajous_env.world.state import NEVER, NOWHERE, planar
@@ -44,7 +47,7 @@ def is_over(w, target, clock, contamination) -> bool:
 
 @stage(FIELD_ROW, writes="contamination: sensed, swept, labelled", idle=True)
 def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, contamination):
-    """Delete the labels of cells that were sensed in the previous tick, and mark those that are sensed in this one."""
+    """Delete the earlier labels of the cells that were marked last, and mark those that are sensed or swept now."""
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     latest = latest_slot(clock.step[w], tick, hops)
@@ -54,6 +57,8 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
     per_metre_x = points_per_metre(hops.columns, hops.edge_gap, curve.half_width)
     per_metre_y = points_per_metre(rows, hops.edge_gap, curve.half_height)
     cell = 1.0 / wp.max(per_metre_x, per_metre_y)
+    sensed = contamination.sensed[w]
+    swept = contamination.swept[w]
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < NOWHERE:
             end = robots.sensor[w, i]
@@ -61,7 +66,7 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
             if hops.ticks > 1:
                 end = place_along(robots.path, w, i, float(tick + 1) / float(hops.ticks))
                 start = place_along(robots.path, w, i, float(tick) / float(hops.ticks))
-            mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, hops.edge_gap, contamination.sensed)
+            visit_disc(end, lane, lanes, curve, hops.radius, hops.columns, hops.edge_gap, sensed, swept)
             # On a short path the disc covers hardly more than at the two ends.
             if wp.length_sq(end - start) > hops.radius * cell:
                 pieces = robots.path.shape[2] - 1
@@ -69,9 +74,7 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
                     end = place_along(
                         robots.path, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks)
                     )
-                    mark_way(
-                        w, start, end, lane, lanes, curve, hops.radius, hops.columns, hops.edge_gap, contamination.swept
-                    )
+                    mark_way(start, end, lane, lanes, curve, hops.radius, hops.columns, hops.edge_gap, swept)
                     start = end
 
 
@@ -97,12 +100,12 @@ def spread(w, lane, lanes, target, hops, tick: int, clock, contamination):
         ages = wp.int64(0)
         for word in range(contamination.labelled.shape[2] - 2):
             sensed = half_of(contamination.sensed[w, word / 2, row], word)
-            seen = sensed | half_of(contamination.swept[w, word / 2, row], word)
+            swept = half_of(contamination.swept[w, word / 2, row], word)
             todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed
             enter = entry_cells(target.entry, word, row, rows, hops.columns)
             settled = contamination.settled[w, row, word]
             word_result = label_cells(
-                contamination.labels, contamination.labelled, w, row, word, todo, ~seen, enter, settled, now
+                contamination.labels, contamination.labelled, w, row, word, todo, ~swept, enter, settled, now
             )
             row_oldest = wp.min(row_oldest, word_result[0])
             ages += wp.int64(word_result[1])

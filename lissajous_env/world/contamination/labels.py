@@ -126,8 +126,7 @@ _CLEAR_SENSED = f"""
     const int words = labelled.shape[2] - 2, ring = labelled.shape[3];
     unsigned int* bits = &wp::index(labelled, w, row + {int(MARGIN)}, 1, 0);
     for (int word = 0; word < words; ++word, bits += ring) {{
-        const unsigned long long both = wp::index(sensed, w, word / 2, row) | wp::index(swept, w, word / 2, row);
-        const unsigned int seen = both >> 32 * (word & 1), stays = bits[latest];
+        const unsigned int seen = wp::index(swept, w, word / 2, row) >> 32 * (word & 1), stays = bits[latest];
         for (int tick = 0; tick < ring; ++tick)
             bits[tick] &= ~seen;
         bits[latest] = stays;
@@ -146,7 +145,7 @@ def clear_sensed(
     swept: wp.array3d(dtype=wp.uint64),
     labelled: wp.array4d(dtype=wp.uint32),
 ):
-    """Clear the cells of a row that were sensed in the tick before, except in the slot `latest`, and their marks."""
+    """Delete labels and marks of the marked cells of a row; the labels in the slot `latest` account for the marks."""
 
 
 _ONES = 0x01010101
@@ -159,7 +158,7 @@ def _empty_groups(bits: str) -> str:
 
 
 _LABEL_CELLS = f"""
-    const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, shares = {TICK_FRACTIONS}, none = {int(NONE)};
+    const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, fractions = {TICK_FRACTIONS}, none = {int(NONE)};
     const int columns[lengths] = {{{", ".join(str(hop[0]) for hop in HOPS)}}};
     const int rows[lengths] = {{{", ".join(str(hop[1]) for hop in HOPS)}}};
     const int row_stride = labels.strides[2] / sizeof(int), ring = labelled.shape[3];
@@ -170,8 +169,8 @@ _LABEL_CELLS = f"""
     const unsigned int cells = todo, all = (1u << lanes) - 1;
     const int oldest_age = now.step - now.oldest;
     int oldest = {int(NEVER)}, ages = 0;
-    // Once all labels of a group of cells have been those of the oldest target in every stored tick, they stay until a
-    // robot senses one of these cells.
+    // `settled` counts, in 8 bits for each group of cells, the latest ticks after which all their labels were those of
+    // the oldest target. After more ticks than are stored, they stay so until a robot senses one of these cells.
     const unsigned int is_new = {_empty_groups(f"settled + (127 - ring) * {_ONES} & {_ONES} << 7")};
     const unsigned int settles = {_empty_groups("~unseen")} & ~is_new;
     unsigned int contaminated = cells & settles, same = 0;
@@ -221,7 +220,7 @@ _LABEL_CELLS = f"""
         }}
         if (now.targets_hop) {{
             for (int length = 0; length < lengths; ++length) {{
-                const int share = now.shares[length], missing = share - shares;
+                const int share = now.shares[length], missing = share - fractions;
                 for (int side = 0; side < 4; ++side) {{
                     const int right = side & 1 ? -columns[length] : columns[length];
                     if ((side & 1 && !columns[length]) || (side & 2 && !rows[length]))
@@ -231,12 +230,12 @@ _LABEL_CELLS = f"""
                     if (!(has | had))
                         continue;
                     const int* from = here + (side & 2 ? -rows[length] : rows[length]) * row_stride + right;
-                    const int* latest = from + now.hop_slots[length] * slot_stride;
-                    const int* before = from + now.earlier_hop_slots[length] * slot_stride;
+                    const int* newer_labels = from + now.hop_slots[length] * slot_stride;
+                    const int* older_labels = from + now.earlier_hop_slots[length] * slot_stride;
                     for (int l = 0; l < lanes; ++l) {{
-                        const int older = before[l], newer = latest[l], came = older & shares;
+                        const int older = older_labels[l], newer = newer_labels[l], came = older & fractions;
                         const int early = older - came + (came + missing > 0 ? came + missing : 0);
-                        const int is_on = (newer & shares) + share <= shares ? -(int)(has >> l & 1) : 0;
+                        const int is_on = (newer & fractions) + share <= fractions ? -(int)(has >> l & 1) : 0;
                         const int was_on = -(int)(had >> l & 1);
                         const int one = (early & was_on) | (none & ~was_on);
                         const int other = ((newer + share) & is_on) | (none & ~is_on);

@@ -33,7 +33,7 @@ def steering_angle(robot: RobotStruct, action: float) -> float:
 
 @wp.func
 def full_reverse(robot: RobotStruct) -> float:
-    """Return the throttle (beta - c speed_min) / alpha with which a car that reverses reaches `speed_min`, above 0."""
+    """Return the throttle above 0 that in reverse leads to `speed_min` below 0: (beta - c speed_min) / alpha."""
     return (robot.offset - robot.drag * robot.speed_min) / robot.drive
 
 
@@ -41,8 +41,8 @@ def full_reverse(robot: RobotStruct) -> float:
 def throttle(robot: RobotStruct, action: float) -> float:
     """Return the throttle tau_min + (u + 1) / 2 (tau_max - tau_min) of an action u.
 
-    For cars that reverse it is the sign of u times tau_min + |u| (tau_end - tau_min). tau_end is tau_max forwards, and
-    in reverse the throttle that reaches `speed_min`.
+    For cars that reverse it is sign(u) (tau_min + |u| (tau_end - tau_min)). tau_end is tau_max forwards, and in reverse
+    the throttle that reaches `speed_min`.
     """
     forwards = robot.throttle_min + 0.5 * (action + 1.0) * (robot.throttle_max - robot.throttle_min)
     end = wp.where(action < 0.0, full_reverse(robot), robot.throttle_max)
@@ -80,7 +80,7 @@ def car_action(robot: RobotStruct, steering: float, throttle: float) -> wp.vec2:
 
 @wp.func
 def throttle_towards(robot: RobotStruct, speed: float, wanted_speed: float, gain: float) -> float:
-    """Return (c wanted + beta + gain (wanted - v)) / alpha, a throttle by (12): a proportional law, `gain` in [1/s]."""
+    """Return (c wanted + beta + gain (wanted - v)) / alpha by (12), with the beta of models and a gain [1/s]."""
     return (robot.drag * wanted_speed + robot.model_offset + gain * (wanted_speed - speed)) / robot.drive
 
 

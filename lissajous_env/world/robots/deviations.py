@@ -57,7 +57,7 @@ def curve_distances(curve_points, curve, x: Floats, y: Floats, count: int) -> Fl
     """Return the distance of the robots of a block from the curve [m]; 0 for robots that are always on it."""
     distance = Floats()
     if curve_points.points.shape[0] > 0:
-        distance = Floats(1.0e30)
+        distance = Floats(1.0e30)  # squared, until all samples are compared [m^2]
         max_step = curve_points.half
         is_series = curve.harmonics.shape[0] > 0
         quarter_x = Floats()

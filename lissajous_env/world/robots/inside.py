@@ -11,8 +11,8 @@ out** if it can turn to one side, then go straight on, and then drive on a circl
 The turn or the straight line may be missing. The way out is in K, and
 
 * its straight line leads the centre of the circle through C for at least the way L of a step,
-* this also holds for all directions of the straight line (of the `HEADINGS` that are tested) within the turn of a step,
-  beta = L / R, unless the turn is missing,
+* this also holds for all directions of the straight line (of the `HEADINGS` that are tested) within an angle beta, the
+  largest turn L / R of a step at this speed or a lower one, unless the turn is missing,
 * its turn and its circle are to the same side if grip determines R.
 
 The rule lets an action pass if the car is in K during the step and has a way out after it, as (12) predicts for the
@@ -326,7 +326,7 @@ def margin_of(scenario: Scenario) -> float:
 
 
 def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
-    """Return the constants of the rule."""
+    """Return the constants of the rule; `turns_early` if actions account for the time that a yaw rate needs to rise."""
     robot, noise, curve = scenario.robot, scenario.noise, scenario.curve
     walls: Any = Walls()
     walls.rounding = ROUNDING * (curve.half_width + curve.half_height)
@@ -341,7 +341,7 @@ def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
     walls.speed_unit = robot.top_speed
     walls.errors = wp.vec3(*(STEP_DEVIATIONS * deviation for deviation in (noise.actuator, noise.heading, noise.speed)))
     walls.step, walls.substeps = scenario.task.step, scenario.task.substeps
-    # A differential drive gains the yaw rate of its tightest turn steadily, so it is late by half of the time.
+    # A differential drive gains the yaw rate of its tightest turn steadily, so its turn is late by half of that time.
     fastest = min(robot.top_speed, walls.fastest_turn)
     late = 0.0 if turns_early else fastest / (2 * walls.turning * robot.top_yaw_acceleration)
     walls.predicted = walls.substeps + math.ceil(late / walls.step * walls.substeps)

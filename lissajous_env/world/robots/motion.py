@@ -14,22 +14,6 @@ WALL = wp.constant(code_of(Task, "boundary", "wall"))
 
 
 @part
-def stop_at_wall(curve, radius: float, pose: wp.vec4) -> wp.vec4:
-    """Return a body (x, y [m], heading [rad], speed [m/s]) moved back into the rectangle.
-
-    The component of its velocity into a wall is lost; its heading is unchanged.
-    """
-    along = cos_sin(pose[2])
-    x = wp.clamp(pose[0], radius - curve.half_width, curve.half_width - radius)
-    y = wp.clamp(pose[1], radius - curve.half_height, curve.half_height - radius)
-    forwards = wp.where(pose[3] < 0.0, -1.0, 1.0)
-    along_x = wp.where((pose[0] - x) * along[0] * forwards > 0.0, 0.0, along[0])
-    along_y = wp.where((pose[1] - y) * along[1] * forwards > 0.0, 0.0, along[1])
-    share = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
-    return wp.vec4(x, y, pose[2], pose[3] * share)
-
-
-@part
 def begin_path(block, standing: int, x: Floats, y: Floats, robots):
     """Store the first position of each robot's path in a step, and the whole path of `standing` robots, at speed 0."""
     if standing != 0:
@@ -43,13 +27,22 @@ def begin_path(block, standing: int, x: Floats, y: Floats, robots):
 def stop_at_walls(
     curve, radius: float, x: Floats, y: Floats, heading: Floats, speed: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return x, y [m] and speed [m/s] of bodies that walls stop, as `stop_at_wall` does."""
+    """Return x, y [m] and speed [m/s] of bodies that are moved back into the rectangle.
+
+    The component of a velocity into a wall is lost; headings are unchanged.
+    """
     for k in range(abreast.ABREAST):
         if k < abreast.width():
-            pose = stop_at_wall(curve, radius, wp.vec4(x[k], y[k], heading[k], speed[k]))
-            x[k] = pose[0]
-            y[k] = pose[1]
-            speed[k] = pose[3]
+            along = cos_sin(heading[k])
+            inside_x = wp.clamp(x[k], radius - curve.half_width, curve.half_width - radius)
+            inside_y = wp.clamp(y[k], radius - curve.half_height, curve.half_height - radius)
+            forwards = wp.where(speed[k] < 0.0, -1.0, 1.0)
+            along_x = wp.where((x[k] - inside_x) * along[0] * forwards > 0.0, 0.0, along[0])
+            along_y = wp.where((y[k] - inside_y) * along[1] * forwards > 0.0, 0.0, along[1])
+            is_free = along_x == along[0] and along_y == along[1]
+            speed[k] = speed[k] * wp.where(is_free, 1.0, wp.length(wp.vec2(along_x, along_y)))
+            x[k] = inside_x
+            y[k] = inside_y
     return x, y, speed
 
 

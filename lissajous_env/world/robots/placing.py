@@ -76,6 +76,7 @@ def begin_on_curve(w, i, phase: wp.float64, curve, formation, top_speeds, robots
     """Put a robot on the curve at a phase [rad], at the formation's speed or its own top speed if that is lower."""
     alpha = float(formation.alpha)
     robots.phase[w, i] = phase
+    # `formation.phase_rate` is the rate of the curve's parameter, which is alpha times the phase.
     place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
     robots.speed[w, i] = wp.max(wp.min(robots.speed[w, i], top_speeds[i]), 0.0)
     for s in range(robots.path.shape[2]):
@@ -144,17 +145,6 @@ def collides_at_once(w, i, time: float, radius: float, places, robots) -> bool:
     return False
 
 
-@stage(WORLD, writes="robots: heading, path, phase, position, speed", module=_STARTS)
-def redraw_colliding_starts(w, curve, formation, robot, equilibrium, displacements, top_speeds, places, clock, robots):
-    """Draw the start of each robot again while it would collide within `formation.start_headway`."""
-    for i in range(1, robots.status.shape[1]):
-        for draw in range(1, _DRAWS):
-            if not collides_at_once(w, i, formation.start_headway, robot.radius, places, robots):
-                break
-            phase = start_phase(w, i, draw, formation, equilibrium, displacements, clock)
-            begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
-
-
 _HEADINGS = wp.constant(64)
 """Number of headings that are tried."""
 _HALVINGS = wp.constant(12)
@@ -215,7 +205,8 @@ def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, hal
 def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_radius, curve, robot) -> float:
     """Return the heading at which a car begins between walls [rad]: the nearest with room for its tightest circle.
 
-    Its steering (`turning_radius` [m]) or, at its speed [m/s], its grip limits that circle.
+    Its steering (`turning_radius` [m]) or, at its speed [m/s], its grip limits that circle. The car on it stays in the
+    rectangle without the inset, and its body within the walls.
     """
     radius = wp.max(turning_radius, speed * speed / robot.lateral_acceleration_max)
     x = wp.min(curve.half_width - robot.radius, curve.reach_x)
@@ -223,13 +214,34 @@ def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_rad
     return heading_with_room(place, heading, radius, wp.vec2(x - radius, y - radius))
 
 
-@stage(ROBOT, writes="robots: heading", module=_STARTS)
-def turn_from_walls(w, i, curve, robot, turning_radius, clock, robots):
-    """Turn the robots that would begin without room to turn away from the walls."""
+@part
+def face_inwards(w, i, curve, robot, turning_radius, robots):
+    """Turn a robot away from the walls if it would begin without room to turn."""
     place = planar(robots.position[w, i])
     robots.heading[w, i] = heading_from_walls(
         place, robots.heading[w, i], robots.speed[w, i], turning_radius, curve, robot
     )
+
+
+@stage(ROBOT, writes="robots: heading", module=_STARTS)
+def turn_from_walls(w, i, curve, robot, turning_radius, clock, robots):
+    """Turn the robots that would begin without room to turn away from the walls."""
+    face_inwards(w, i, curve, robot, turning_radius, robots)
+
+
+@stage(WORLD, writes="robots: heading, path, phase, position, speed", module=_STARTS)
+def redraw_colliding_starts(
+    w, curve, formation, robot, turning_radius, equilibrium, displacements, top_speeds, places, clock, robots
+):
+    """Draw the start of each robot again while it would collide within `formation.start_headway`."""
+    for i in range(1, robots.status.shape[1]):
+        for draw in range(1, _DRAWS):
+            if not collides_at_once(w, i, formation.start_headway, robot.radius, places, robots):
+                break
+            phase = start_phase(w, i, draw, formation, equilibrium, displacements, clock)
+            begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
+            if turning_radius > 0.0:
+                face_inwards(w, i, curve, robot, turning_radius, robots)
 
 
 @wp.kernel(module=_STARTS)

@@ -98,8 +98,8 @@ def disturb_pose(
     return pose, wrap_phase(phase + wp.float64((measured - gamma) / alpha))
 
 
-@stage(ROBOT, writes="robots: measured, measured_turn, sensor")
-def measure(block, curve, formation, noise, clock, robots):
+@stage(ROBOT, writes="latest: sensed; robots: measured, measured_turn, sensor")
+def measure(block, curve, formation, noise, clock, robots, latest):
     """Measure each robot's pose and phase, and place its sensor; measurements of a removed robot are frozen."""
     n = robots.status.shape[1]
     alpha = float(formation.alpha)
@@ -115,6 +115,7 @@ def measure(block, curve, formation, noise, clock, robots):
             sensor_x[k] = wp.where(senses, x[k], NOWHERE)
             sensor_y[k] = wp.where(senses, y[k], NOWHERE)
     abreast.put_pairs(block, block.active_mask, sensor_x, sensor_y, robots.sensor)
+    abreast.put_bits(block, block.active_mask, working, latest.sensed)
     measuring = block.active_mask & ~(
         abreast.where_equal(block, robots.status, REMOVED) & abreast.where_world(block, n, clock.step, 1)
     )

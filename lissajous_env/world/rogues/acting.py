@@ -110,15 +110,15 @@ def reward_rogues(w, t, task, clock, targets, rogues):
         rogues.terminated[w, t] = status != PRESENT and status != HIDDEN
         rogues.truncated[w, t] = status == PRESENT and clock.status[w] == ENDED
         rogues.reward[w, t] = reward
-    elif clock.status[w] == IDLE:  # not where other worlds begin an episode
+    elif clock.status[w] == IDLE:  # a reset of other worlds leaves rewards of a latest step unchanged
         rogues.reward[w, t] = 0.0
 
 
 @part
 def next_robot(w, place: wp.vec2, after: wp.vec2, sight: float, robots) -> wp.vec2:
-    """Return (squared distance [m^2], index) of the nearest robot in sight beyond the pair `after`; index -1 for none.
+    """Return (squared distance [m^2], index) of the next robot in sight, the nearest first; index -1 for none.
 
-    A `sight` of 0 means no limit [m].
+    `after` is that of the robot before it, or (-1, -1). A `sight` of 0 means no limit [m].
     """
     best = wp.vec2(wp.inf, -1.0)
     for i in range(robots.status.shape[1]):

@@ -136,7 +136,7 @@ class TargetGroup:
     """Position at the beginning of the step [m]."""
     x: Floats
     y: Floats
-    """Position now [m]; a target that the simulation itself moves has not moved yet."""
+    """Position before `move_together` [m]: that at the beginning, unless an extension or an adversary has moved it."""
     heading: Floats
     speed: Floats
     """Speed of a target while it does not flee [m/s]."""
@@ -256,7 +256,7 @@ def detect_together(
     sight = sensing.sight
     before_x = group.before_x
     before_y = group.before_y
-    near = Floats()  # distance from a target's old position within which a robot at rest may detect it [m]
+    near = Floats()  # distance from both ends of a target's way within which a robot at rest may detect it [m]
     for k in range(ABREAST):
         if k < width():
             dx = x[k] - before_x[k]
