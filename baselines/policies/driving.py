@@ -11,7 +11,7 @@ from lissajous_env.world.robots.car import car_action, throttle_towards
 
 def weakest_top_speed(scenario: Scenario, factor: float = 1.0) -> float:
     """Return the top speed of a car with a factor on its drive and the weakest motor that the spread allows [m/s]."""
-    return max(scenario.robot.steady_speed(scenario.robot.drive * scenario.noise.drive_range[0] * factor), 0.0)
+    return scenario.robot.steady_speed(scenario.robot.drive * scenario.noise.drive_range[0] * factor)
 
 
 def slowest_top_speed(scenario: Scenario) -> float:

@@ -98,7 +98,7 @@ def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray,
     gamma = scenario.alpha * (scenario.equilibrium + scenario.displacements + np.asarray(turned)[..., None])
     velocity = closed_forms.curve_derivatives(scenario.driven, gamma)[0] * scenario.formation.phase_rate
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    speed = np.minimum(np.hypot(velocity[..., 0], velocity[..., 1]), scenario.top_speeds.clip(0))
+    speed = np.minimum(np.hypot(velocity[..., 0], velocity[..., 1]), scenario.top_speeds)
     pose = np.concatenate([closed_forms.curve_point(scenario.driven, gamma)[..., :2], heading[..., None]], axis=-1)
     pose[..., 2] = start_headings(scenario, pose, speed)
     return pose, speed

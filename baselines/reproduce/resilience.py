@@ -38,7 +38,7 @@ _FINE = 0.01
 
 
 def _displaced(player: Player, name: str, angle: float, duration: float, **overrides: object) -> EpisodeArrays:
-    """Play an episode of points [s] in which robot 0 starts displaced by an angle [rad]."""
+    """Play an episode of points, of a duration [s], in which robot 0 starts displaced by an angle [rad]."""
     bare = {**BARE, "task.duration": duration, "task.step": 0.25, "formation.displaced": ((0, float(angle)),)}
     return player.play("kuramoto", scenario(name, **bare | overrides))
 

@@ -96,7 +96,7 @@ class Batch(Stateful):
         require(fits, "num_worlds", f"must be a multiple of num_groups ({num_groups})", num_worlds)
         self._device, self._cores = device, cores() if threads is None else whole_number("threads", threads)
         # With many groups, each is stepped by one thread; with few, all threads share the worlds of each.
-        self._threads = 1 if 1 < num_groups >= self._cores else threads
+        self._threads = 1 if num_groups > 1 and num_groups >= self._cores else threads
         self._joined: Work | None = None
         self._max_cycles = max_cycles
         space = space_and_split(scenario)

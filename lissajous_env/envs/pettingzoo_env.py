@@ -167,11 +167,11 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
     def _add_rogues(self, side: Side, rows: Rows, results: Sequence[dict]) -> None:
         """Add the rogues that acted in the step, or that act in the next one, to its results and to `agents`."""
         live = np.flatnonzero(rows.mask).tolist()
-        shown = sorted({*self._live[1], *live})
-        names, self._live[1] = [side.names[t] for t in shown], live
-        results[0].update(zip(names, rows.observation[shown], strict=True))
+        slots = sorted({*self._live[1], *live})
+        names, self._live[1] = [side.names[t] for t in slots], live
+        results[0].update(zip(names, rows.observation[slots], strict=True))
         for result, column in zip(results[1:4], (rows.reward, rows.terminated, rows.truncated), strict=True):
-            result.update(zip(names, column[shown].tolist(), strict=True))
+            result.update(zip(names, column[slots].tolist(), strict=True))
         results[4].update((name, {}) for name in names)
         self.agents = [*self.agents, *(side.names[t] for t in live)]
 

@@ -230,7 +230,7 @@ def on_host(actions: Any) -> Any:
 
 
 def state_names(scenario: str | Scenario) -> tuple[str, ...]:
-    """Return the names of the S = (8 + k) N + 3 T + 1 numbers of a world's true state, in order.
+    """Return the names of the S = (8 + `messages.size`) N + 3 T + 1 numbers of a world's true state, in order.
 
     They are, for each robot, x [half_width], y [half_height], cos and sin of the heading, the speed [top speed of a
     car, or of a point in the equilibrium], cos and sin of the phase, and 1 if it works; for each target slot, 1 if its

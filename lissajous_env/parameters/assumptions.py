@@ -53,7 +53,7 @@ def _violated_on_purpose() -> frozenset[str]:
 
 def _of_formation(scenario: Scenario) -> Iterator[str]:
     n, p, kappa, curve = scenario.num_robots, scenario.p, scenario.clusters, scenario.driven
-    if n > 2 and p not in closed_forms.stable_equilibria(n):
+    if n > 1 and p not in closed_forms.stable_equilibria(n):
         yield f"p = {p} of {n} robots is not a stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)"
     if curve.harmonics:
         return  # the paper's bounds apply to Lissajous curves only

@@ -199,7 +199,7 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
         ValueError: an entry is no extension, or two have the same name.
     """
     if isinstance(given, str):
-        given = given.split(",")
+        given = map(str.strip, given.split(","))
     elif isinstance(given, (Extension, Mapping)):
         given = (given,)
     require(isinstance(given, Iterable), "extensions", _RULE, given)

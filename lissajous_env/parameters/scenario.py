@@ -145,8 +145,8 @@ class Scenario(BringsRogues):
         Points on the curve share each place of the equilibrium with kappa - 1 others (Lemma 1). All other robots have a
         place of their own: two cars in one place do collide.
         """
-        shared = self.num_robots // self.clusters if model_of(self.robot.kind).keeps_to_curve else self.num_robots
-        return tuple(self.ring.index(robot) % shared for robot in range(self.num_robots))
+        places = self.num_robots // self.clusters if model_of(self.robot.kind).keeps_to_curve else self.num_robots
+        return tuple(self.ring.index(robot) % places for robot in range(self.num_robots))
 
     @cached_property
     def drive_factors(self) -> np.ndarray:
@@ -198,8 +198,8 @@ class Scenario(BringsRogues):
     def turning_radius(self) -> float:
         """Radius of the tightest turn of the robots, or of the cars that they move like [m].
 
-        Of robots with `AsCar.has_yaw_limit` it is the one at twice the largest speed of the formation, within half of
-        their top speed and this.
+        Of robots with `AsCar.has_yaw_limit` it is the one at twice the largest speed of the formation, but at their top
+        speed at most, and at half of that at least.
         """
         model = model_of(self.robot.kind)
         if model.as_car is None:
@@ -243,7 +243,7 @@ class Scenario(BringsRogues):
     @cached_property
     def driven(self) -> Curve:
         """The curve that is driven: in the rectangle without the inset, and rounded where cars need it within walls."""
-        return self._rounded.driven if self.inset else self.curve
+        return self._rounded.driven
 
     @cached_property
     def robot_radius_bound(self) -> float:
@@ -350,7 +350,7 @@ class Scenario(BringsRogues):
         return (*self.model.actions, *(f"message_{m}" for m in range(self.messages.size)))
 
     def resolve(self) -> "Scenario":
-        """Return the same scenario with every derived field filled in; it runs identically."""
+        """Return the same scenario, all derived fields but `sensing.sight` and `targets.speed_min` filled in."""
         robot, rate = self.robot, POINT_RATE_FACTOR * self.formation.phase_rate / self.alpha
         shares = {"drifting": 0.0, "wandering": 0.0, "fleeing": 0.0, "custom": 1.0} if self.targets.rogues else {}
         filled: dict[str, dict[str, Any]] = {

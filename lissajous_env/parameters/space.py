@@ -99,8 +99,8 @@ class ScenarioSpace:
         _check_draws("draw", self.draw)
         require(isinstance(self.shifts, Mapping), "shifts", "must be a mapping from names to draws", self.shifts)
         for shift, draw in self.shifts.items():
-            is_new = isinstance(shift, str) and shift not in SPLITS
-            require(is_new, "name of a shift", "must be text, and not that of a split", shift)
+            is_new = isinstance(shift, str) and shift not in SPLITS and not shift.isdecimal()
+            require(is_new, "name of a shift", "must be text, and neither that of a split nor a number", shift)
             _check_draws(f"shift.{shift}", draw)
             if not self.given:  # a given value may violate the rules in a shift that is not used
                 self.shifted(shift)
@@ -216,6 +216,7 @@ class ScenarioSpace:
             return draw(functools.partial(look_up, name)) if callable(draw) else draw
 
         def look_up(drawn: str, name: str) -> Any:
+            """Return the value of a name in the draw of the field `drawn`, which alone determines random numbers."""
             if name in _RANDOM:
                 return functools.partial(_random, name, self._uniform(f"{attempt}/{drawn}", seed))
             if name in self.given:

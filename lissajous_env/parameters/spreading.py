@@ -44,7 +44,7 @@ _COARSE = 2.0
 """Sensing radius up to which it remains as it is, in spacings of the nodes."""
 _CELLS = (1, 2, 4, 8, 16, 24)
 """Limits on the distance of each lag but the first [cell]."""
-_SHARE = 0.5
+_CELLS_PER_TICK = 0.5
 """Largest distance of a target in a tick of several control steps [cell]."""
 _ROUNDING = 1e-6
 """Relative increase of the speed limit that covers rounding to 32 bits."""
@@ -130,15 +130,15 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
 def reaches_of(sides: tuple[float, float], moved: float, steps: int) -> Reaches:
     """Return the reaches for cells with these sides [m] and targets that move at most `moved` [m] per control step."""
     moved *= 1 + _ROUNDING
-    share = moved / min(sides)
-    period = min(max(int(_SHARE / share), 1), steps + 1) if share > 0 else steps + 1
-    share *= period
-    lags = sorted({1} | {math.ceil(cells / share) - 1 for cells in _CELLS if cells > share > 0})
+    per_step = moved / min(sides)  # [cell]
+    period = min(max(int(_CELLS_PER_TICK / per_step), 1), steps + 1) if per_step > 0 else steps + 1
+    per_tick = period * per_step
+    lags = sorted({1} | {math.ceil(cells / per_tick) - 1 for cells in _CELLS if cells > per_tick > 0})
     lags = [lag for lag in lags if (lag - 1) * period <= steps]
     return Reaches(period, moved, tuple(lags), tuple(_widths(sides, lag * period * moved) for lag in lags))
 
 
 def _widths(sides: tuple[float, float], distance: float) -> tuple[int, ...]:
-    """Return, for 0, 1, 2 ... rows up or down, the columns to either side of cells within a least distance [m]."""
+    """Return, for 0, 1, 2 ... rows up or down, the columns to either side of the cells nearer than a distance [m]."""
     up = [max(row - 1, 0) * sides[1] for row in range(int(distance / sides[1]) + 2)]
     return tuple(int(math.sqrt(max(distance**2 - height**2, 0.0)) / sides[0]) + 1 for height in up)

@@ -323,12 +323,12 @@ class Robot(Checked):
     def steady_speed(self, drive: float) -> float:
         """Return the steady speed at action 1 of a robot with its own drive [m/s].
 
-        For a car it is (drive tau - offset) / drag at full throttle. A differential drive controls its speed: with a
-        stronger motor it only reaches the same speed sooner.
+        For a car it is (drive tau - offset) / drag at full throttle, or 0 if its motor is too weak. A differential
+        drive controls its speed: with a stronger motor it only reaches the same speed sooner.
         """
         if self.kind == "differential":
             return self.top_speed
-        return (drive * self.full_throttle - self.offset) / self.drag
+        return max((drive * self.full_throttle - self.offset) / self.drag, 0.0)
 
 
 @dataclass(frozen=True)

@@ -122,8 +122,9 @@ class Targets(Checked):
         self._require(is_lower, "speed_min", f"must be at most speed = {self.speed:g} [m/s]")
         self._require(self.leave or not self.respawn, "respawn", "must be False if targets do not leave")
         self._require(self.rogues is None or not self.respawn, "respawn", "must be False with rogues")
+        is_free = self.speed_limit is None or self.rogues is not None or self.speed_limit >= self.speed_max
         rule = f"must be None or at least the speed of these targets, {self.speed_max:g} m/s"
-        self._require(self.speed_limit is None or self.speed_limit >= self.speed_max, "speed_limit", rule)
+        self._require(is_free, "speed_limit", rule)
 
     @property
     def slowest(self) -> float:

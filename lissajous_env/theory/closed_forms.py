@@ -89,7 +89,7 @@ def cluster_size(num_robots: int, p: int, alpha: int = 1) -> int:
 
 
 def has_unclustered_equilibrium(num_robots: int) -> bool:
-    """Return True if a stable equilibrium with one robot per place exists: all N > 2 except 4 and 6 (Theorem 2)."""
+    """Return True if a stable equilibrium with one robot per place exists: all N > 1 but 4, 6 (Theorem 2 for N > 2)."""
     return any(cluster_size(num_robots, p) == 1 for p in stable_equilibria(num_robots))
 
 
@@ -243,7 +243,8 @@ def unrounded(curve: Curve) -> Curve:
     if not curve.harmonics or (curve.a, curve.b) not in ROUNDED:
         return curve
     plain = dataclasses.replace(curve, harmonics=())
-    return plain if rounded(plain) == curve else curve
+    given, form = np.array(curve.harmonics), np.array(rounded(plain).harmonics)
+    return plain if given.shape == form.shape and np.allclose(given, form, rtol=1e-9, atol=0.0) else curve
 
 
 def ellipse_residual(curve: Curve, positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ class Design:
     alpha: int
     """alpha of `best_formation`."""
     robot_radius_bound: float
-    """Bound r_max of (6) [m], below which the bodies must be; 0 for a team without a stable equilibrium apart."""
+    """Bound r_max of (6) [m], below which the bodies must be; 0 if robots share places in each stable equilibrium."""
     sensor_radius_bound: float
     """Least sensing radius by (7) and (8) [m]: those of the driven curve, and sqrt(2) times the inset."""
     tight_share: float
@@ -75,8 +75,8 @@ def best_formation(curve: Curve, num_robots: int) -> tuple[int, int]:
 
     At a coupling that is proportional to omega / alpha, deviations along the curve vanish at a rate proportional to
     -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. If N shares a factor with a, which is not so for
-    N = a + b, there is no such alpha, and the default p is returned with alpha = 1. Two robots have no stable
-    equilibrium, and four and six share places in each (Lemma 1): for them, return p = alpha = 1, equally spaced.
+    N = a + b, there is no such alpha, and the default p is returned with alpha = 1. Four and six robots share
+    places in each stable equilibrium (Lemma 1): for them, return p = alpha = 1, equally spaced.
     """
     stable, rates = closed_forms.stable_equilibria(num_robots), {}
     for alpha in range(1, num_robots):

@@ -19,7 +19,7 @@ SLACK = 1e-3
 _PLACES = 8192
 """Places of the curve that `locate` compares."""
 _REACH = 0.25
-"""Distance that weighs as much as a heading that is off by a right angle, in the shorter half of the rectangle."""
+"""Distance that weighs as much as a heading that is off by a right angle [half of the rectangle's shorter side]."""
 
 
 def curve_length(curve: Curve) -> float:

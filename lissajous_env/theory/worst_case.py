@@ -30,8 +30,8 @@ moment, so each must be sensed in every period of length T.
   of D seconds with n changes from a point to another, robots attend for at most N D - n h, so the points are unattended
   for at least M D - N D + n h. This consists of periods of at most T each. Each begins with such a change, with one of
   the N last departures, or, for each of the M points, at the start: T >= ((M - N) D + n h) / (n + N + M), where n is at
-  most N D / h. If this is above h, which is proved above, it is least for the largest n. In a long episode, it is then
-  M h / N.
+  most N D / h. If this exceeds h, the least T of the first item, it is least for the largest n. In a long episode, it
+  is then M h / N.
 """
 
 import math

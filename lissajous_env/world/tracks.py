@@ -128,55 +128,31 @@ def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
 
 
 @part
-def write_position(w, i, entry: int, offset: wp.vec2, age: float, curve, observation):
-    """Fill the first four entries of a track or teammate: present, relative x, y at an offset [m], and age [memory]."""
-    observation[w, i, entry] = 1.0
-    observation[w, i, entry + 1] = clip_coordinate(0.5 * offset[0] / curve.half_width)
-    observation[w, i, entry + 2] = clip_coordinate(0.5 * offset[1] / curve.half_height)
-    observation[w, i, entry + 3] = wp.min(age, 1.0)
+def fill_known(
+    w, i, now, entry: int, size: int, slots: int, here: wp.vec2, seen_at: wp.array3d(dtype=wp.int32),
+    position: wp.array3d(dtype=wp.vec2), curve, sensing, task, nearest, observation,
+) -> int:  # fmt: skip
+    """Fill the first four entries of the targets or teammates that a robot at `here` [m] knows; return their number.
 
-
-@part
-def fill_tracks(w, i, now, entry: int, here: wp.vec2, curve, sensing, task, speed_unit, tracks, nearest, observation):
-    """Fill the entries of a robot's tracks from `entry` on, nearest first; the robot is at `here` [m]."""
+    They are: present, relative x and y, and age [memory]. The nearest one has the first of the slots of `size` entries
+    that begin at `entry`; slots without any are cleared.
+    """
     unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
     count = int(0)
-    for t in range(tracks.sighted_at.shape[2]):
-        age = float(now - tracks.sighted_at[w, i, t]) * task.step
-        if tracks.sighted_at[w, i, t] >= 0 and age <= sensing.memory:
-            offset = (tracks.position[w, i, t] - here) / unit
-            count = insert_nearest(w, i, count, sensing.tracks_seen, offset, t, nearest)
-    sent_at = now - (tracks.sighted.shape[2] - 1)
+    for k in range(seen_at.shape[2]):
+        age = float(now - seen_at[w, i, k]) * task.step
+        if seen_at[w, i, k] >= 0 and age <= sensing.memory:
+            count = insert_nearest(w, i, count, slots, (position[w, i, k] - here) / unit, k, nearest)
     for k in range(count):
-        t = int(nearest[w, i, k][1])
-        start = entry + k * TRACK_SIZE
-        age = float(now - tracks.sighted_at[w, i, t]) * task.step / sensing.memory
-        write_position(w, i, start, tracks.position[w, i, t] - here, age, curve, observation)
-        velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
-        observation[w, i, start + 4] = wp.clamp(velocity[0], -1.0, 1.0)
-        observation[w, i, start + 5] = wp.clamp(velocity[1], -1.0, 1.0)
-        observation[w, i, start + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
-        observation[w, i, start + 7] = wp.where(tracks.other_sighted_at[w, i, t] == sent_at, 1.0, 0.0)
-        observation[w, i, start + 8] = float(tracks.leaves[w, i, t])
-    clear_slots(w, i, entry + count * TRACK_SIZE, TRACK_SIZE, sensing.tracks_seen - count, observation)
-
-
-@part
-def fill_teammates(w, i, now, entry: int, here: wp.vec2, curve, sensing, task, tracks, nearest, observation):
-    """Fill the entries of the teammates that a robot knows, as `fill_tracks` does."""
-    unit = wp.length(wp.vec2(curve.half_width, curve.half_height))
-    count = int(0)
-    for j in range(tracks.mate_sent_at.shape[2]):
-        age = float(now - tracks.mate_sent_at[w, i, j]) * task.step
-        if tracks.mate_sent_at[w, i, j] >= 0 and age <= sensing.memory:
-            offset = (tracks.mate_position[w, i, j] - here) / unit
-            count = insert_nearest(w, i, count, sensing.teammates_seen, offset, j, nearest)
-    for k in range(count):
-        j = int(nearest[w, i, k][1])
-        age = float(now - tracks.mate_sent_at[w, i, j]) * task.step / sensing.memory
-        start = entry + k * TEAMMATE_SIZE
-        write_position(w, i, start, tracks.mate_position[w, i, j] - here, age, curve, observation)
-    clear_slots(w, i, entry + count * TEAMMATE_SIZE, TEAMMATE_SIZE, sensing.teammates_seen - count, observation)
+        known = int(nearest[w, i, k][1])
+        start = entry + k * size
+        offset = position[w, i, known] - here
+        observation[w, i, start] = 1.0
+        observation[w, i, start + 1] = clip_coordinate(0.5 * offset[0] / curve.half_width)
+        observation[w, i, start + 2] = clip_coordinate(0.5 * offset[1] / curve.half_height)
+        observation[w, i, start + 3] = wp.min(float(now - seen_at[w, i, known]) * task.step / sensing.memory, 1.0)
+    clear_slots(w, i, entry + count * size, size, slots - count, observation)
+    return count
 
 
 @stage(ROBOT, writes="nearest; observation")
@@ -185,11 +161,27 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
     mate_start = track_start + TRACK_SIZE * sensing.tracks_seen
     if robots.status[w, i] == REMOVED:
         clear_entries(w, i, track_start, mate_start + TEAMMATE_SIZE * sensing.teammates_seen, observation)
-    else:
-        now = clock.step[w]
-        here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
-        fill_tracks(w, i, now, track_start, here, curve, sensing, task, speed_unit, tracks, nearest, observation)
-        fill_teammates(w, i, now, mate_start, here, curve, sensing, task, tracks, nearest, observation)
+        return
+    now = clock.step[w]
+    here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
+    count = fill_known(
+        w, i, now, track_start, TRACK_SIZE, sensing.tracks_seen, here, tracks.sighted_at, tracks.position, curve,
+        sensing, task, nearest, observation,
+    )  # fmt: skip
+    sent_at = now - (tracks.sighted.shape[2] - 1)
+    for k in range(count):
+        t = int(nearest[w, i, k][1])
+        entry = track_start + k * TRACK_SIZE
+        velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
+        observation[w, i, entry + 4] = wp.clamp(velocity[0], -1.0, 1.0)
+        observation[w, i, entry + 5] = wp.clamp(velocity[1], -1.0, 1.0)
+        observation[w, i, entry + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
+        observation[w, i, entry + 7] = wp.where(tracks.other_sighted_at[w, i, t] == sent_at, 1.0, 0.0)
+        observation[w, i, entry + 8] = float(tracks.leaves[w, i, t])
+    fill_known(
+        w, i, now, mate_start, TEAMMATE_SIZE, sensing.teammates_seen, here, tracks.mate_sent_at, tracks.mate_position,
+        curve, sensing, task, nearest, observation,
+    )  # fmt: skip
 
 
 @part

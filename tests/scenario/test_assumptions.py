@@ -50,6 +50,7 @@ def points(base=POINTS, **parts):
         (points(robot={"count": 12}), ["12 robots on a curve with a + b = 15: the paper's bounds require N = a + b"]),
         (points(robot={"count": 30}, formation={"p": 14}), ["2 robots share each place on the curve"]),
         (points(formation={"p": 3}), ["p = 3 of 15 robots is not a stable", "15 robots on 5 places on a curve"]),
+        (points(formation={"p": 0}, robot={"count": 2}), ["p = 0 of 2 robots is not a stable", "2 robots on 1 places"]),
         (points(formation={"p": 7, "alpha": 1}), ["alpha = 1 and p = 7: ring neighbours are not neighbours on the"]),
         (points(robot={"radius": 0.125}), ["bodies of 0.125 m, bound (6) allows 0.09779 m"]),
         (points(sensing={"radius": 1.2}), ["sensors reach 1.2 m, (8) requires 1.47 m: T_max does not bound"]),

@@ -151,7 +151,7 @@ def test_a_file_lists_extensions_with_their_settings(here):
     fastest, near_wall = scenario.extensions
     assert (fastest, near_wall.weight) == (imported("my_extras:fastest"), -0.5)
     assert pickle.loads(pickle.dumps(scenario)) == scenario
-    plain = lissajous_env.scenario("experiment", extensions="my_extras:near_wall", **{"task.duration": 5.0})
+    plain = lissajous_env.scenario("experiment", extensions=" my_extras:near_wall ", **{"task.duration": 5.0})
     assert imported("my_extras:near_wall").weight == plain.extensions[0].weight == -0.1
     env, other = lissajous_env.parallel_env("walls.toml"), lissajous_env.parallel_env(plain)
     env.reset(seed=3), other.reset(seed=3)

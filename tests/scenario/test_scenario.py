@@ -265,4 +265,3 @@ def test_walls_bring_an_inset_that_scales_with_lengths_and_times():
     assert walled.scaled(3.0, 2.0).inset == pytest.approx(3 * walled.inset)
     assert walled.resolve().curve.inset == walled.inset
     assert walled.resolve().resolve() == walled.resolve()
-    assert walled.resolve().driven == walled.driven

@@ -154,6 +154,8 @@ def test_an_environment_takes_given_fields_as_a_training_does():
 
 def test_a_shift_changes_its_draws_alone():
     sample_space = space(shifts={"high": {"curve": {"half_height": "uniform(5.0, 6.0)"}}})
+    with pytest.raises(ValueError, match="name of a shift must be text, and neither that of a split nor a number, got"):
+        space(shifts={"7": {}})  # `space-7` is the scenario of seed 7
     samples = first(sample_space, "high", 20)
     assert [sample.name for sample in samples[:2]] == ["space-high-0", "space-high-1"]
     assert all(5 <= sample.curve.half_height <= 6 and sample.curve.a in (3, 5) for sample in samples)
@@ -206,13 +208,11 @@ def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(TOML)
     sample_space = scenario_space("mine.toml")
-    assert sample_space.name == "mine"
-    assert sample_space.shifts.keys() == {"wide"}
+    assert (sample_space.name, sample_space.shifts.keys()) == ("mine", {"wide"})
     assert scenario("mine.toml:12") == sample_space.sample(12)
     assert scenario("mine.toml:wide-12") == sample_space.shifted("wide").sample(12)
     names = expanded(["evaders", "mine.toml:test:3", "mine.toml:wide:2"])
-    assert names[0] == "evaders"
-    assert names[4:] == ("mine.toml:wide-0", "mine.toml:wide-1")
+    assert (names[0], *names[4:]) == ("evaders", "mine.toml:wide-0", "mine.toml:wide-1")
     assert [scenario(name) for name in names[1:4]] == first(sample_space, "test", 3)
     with pytest.raises(ValueError, match=r"must end in a number from 1 to 10000, got '0'"):
         expanded(["mine.toml:test:0"])

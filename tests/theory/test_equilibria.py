@@ -35,7 +35,7 @@ def test_stable_equilibria_are_those_of_the_dynamics(n):
         assert stable == (p in closed_forms.stable_equilibria(n)) == (n / 4 < p < 3 * n / 4)
 
 
-@given(st.integers(3, 200))
+@given(st.integers(2, 200))
 def test_theorem_2(n):
     assert closed_forms.has_unclustered_equilibrium(n) == (n not in {4, 6})
     assert (closed_forms.cluster_size(n, closed_forms.default_p(n)) == 1) == (n not in {4, 6})

@@ -27,14 +27,15 @@ def test_cars_can_drive_along_the_rounded_curve_without_a_collision():
 @pytest.mark.parametrize(("name", "fields", "is_rounded"), [
     ("evaders", {}, False), ("evaders", WALLS, True), ("evaders", WALLS | {"robot.wheelbase": 0.01}, False),
     ("experiment", WALLS, True), ("failure", WALLS, False), ("hall", {}, False), ("team", WALLS, False),
-    ("watch", {}, False),
+    ("watch", {}, False), ("evaders", WALLS | {"curve.inset": 0.0}, True),
 ])  # fmt: skip
 def test_only_curves_that_bend_too_tightly_within_walls_are_rounded(name, fields, is_rounded):
     scenario = lissajous_env.scenario(name, **fields)
     assert bool(scenario.driven.harmonics) == is_rounded
-    assert scenario.resolve().curve.driven.harmonics == scenario.driven.harmonics
+    assert scenario.resolve().curve.driven == scenario.resolve().driven == scenario.driven
     for bound in ("sensing_radius", "coverage_radius", "detection_radius", "robot_radius_bound"):
         assert getattr(scenario, bound) == getattr(scenario.resolve(), bound) > 0
+        assert getattr(scenario.resolve().scaled(0.3), bound) == pytest.approx(0.3 * getattr(scenario, bound))
     if is_rounded:
         plain = dataclasses.replace(scenario.curve, inset=scenario.inset)
         assert scenario.driven == closed_forms.rounded(plain).driven

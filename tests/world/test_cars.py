@@ -133,8 +133,8 @@ def test_uneven_cars_differ_by_their_spread_and_reach_their_own_top_speeds():
         simulation.step(np.broadcast_to(np.float32([0.0, 1.0]), simulation.action_shape))
     wanted = (36.81 * np.array([0.7824, 0.855, 1.0, 1.0725, 1.145]) * 0.177017 - 3.681) / 0.945
     np.testing.assert_allclose(simulation.robots.speed.numpy()[0], wanted, rtol=1e-4)
-    doubled = lissajous_env.scenario("experiment", **{"robot.drive_factors": ((1, 0.5), (1, 3.0))})
-    assert doubled.drive_factors.tolist() == [1.0, 1.5, 1.0, 1.0, 1.0]
+    uneven = lissajous_env.scenario("experiment", **{"robot.drive_factors": ((1, 0.5), (1, 3.0), (2, 0.1))})
+    assert (uneven.drive_factors.tolist(), uneven.top_speeds[2]) == ([1.0, 1.5, 0.1, 1.0, 1.0], 0.0)  # a weak motor
     with pytest.raises(ValueError, match=r"drive_factors must keep every car's top speed, .* 10000 m/s, got 7308"):
         lissajous_env.scenario("evaders", **{"robot.drive_factors": ((0, 10.0),) * 4})
 
