@@ -4,8 +4,8 @@ Nothing is known of a robot between two poses that are far apart in time (a gap)
 between (a jump), before its first one, and after its last one. Elsewhere its speed and its heading change evenly from
 pose to pose; a cubic without slopes at its ends adds the rest of the way, so that every pose is met. An arc that is
 driven at a steady speed is exact, and without a turn the motion is the cubic through both poses with these speeds.
-Where speeds were not logged, or contradict the poses, it is the cubic whose slopes are those of cubics through several
-neighbouring poses: so many that their noise does not matter.
+Where speeds were not logged, or contradict the poses, it is the cubic whose slopes are those of the smoothed poses:
+smoothed so far that their noise does not matter.
 """
 
 import math
@@ -14,6 +14,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy import sparse
+from scipy.interpolate import BSpline
+from scipy.sparse.linalg import spsolve
 
 from lissajous_env.logs.log import Track
 from lissajous_env.logs.samples import moved
@@ -21,15 +25,18 @@ from lissajous_env.wording import counted
 
 SAME_TIME = 1e-6
 """Difference up to which two times are the same [s]."""
-_WINDOWS = (5, 7, 11, 17, 25, 41, 61, 101, 161)
-"""Numbers of neighbouring poses that a velocity is derived from."""
-_PRECISE = 0.02
+_FEWEST = 5
+"""Least number of poses whose noise is known: one more than a cubic has coefficients."""
+_PRECISE = 0.0125
 """Standard deviation of a velocity up to which it is precise, in typical speeds of the robot."""
-_LONGEST = 1.0
-"""Time between the poses of a velocity above which no more of them are used, even if it is not precise [s]."""
+_LONGEST = 0.15
+"""Longest time constant with which poses are smoothed, even if a velocity is not precise [s]."""
+_SHORTEST = 0.2
+"""Shortest time constant, in mean times between two poses."""
+_PIECES = 3
+"""Largest number of pieces of a spline in a time constant."""
 _CONTRADICTING = 0.25
 """Share of the poses of a moving robot above which logged speeds that do not match contradict them."""
-_CHUNK = 4096
 _STOPS = 1 / 3
 """Share of the way at the speeds of two poses by which the way between them may differ. A robot that misses more of it
 stopped at once; before, it is slower, so that it does not overshoot."""
@@ -71,11 +78,9 @@ class Motion:
         share = np.clip((times - track.time[k]) / width, 0, 1)
         begin, end = width[:, None] * self.velocity[[k, k + 1]]
         turn, way = np.diff(track.heading)[k] * (not self.why_derived), np.diff(track.position, axis=0)[k]
-        whole = _driven(begin, end, turn)
-        length = _length(begin, end)
-        stops = np.linalg.norm(way - whole, axis=1) > _STOPS * length
-        most = np.linalg.norm(way, axis=1) / np.maximum((1 - _STOPS) * length, 1e-12)
-        slower, s = np.where(stops, np.minimum(most, 1), 1)[:, None], share[:, None]
+        whole, s = _driven(begin, end, turn), share[:, None]
+        least = (1 - _STOPS) * np.linalg.norm(whole, axis=1)
+        slower = np.minimum(np.linalg.norm(way, axis=1) / np.maximum(least, 1e-12), 1)[:, None]
         smooth = slower * _driven(begin, end, turn, share) + s**2 * (3 - 2 * s) * (way - slower * whole)
         smooth = np.where(self.known[k, None], smooth, s * way)
         place = np.where(s < 1, track.position[k] + smooth, track.position[k + 1])
@@ -127,13 +132,15 @@ def motion_of(
     jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
     known = (width <= gap + SAME_TIME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    velocity, error = _velocities(track, edges, deviation)
+    # The integral of (w / (1 + (w T)^8))^2 over frequencies w > 0 is nearly pi / (12 T^3), for a time constant T.
+    noise = deviation * math.sqrt(width[known].sum() / len(width) / 12)
+    velocity = _velocities(track, edges, noise)
     heading, has_headings = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     derived = np.linalg.norm(velocity[:, :2], axis=1)
-    compared = np.repeat(np.diff(edges) >= _WINDOWS[0], np.diff(edges))
+    compared = np.repeat(np.diff(edges) >= _FEWEST, np.diff(edges))
     speed = derived * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
-    impossible = compared & (np.abs(track.speed) > 4 * derived.max(initial=0) + 4 * error + 1e-3)
+    impossible = compared & (np.abs(track.speed) > 4 * derived.max(initial=0) + 1e-3)
     width, logged = width[:, None], along * track.speed[:, None]
     ends = width * logged[:-1], width * logged[1:]
     reason = ""
@@ -167,11 +174,6 @@ def _driven(begin: np.ndarray, end: np.ndarray, turn: np.ndarray, share: Any = 1
     return ways
 
 
-def _length(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the lengths (M,) of the ways at some velocities, as in `_driven`, without a turn [m]."""
-    return (np.linalg.norm(begin, axis=1) + np.linalg.norm(end, axis=1)) / 2
-
-
 def _with_whole_turns(track: Track, begin: np.ndarray, end: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """Return headings (K,) with up to two whole turns between two poses whose way cannot be driven without them.
 
@@ -179,7 +181,8 @@ def _with_whole_turns(track: Track, begin: np.ndarray, end: np.ndarray, heading:
     """
     turn, way, counts = np.diff(heading), np.diff(track.position, axis=0), np.array([0, 1, -1, 2, -2])
     driven = [_driven(begin, end, turn + 2 * np.pi * count) for count in counts]
-    missed = np.linalg.norm(way - driven, axis=2) / np.maximum(_length(begin, end), 1e-12)
+    length = (np.linalg.norm(begin, axis=1) + np.linalg.norm(end, axis=1)) / 2
+    missed = np.linalg.norm(way - driven, axis=2) / np.maximum(length, 1e-12)
     turned = (missed[0] > _STOPS) & (missed.min(axis=0) < _WITH_TURNS)
     return heading + 2 * np.pi * np.append(0, np.cumsum(turned * counts[missed.argmin(axis=0)]))
 
@@ -221,57 +224,53 @@ def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
     return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), False
 
 
-def _velocities(track: Track, edges: np.ndarray, deviation: float) -> tuple[np.ndarray, float]:
-    """Return velocities (K, 3) from the positions of each stretch between two edges, and their standard deviation.
+def _velocities(track: Track, edges: np.ndarray, noise: float) -> np.ndarray:
+    """Return velocities (K, 3) from the positions of each stretch between two edges [m/s].
 
-    The number of poses of which each is computed is the least that is precise enough, for the whole track.
+    The poses are smoothed by the least time constant that is precise enough, for the whole track; `noise` is the
+    standard deviation of a velocity with a time constant of 1 s.
     """
-    stretches = [slice(a, b) for a, b in pairwise(edges.tolist())]
-    velocity, error = np.zeros_like(track.position), 0.0
-    period = float(np.median(np.diff(track.time)))
-    for count in _WINDOWS:
-        factors = []
-        for stretch in stretches:
-            velocity[stretch], _, factor = _slopes(track.time[stretch], track.position[stretch], count)
-            factors.append(factor)
-        error = deviation * float(np.median(np.concatenate(factors)))
-        typical = float(np.quantile(np.linalg.norm(velocity, axis=1), 0.75))
-        if error <= _PRECISE * typical or (count - 1) * period > _LONGEST:
-            break
-    return velocity, error
+    velocity, constant = np.zeros_like(track.position), _LONGEST
+    for _ in range(2):  # at first to estimate the robot's speed
+        for a, b in pairwise(edges.tolist()):
+            velocity[a:b] = _slopes(track.time[a:b], track.position[a:b], constant)
+        precise = _PRECISE * float(np.quantile(np.linalg.norm(velocity, axis=1), 0.75))
+        constant = min((noise / max(precise, 1e-12)) ** (2 / 3), _LONGEST)
+    return velocity
+
+
+def _slopes(time: np.ndarray, place: np.ndarray, constant: float) -> np.ndarray:
+    """Return the slopes (K, 3) of a cubic spline through a stretch of poses, smoothed with a time constant T [s].
+
+    Changes of fourth order of its coefficients are penalised (a P-spline of Eilers and Marx), so that a motion of
+    frequency w becomes 1 / (1 + (w T)^8) of itself. Within 2 T of the ends, no slope exceeds the nearest between them.
+    """
+    k = len(time)
+    if k < 4:
+        return np.gradient(place, time, axis=0) if k > 1 else np.zeros_like(place)
+    lasts = np.ptp(time)
+    constant = max(constant, _SHORTEST * lasts / (k - 1))
+    pieces = min(k - 1, math.ceil(_PIECES * lasts / constant))
+    knots, at = np.arange(-3.0, pieces + 4), np.clip((time - time[0]) / lasts, 0, 1) * pieces
+    base, lag = BSpline.design_matrix(at, knots, 3), constant / lasts * pieces
+    change: Any = sparse.eye_array(pieces + 3, format="csr")
+    for _ in range(4):
+        change = change[1:] - change[:-1]
+    normal = base.T @ base + lag**8 * (k - 1) / pieces * (change.T @ change)
+    spline = BSpline(knots, spsolve(normal.tocsc(), base.T @ (place - place[0])), 3)
+    slope, end = spline.derivative()(at) * pieces / lasts, min(2 * lag, pieces / 2)
+    length = np.linalg.norm(slope, axis=1)
+    inner = np.searchsorted(at, np.clip(at, end, pieces - end))
+    return slope * np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
 
 
 def local_deviations(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return standard deviations (K,) of values (K, C) over time [s] from cubics through seven neighbours."""
-    return _slopes(time, values, _WINDOWS[1])[1]
-
-
-def _slopes(time: np.ndarray, place: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a cubic to the poses around each of a stretch; near its ends, no slope exceeds the nearest between them.
-
-    Returns:
-        Slopes (K, C) [m/s], standard deviations (K,) of the poses from the cubics [m], and the factors (K,) by which
-        the deviation of a pose becomes that of a slope [1/s].
-    """
-    k = len(time)
-    count = min(count, k)
-    if k < 2:
-        return np.zeros_like(place), np.zeros(k), np.zeros(k)
-    order = min(3, count - 1)
-    slope, deviation, factor = np.zeros_like(place), np.zeros(k), np.zeros(k)
-    for low in range(0, k, _CHUNK):
-        rows = np.arange(low, min(low + _CHUNK, k))
-        chosen = np.clip(rows - count // 2, 0, k - count)[:, None] + np.arange(count)
-        away = time[chosen] - time[rows, None]
-        unit = np.maximum(np.abs(away).max(axis=1), 1e-9)
-        powers = (away / unit[:, None])[..., None] ** np.arange(order + 1)
-        inverse = np.linalg.pinv(powers)
-        fitted = np.einsum("kpc,kcx->kpx", inverse, place[chosen])
-        slope[rows] = fitted[:, 1] / unit[:, None]
-        rest = np.einsum("kcp,kpx->kcx", powers, fitted) - place[chosen]
-        deviation[rows] = np.sqrt((rest**2).mean(axis=2).sum(axis=1) / max(count - order - 1, 1))
-        factor[rows] = np.linalg.norm(inverse[:, 1], axis=1) / unit
-    length = np.linalg.norm(slope, axis=1)
-    inner = np.clip(np.arange(k), count // 2, k - count + count // 2)
-    slope *= np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
-    return slope, deviation, factor
+    """Return standard deviations of values (K, C) over time [s] from cubics through their neighbours."""
+    if len(time) < _FEWEST:
+        return np.zeros(1)
+    near = sliding_window_view(time, _FEWEST)
+    weight = 1 / (near[:, :, None] - near[:, None, :] + np.eye(_FEWEST)).prod(axis=2)  # of fourth divided differences
+    weight /= np.linalg.norm(weight, axis=1, keepdims=True)
+    rest = np.einsum("kp,kcp->kc", weight, sliding_window_view(values, _FEWEST, axis=0))
+    square = sliding_window_view((rest**2).mean(axis=1), min(_FEWEST, len(rest)))
+    return np.sqrt(square.mean(axis=1))

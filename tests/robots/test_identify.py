@@ -164,8 +164,6 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
             assert motion_of(changed).why_derived == "do not match the poses"
 
 
-DRIVE_CONSTANTS = tuple(MODELS["differential"])
-DRIVE = Robot(kind="differential")
 LIMITS = {"robot.kind": "differential", "robot.speed_max": 1.2, "robot.yaw_rate_max": 3.0, "robot.speed_min": -0.6}
 
 
@@ -175,7 +173,7 @@ def test_the_constants_of_a_drive_are_recovered_from_half_a_minute_of_noisy_odom
     fields = dict(zip(("robot.acceleration_max", "robot.yaw_acceleration_max"), limits, strict=True)) | LIMITS
     ((track, commands, true),) = logs([3], seed=3, late=late, same=8, **fields, **{"task.duration": 30.0})
     fit = identify(track, commands, Robot(kind="differential", acceleration_max=0.1, yaw_acceleration_max=0.5))
-    for name in DRIVE_CONSTANTS:
+    for name in MODELS["differential"]:
         assert fit.values[name] == pytest.approx(true[name], rel=0.02, abs=0.01), name
     assert fit.residual["heading"] == pytest.approx(0.02, rel=0.2)
     assert fit.misfits == ()
@@ -185,7 +183,7 @@ def test_a_limit_that_no_command_reaches_is_given():
     # Story: with steps of 0.1 m/s and 0.3 rad/s, a tenth of a second is long enough for any acceleration.
     fast = LIMITS | {"robot.acceleration_max": 50.0, "robot.yaw_acceleration_max": 500.0}
     ((track, commands, _),) = logs([1], same=8, share=0.1, **fast, **{"task.duration": 20.0})
-    fit = identify(track, commands, DRIVE)
+    fit = identify(track, commands, Robot(kind="differential"))
     assert np.isnan(fit.errors["acceleration_max"])
     assert np.isfinite(fit.errors["speed_factor"])
 
