@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lissajous_env.logs.bags import Samples
-from lissajous_env.logs.log import Log, runs
+from lissajous_env.logs.log import Log
 from lissajous_env.wording import counted
 
 SAME_STAMP = 1e-4
@@ -139,12 +139,14 @@ def _first_break(poses: Samples) -> int | None:
     stamp, place = poses.stamp, poses.values[:, :2]
     leaps = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1
     top = np.maximum.accumulate(stamp)
-    for begin, end in runs(stamp < top - SAME_STAMP):
+    late = np.flatnonzero(stamp < top - SAME_STAMP)
+    for run in np.split(late, np.flatnonzero(np.diff(late) > 1) + 1) if len(late) else ():
+        begin = int(run[0])
         earlier = np.arange(np.searchsorted(top, stamp[begin]), begin)
         earlier = earlier[stamp[earlier] >= stamp[begin]]
-        recorded = np.concatenate([earlier, np.arange(begin, end)])
+        recorded = np.concatenate([earlier, run])
         in_order = recorded[np.argsort(stamp[recorded], kind="stable")]
-        if end - begin > 1 and len(earlier) > 1 and _way(place[in_order]) > _DETOUR * _way(place[recorded]):
+        if len(run) > 1 and len(earlier) > 1 and _way(place[in_order]) > _DETOUR * _way(place[recorded]):
             return min([begin, *leaps.tolist()])
     return int(leaps[0]) if len(leaps) else None
 

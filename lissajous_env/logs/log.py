@@ -9,12 +9,6 @@ import numpy as np
 from lissajous_env.wording import require
 
 
-def runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first index of each run of True in a mask (K,), and the index after its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
 def _increasing(name: str, time: Any) -> np.ndarray:
     """Return the times of a series or track as float64 [s]; they must be finite and increase."""
     time = np.asarray(time, float)

@@ -36,9 +36,8 @@ def save_mcap(log: Log | Recording, path: str | Path) -> None:
         OSError: the file cannot be written.
     """
     rosbag2 = rosbags()
-    folder = Path(tempfile.mkdtemp(prefix="lissajous-"))
-    try:
-        writer = rosbag2.Writer(folder / "log", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+    with tempfile.TemporaryDirectory(prefix="lissajous-", ignore_cleanup_errors=True) as folder:
+        writer = rosbag2.Writer(Path(folder, "log"), version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
         writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
         connections, store = {}, type_store()
         with writer:
@@ -47,11 +46,9 @@ def save_mcap(log: Log | Recording, path: str | Path) -> None:
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, kind, typestore=store)
                 writer.write(connections[topic], round(time * 1e9), store.serialize_cdr(message, kind))
-        (written,) = (folder / "log").glob("*.mcap")
+        (written,) = Path(folder, "log").glob("*.mcap")
         with replacing(path) as temporary:
             shutil.copyfile(written, temporary)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def log_of(recording: Recording) -> Log:
