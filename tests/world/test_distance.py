@@ -33,7 +33,7 @@ def by_kernel(curve, places):
 
 
 BOUNDS = {
-    Curve(1.8, 0.8, 3, 2): 2e-3, Curve(20, 12.5, 3, 4): 0.02, Curve(10, 0.5, 7, 1): 0.2,
+    Curve(1.8, 0.8, 3, 2): 2e-3, Curve(20, 12.5, 3, 4): 0.02, Curve(10, 0.5, 7, 1): 0.015, Curve(3, 0.5, 3, 2): 2e-3,
 }  # fmt: skip
 """Largest error in the rectangle [m]."""
 
