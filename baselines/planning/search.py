@@ -119,9 +119,9 @@ class Search:
             return (self.clock() - self._begin) / self.seconds
         return (len(self.looks) + len(self.finals)) / (self.plans + self._finals_max)
 
-    def _is_late(self, results: Collection) -> bool:
+    def _is_late(self, results: Callable[[], Collection]) -> bool:
         """Return whether the time is over, and there are results without those that are awaited."""
-        return self.seconds is not None and bool(results) and not self.interrupted and self._done() > 1
+        return self.seconds is not None and self._done() > 1 and not self.interrupted and bool(results())
 
     def _look(self, threads: ThreadPoolExecutor) -> None:
         """Look at plans until their number, or a share of the time, is spent."""
@@ -132,7 +132,7 @@ class Search:
             # Without a plan that may be played to the end there is nothing to print.
             return bool(self.looks) and self._done() > (_LOOKING if self._without_collisions() else 1.0)
 
-        episodes = dataclasses.replace(self.episodes, is_late=lambda: self._is_late(self.looks))
+        episodes = dataclasses.replace(self.episodes, is_late=partial(self._is_late, self._without_collisions))
         calls = ((family, partial(look_at, plan, episodes, self._cutoff())) for family, plan in self._plans())
         for family, look in self._in_order(threads, calls, is_over):
             if isinstance(look, str):
@@ -205,7 +205,7 @@ class Search:
 
     def _play(self, threads: ThreadPoolExecutor, plans: Sequence[tuple[Plan, Episodes]]) -> bool:
         """Play plans to the end while there is time, and put them among the finals; return whether any was played."""
-        late = partial(self._is_late, self._finals)
+        late = partial(self._is_late, lambda: self._finals)
         calls = ((plan, partial(play, plan, dataclasses.replace(more, is_late=late))) for plan, more in plans)
         distinct = {plan.key: (plan, call) for plan, call in calls}
         played = False

@@ -83,19 +83,19 @@ def _of_robots(scenario: Scenario) -> Iterator[str]:
         if wanted > robot.phase_rate_max * more:
             reached = f"the points reach {robot.phase_rate_max:.4g} rad/s (robot.phase_rate_max)"
             yield f"the formation moves at omega / alpha = {wanted:.4g} rad/s, {reached}"
-    if robot.kind != "car":
+    if robot.kind not in ("car", "differential"):
         return
     speed, bends = geometry.along_lap(curve)
     fastest, slowest = rate * float(speed.max()), rate * float(speed.min())
     if fastest > robot.top_speed * more:
         share = float(speed[speed * rate > robot.top_speed].sum() / speed.sum())
-        reached = f"the cars reach {robot.top_speed:.3g} m/s (robot.speed_max, formation.phase_rate)"
+        reached = f"the robots reach {robot.top_speed:.3g} m/s (robot.speed_max, formation.phase_rate)"
         yield f"the curve requires up to {fastest:.3g} m/s, {reached}; {share:.1%} of the arc is faster"
+    if robot.kind == "differential":
+        return
     observed = _OBSERVED * robot.top_speed
     if scenario.top_speed_bound > observed * more:
-        words = (
-            f"an observed speed is at most {observed:.3g} m/s, {_OBSERVED} top speeds: policies read too low a speed"
-        )
+        words = f"observed speeds are at most {observed:.3g} m/s, {_OBSERVED} top speeds: policies read too low a speed"
         strongest = f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s"
         yield f"{strongest}, {words} (noise.drive_spread, robot.drive_factors)"
     if robot.idle_speed > fastest * more:

@@ -3,11 +3,12 @@
 import numpy as np
 import pygame
 
-from lissajous_env.episodes.snapshot import thinned
+from lissajous_env.episodes.snapshot import Snapshot, thinned
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, opaque, transparent
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.state import WORKING
 
 IDLE_BOUNDS = 2.0
 """Idleness that is drawn in full colour, in multiples of T_max."""
@@ -39,12 +40,12 @@ class Ground:
         self._radius, *self._farther = sorted(min(FINE * view.scale * radius, _FARTHEST) for radius in radii)
         self._discs = transparent(self.rectangle.size)
 
-    def draw(self, surface: pygame.Surface, sensed_at: np.ndarray, step: int, sensing: np.ndarray) -> None:
-        """Draw the ground; `sensing` (n, 2) are the positions of working robots [m], `sensed_at` as in the snapshot."""
+    def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
+        """Draw the idleness of the ground, the discs of working robots, and the curve."""
         surface.blit(self.base, (0, 0))
         if self._task.grid is not None:
-            surface.blit(self._heat(sensed_at, step), self.rectangle)
-        middles = self.view.fine(sensing) - self.rectangle.topleft
+            surface.blit(self._heat(snapshot), self.rectangle)
+        middles = self.view.fine(snapshot.position[snapshot.status == WORKING, :2]) - self.rectangle.topleft
         draw_union(self._discs, middles, self._radius)
         for radius in self._farther:
             for middle in np.rint(middles).tolist():
@@ -53,9 +54,9 @@ class Ground:
         surface.blit(self._curve, (0, 0))
         pygame.draw.rect(surface, palette.EDGE, self.rectangle.inflate(2 * FINE, 2 * FINE), FINE)
 
-    def _heat(self, sensed_at: np.ndarray, step: int) -> pygame.Surface:
-        sensed_at = thinned(sensed_at, (self.rectangle.height // FINE, self.rectangle.width // FINE))
-        idle = np.clip((step - sensed_at) * self._task.step / self.idle_full, 0.0, 1.0)[..., None]
+    def _heat(self, snapshot: Snapshot) -> pygame.Surface:
+        sensed_at = thinned(snapshot.sensed_at, (self.rectangle.height // FINE, self.rectangle.width // FINE))
+        idle = np.clip((snapshot.step - sensed_at) * self._task.step / self.idle_full, 0.0, 1.0)[..., None]
         colours = np.array(palette.GROUND) + idle * (np.array(palette.IDLE) - palette.GROUND)
         cells = opaque(sensed_at.shape[::-1])
         # Rows count upwards in the world and downwards in a picture.

@@ -12,7 +12,6 @@ from lissajous_env.render.panel import Panel
 from lissajous_env.render.targets import Targets
 from lissajous_env.render.team import Team
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import WORKING
 
 _TRAIL_MOMENTS = 60
 """Largest number of moments of a trail."""
@@ -51,8 +50,7 @@ class Renderer:
         """
         snapshot = simulation if isinstance(simulation, Snapshot) else Snapshot.of(simulation, world)
         steps, trail = self._trail(snapshot)
-        sensing = snapshot.position[snapshot.status == WORKING, :2]
-        self._ground.draw(self._fine, snapshot.sensed_at, snapshot.step, sensing)
+        self._ground.draw(self._fine, snapshot)
         self._fine.set_clip(self.view.plot())
         self._team.draw_links(self._fine, snapshot, steps, trail)
         self._targets.draw(self._fine, snapshot)

@@ -212,9 +212,9 @@ def _ground(recording: Recording, every: int, detail: Detail) -> dict[str, Any]:
 
 def _worst_and_mean(since: np.ndarray, every: int, step: float) -> list[dict[str, Any]]:
     """Return the largest and the mean age over all cells in the stored moments [s]."""
-    ages = [np.where(cells >= NEVER, 0, now - cells) for now, cells in list(enumerate(since))[::every]]
-    worst, mean = (np.array([age.max() for age in ages]), np.array([age.mean() for age in ages]))
-    return [quantised(step * worst), quantised(step * mean)]
+    stored = since[::every]
+    ages = np.where(stored >= NEVER, 0, every * np.arange(len(stored), dtype=np.int32)[:, None, None] - stored)
+    return [quantised(step * ages.max(axis=(1, 2))), quantised(step * ages.mean(axis=(1, 2)))]
 
 
 def _oldest(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:

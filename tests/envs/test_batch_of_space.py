@@ -103,7 +103,6 @@ def test_worlds_that_are_reset_together_change_their_scenario_and_others_do_not(
     [
         ({"num_groups": 0}, "num_groups must be a whole number of at least 1, got 0"),
         ({"num_groups": 3}, r"num_worlds must be a multiple of num_groups \(3\), got 4"),
-        ({"seed": -1}, "seed must be a whole number .*, got -1"),
         ({"scenario": "monitoring-v1:exam"}, "split must be one of train, validation, test, .*got 'exam'"),
         ({"scenario": "evaders", "num_groups": 2}, "num_groups must be 1 without a space of scenarios, got 2"),
     ],

@@ -237,15 +237,22 @@ def test_a_family_that_was_not_tried_is_named_in_the_first_line(small, capsys, h
 
 
 def test_on_many_cores_a_search_for_a_duration_uses_results_before_it_begins_every_start(small, monkeypatch, hours):
-    begun = []
+    task, begun = lissajous_env.scenario(small), []
+
+    def look(plan, *more):
+        plan = plan if begun else Plan("hand", task, PolicySettings("random"))  # which collides
+        begun.append(plan)
+        return look_at(plan, *more)
+
     monkeypatch.setattr("baselines.planning.search.cores", lambda: 64)
-    monkeypatch.setattr("baselines.planning.search.look_at", lambda *call: begun.append(call) or look_at(*call))
-    search = Search(lissajous_env.scenario(small), families_of(lissajous_env.scenario(small)), seconds=1)
+    monkeypatch.setattr("baselines.planning.search.look_at", look)
+    search = Search(task, families_of(task), seconds=1)
     search.run()
-    assert 1 <= len(search.looks) <= len(begun) == AHEAD < sum(len(family.first) for family in search.families)
+    assert 1 < len(search.looks) <= len(begun) == AHEAD < sum(len(family.first) for family in search.families)
+    assert search.finals, "although the time was over when the first plan, which collides, had been looked at"
     for rehearse, *cutoff in ((look_at, math.inf), (play,)):
         with pytest.raises(LateError):
-            rehearse(begun[0][0], Episodes(is_late=lambda: True), *cutoff)
+            rehearse(begun[0], Episodes(is_late=lambda: True), *cutoff)
 
 
 def test_every_family_that_fits_is_tried_before_a_plan_is_changed(small, monkeypatch):

@@ -184,10 +184,6 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
         (("--side", "rogues"), "against must be the policy from which the rogues learn to hide, got none"),
         (("--against", "sweep"), "side must be rogues if options of rogues are given (against), got robots"),
         (("--side", "rogues", "--against", "sweep", "--heads", "1"), "heads must be omitted ... , set, got 1"),
-        (
-            ("--side", "rogues", "--against", "sweep", "--rogue-starts", 1),
-            "starts must be a whole number from 2 to 4096",
-        ),
         (("--side", "rogues", "--against", "swep"), "policy must be one of"),
     ):
         code, _, error = called(capsys, "train", *arguments, "--out", tmp_path / "run")

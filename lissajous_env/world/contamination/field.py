@@ -23,7 +23,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import half_of, mark_way, place_along, points_per_metre, run_of_bits, visit_disc
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
 from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, latest_slot
-from lissajous_env.world.state import NEVER, NOWHERE, planar
+from lissajous_env.world.state import NEVER, NOWHERE
 from lissajous_env.world.tally import FAULT_MARGIN, any_failed
 from lissajous_env.world.targets.motion import BOUNDARY
 
@@ -61,11 +61,8 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
     swept = contamination.swept[w]
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < NOWHERE:
-            end = robots.sensor[w, i]
-            start = planar(robots.path[w, i, 0])
-            if hops.ticks > 1:
-                end = place_along(robots.path, w, i, float(tick + 1) / float(hops.ticks))
-                start = place_along(robots.path, w, i, float(tick) / float(hops.ticks))
+            end = place_along(robots.path, w, i, float(tick + 1) / float(hops.ticks))
+            start = place_along(robots.path, w, i, float(tick) / float(hops.ticks))
             visit_disc(end, lane, lanes, curve, hops.radius, hops.columns, hops.edge_gap, sensed, swept)
             # On a short path the disc covers hardly more than at the two ends.
             if wp.length_sq(end - start) > hops.radius * cell:

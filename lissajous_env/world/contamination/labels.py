@@ -60,9 +60,7 @@ def label_row_length(columns: int) -> int:
 @wp.func
 def ticks_passed(step: int, tick: int, hops: Hops) -> int:
     """Return the number of ticks from the reset to `tick`, counted from 0 within a step."""
-    if hops.ticks > 1:
-        return (step - 1) * hops.ticks + tick + 1
-    return step / hops.period
+    return ((step - 1) * hops.ticks + tick + 1) / hops.period  # at least one of `ticks` and `period` is 1
 
 
 @wp.func
