@@ -132,7 +132,7 @@ def motion_of(
     jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
     known = (width <= gap + SAME_TIME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    # The integral of (w / (1 + (w T)^8))^2 over frequencies w > 0 is nearly pi / (12 T^3), for a time constant T.
+    # The integral of (w / (1 + (w T)^6))^2 over frequencies w > 0 is pi / (12 T^3), for a time constant T.
     noise = deviation * math.sqrt(width[known].sum() / len(width) / 12)
     velocity = _velocities(track, edges, noise)
     heading, has_headings = _headings(track, velocity)
@@ -242,11 +242,11 @@ def _velocities(track: Track, edges: np.ndarray, noise: float) -> np.ndarray:
 def _slopes(time: np.ndarray, place: np.ndarray, constant: float) -> np.ndarray:
     """Return the slopes (K, 3) of a cubic spline through a stretch of poses, smoothed with a time constant T [s].
 
-    Changes of fourth order of its coefficients are penalised (a P-spline of Eilers and Marx), so that a motion of
-    frequency w becomes 1 / (1 + (w T)^8) of itself. Within 2 T of the ends, no slope exceeds the nearest between them.
+    Changes of third order of its coefficients are penalised (a P-spline), so that a motion of frequency w becomes
+    1 / (1 + (w T)^6) of itself. Within 2 T and a piece of an end, no slope exceeds the nearest between both ends.
     """
     k = len(time)
-    if k < 4:
+    if k < 3:
         return np.gradient(place, time, axis=0) if k > 1 else np.zeros_like(place)
     lasts = np.ptp(time)
     constant = max(constant, _SHORTEST * lasts / (k - 1))
@@ -254,11 +254,11 @@ def _slopes(time: np.ndarray, place: np.ndarray, constant: float) -> np.ndarray:
     knots, at = np.arange(-3.0, pieces + 4), np.clip((time - time[0]) / lasts, 0, 1) * pieces
     base, lag = BSpline.design_matrix(at, knots, 3), constant / lasts * pieces
     change: Any = sparse.eye_array(pieces + 3, format="csr")
-    for _ in range(4):
+    for _ in range(3):
         change = change[1:] - change[:-1]
-    normal = base.T @ base + lag**8 * (k - 1) / pieces * (change.T @ change)
+    normal = base.T @ base + lag**6 * (k - 1) / pieces * (change.T @ change)
     spline = BSpline(knots, spsolve(normal.tocsc(), base.T @ (place - place[0])), 3)
-    slope, end = spline.derivative()(at) * pieces / lasts, min(2 * lag, pieces / 2)
+    slope, end = spline.derivative()(at) * pieces / lasts, min(2 * lag + 1, pieces / 2)
     length = np.linalg.norm(slope, axis=1)
     inner = np.searchsorted(at, np.clip(at, end, pieces - end))
     return slope * np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
