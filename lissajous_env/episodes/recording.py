@@ -4,6 +4,7 @@ import json
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, get_origin, get_type_hints
 
@@ -137,7 +138,9 @@ class Recorder:
 
     def __init__(self, simulation: Simulation, world: int = 0):
         self.simulation, self.world = simulation, world
-        self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS}
+        fixed = () if simulation.scenario.targets.respawn else _FIXED
+        self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name not in fixed}
+        self._last: Snapshot | None = None
         self._bytes = 0
 
     def take(self) -> None:
@@ -147,14 +150,15 @@ class Recorder:
             ValueError: this is not exactly one step after the previous call, or the recording exceeds a gibibyte.
         """
         now = Snapshot.of(self.simulation, self.world)
-        due = len(self._moments["position"])
+        due = 0 if self._last is None else self._last.step + 1
         if now.step != due:
             raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
-        arrays = vars(now) | self._others() | {"contact": np.insert(now.contact, 0, now.step, axis=1)}
+        others = self._others() | {"contact": np.insert(now.contact, 0, now.step, axis=1)}
         for name, history in self._moments.items():
-            history.append(np.array(arrays[name]))
+            history.append(np.array(others[name] if name in others else getattr(now, name)))
         self._bytes += sum(history[-1].nbytes for history in self._moments.values())
         _check_size(self._bytes)
+        self._last = now
 
     def _others(self) -> dict[str, np.ndarray]:
         """Return the arrays that are not part of a snapshot."""
@@ -172,11 +176,12 @@ class Recorder:
 
     def recording(self, policy: str = "") -> Recording:
         """Return the recording so far, with the current score and the name of the policy."""
-        if not self._moments["position"]:
+        if self._last is None:
             raise ValueError("a recording must contain at least one moment, got none")
         join: dict[str, Any] = {"contact": np.concatenate}
         arrays = {name: join.get(name, np.stack)(history) for name, history in self._moments.items()}
-        arrays |= _split_lives(arrays)
+        respawn, last = self.simulation.scenario.targets.respawn, self._last
+        arrays |= _split_lives(arrays) if respawn else {name: getattr(last, name) for name in _FIXED}
         arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         score = {"policy": policy, "episode": 0} | self.simulation.score([self.world])[0]
         names = self.simulation.layout.names, self.simulation.reward_term_names
@@ -189,10 +194,13 @@ def _split_lives(slots: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     Args:
         slots: (F, T, 2) positions of the slots [m], and (F, T) the arrays of `_FIXED` at each moment.
     """
-    appears = slots["appears_at"]
-    slot, begin = np.nonzero(np.diff(appears, axis=0, prepend=-1).T)
-    last = (np.roll(begin, -1) - 1) % len(appears)  # every slot has a life that begins at the reset
-    moment = np.clip(np.arange(len(appears))[:, None], begin, last)
+    lives = [
+        (slot, begin, end - 1)
+        for slot, appears in enumerate(slots["appears_at"].T)
+        for begin, end in pairwise([0, *np.flatnonzero(np.diff(appears)) + 1, len(appears)])
+    ]
+    slot, begin, last = np.array(lives, dtype=int).reshape(-1, 3).T
+    moment = np.clip(np.arange(len(slots["appears_at"]))[:, None], begin, last)
     places = {"target_position": slots["target_position"][moment, slot]}
     return {name: slots[name][last, slot] for name in _FIXED} | places
 
