@@ -190,7 +190,7 @@ def _with_whole_turns(track: Track, begin: np.ndarray, end: np.ndarray, heading:
 def _contradict(track: Track, driven: np.ndarray, known: np.ndarray, deviation: float, speeds: np.ndarray) -> bool:
     """Return whether the logged speeds along the headings do not lead from pose to pose.
 
-    The ways that are compared are the shortest that are long beside the noise of the poses.
+    The ways that are compared are the shortest that normal noise does not make, with a probability of 99.99 %.
 
     Args:
         track: The track.
@@ -199,7 +199,7 @@ def _contradict(track: Track, driven: np.ndarray, known: np.ndarray, deviation: 
         deviation: Standard deviation of a pose [m].
         speeds: (K,) speeds that are derived from the poses [m/s].
     """
-    width, slack = np.diff(track.time), 4 * deviation + SAME_TIME
+    width, slack = np.diff(track.time), 2 * deviation * math.sqrt(math.log(1e4 * len(track))) + SAME_TIME
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(driven[:, :2], axis=0)])
     gaps = np.concatenate([[0], np.cumsum(~known)])
     step = float(np.quantile(speeds, 0.75) * np.median(width))

@@ -45,8 +45,7 @@ def constants_of(simulation, robot):
     return factors | limits | {"yaw_acceleration_max": body.yaw_acceleration_max}
 
 
-def without_speeds(track, speed):
-    """The same log without measured speeds: NaN, or never filled."""
+def with_speed(track, speed):
     return Track(track.time, track.position, track.heading, speed)
 
 
@@ -82,11 +81,11 @@ def test_the_constants_of_a_car_of_another_size_and_pace_than_the_guess_are_reco
 
 
 @pytest.mark.parametrize("noisy", [False, True])
-def test_poses_without_speeds_are_enough(noisy):
+def test_poses_with_speed_are_enough(noisy):
     # Oracle: the constants with which the car was simulated. Differences of positions are no speeds.
     fields = {} if noisy else dict.fromkeys((name for name in NOISE if name.startswith("noise")), 0.0)
     ((track, commands, true),) = logs([2], **fields, **{"task.duration": 61.0 if noisy else 21.0})
-    fit = identify(without_speeds(track, 0 * track.speed if noisy else np.nan * track.speed), commands, Robot())
+    fit = identify(with_speed(track, 0 * track.speed if noisy else np.nan * track.speed), commands, Robot())
     check(fit, true, 0.02 if noisy else 1e-3)
     for name in CONSTANTS[:4]:
         assert abs(fit.values[name] - true[name]) < 5 * fit.errors[name] + 1e-4 * true[name], name
@@ -98,7 +97,7 @@ def test_poses_that_are_most_of_a_second_apart_are_enough():
     # Oracle: the constants with which the car was simulated. The last pose is later than the last command.
     coarse = {"task.step": 0.8, "task.duration": 100.8, "task.substeps": 8}
     ((track, commands, true),) = logs([1], same=1, share=0.4, **coarse)
-    check(identify(without_speeds(track, np.nan * track.speed), commands), true, 0.02)
+    check(identify(with_speed(track, np.nan * track.speed), commands), true, 0.02)
 
 
 def test_commands_in_another_order_are_matched_by_name_or_named_as_a_misfit():
@@ -159,9 +158,10 @@ def test_logged_speeds_count_exactly_if_they_lead_from_pose_to_pose(seed, noise)
     noises = {"noise.position": 0.01 * noise, "noise.heading": 0.02 * noise, "noise.speed": 0.0}
     for track, *_ in logs([0, 1], seed=seed, same=1, **noises, **{"task.duration": 20.0}):
         assert motion_of(track).why_derived == ""
+        still = np.random.default_rng(seed).normal(0, 0.01 * noise, track.position.shape)
+        assert motion_of(Track(track.time, still, track.heading, 0 * track.speed)).why_derived == ""
         for wrong in (0 * track.speed, 3 * track.speed, -track.speed):
-            changed = Track(track.time, track.position, track.heading, wrong)
-            assert motion_of(changed).why_derived == "do not match the poses"
+            assert motion_of(with_speed(track, wrong)).why_derived == "do not match the poses"
 
 
 LIMITS = {"robot.kind": "differential", "robot.speed_max": 1.2, "robot.yaw_rate_max": 3.0, "robot.speed_min": -0.6}
