@@ -16,6 +16,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
+from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.episodes.missed import play
 from lissajous_env.episodes.missed.played import crossing_steps, replay
 from lissajous_env.episodes.missed.search import longest_path
@@ -41,10 +42,13 @@ class Result(NamedTuple):
 
 
 def measured(name: str, policy: str, seeds: Sequence[int]) -> list[Result]:
-    """Search the rogue that a policy misses in some episodes, one after the other."""
+    """Search the rogue that a policy misses in some episodes, one after the other; none if it does not suit."""
     results, scenario = [], lissajous_env.scenario(name)
     cell = (crossing_steps(scenario) + 1) * scenario.task.step
-    acting = baselines.make(policy, scenario, 1)
+    try:
+        acting = baselines.make(policy, scenario, 1)
+    except UnsuitableScenarioError:
+        return results
     for seed in seeds:
         played = play(acting, scenario, seed)
         began = time.process_time()
