@@ -60,7 +60,7 @@ class SpeedOfPoses:
         self._poses: deque[tuple[float, float, float]] = deque(maxlen=1000)
 
     def add(self, x: float, y: float, heading: float, stamp: float) -> Odometry | None:
-        """Return the pose with its speed; None for the first one, after a gap of four windows, and for a repetition."""
+        """Return the pose with its speed; None for a repetition, and if none precedes it by less than four windows."""
         poses = self._poses
         if poses and stamp == poses[-1][2]:
             return None
