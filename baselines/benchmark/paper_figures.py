@@ -113,7 +113,7 @@ def _dots(axes: Axes, place: int, rows: Rows, column: Column, colour: str) -> li
 
 
 def _interval(axes: Axes, place: int, estimate: Estimate, style: PlotStyle, policy: str, in_words: bool) -> list[float]:
-    """Draw an estimate with its interval, and return its finite numbers; without a number, draw words if `in_words`."""
+    """Draw an estimate with its interval and return its numbers; for a lower bound or infinity, words if `in_words`."""
     if estimate.at_least or not math.isfinite(estimate.value):
         words = "no bound" if estimate.summary == LARGEST else "infinite"
         words = words if estimate.known and in_words else ""

@@ -46,7 +46,7 @@ def chosen(
     Before each stands the episode of the same seed of the policy that the others of its scenario are compared with.
 
     Args:
-        count: Number of episodes, without these.
+        count: Number of episodes, without those that stand before them.
         rows: Score rows, the worst first.
         cells: Scenario and policy of those that can be played.
         references: Policy that the others of a scenario are compared with.

@@ -101,8 +101,8 @@ def failed(row: Row) -> list[bool]:
 def badness(row: Row, scenario: Scenario) -> tuple[float, ...]:
     """Return a key by which episodes are sorted, larger being worse.
 
-    It is the number of failure modes of the episode, then the worst-case undetected time if it was computed, the
-    collisions, and the score of the task; times are in units of T_max. A missing number counts as 0.
+    It is the number of failure modes of the episode, then the worst-case undetected time (without contamination the
+    score of the task), the collisions, and this score; times are in units of T_max. A missing number counts as 0.
     """
     parts, score = [], task_score(scenario)
     for column in (score if scenario.task.contamination is None else WORST_CASE, COLLISIONS, score):

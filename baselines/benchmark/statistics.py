@@ -60,7 +60,7 @@ class Estimate:
     """Upper end of the same."""
     min: float = np.nan
     median: float = np.nan
-    """Median; of largest values it counts open ones as infinite."""
+    """Median; of largest values it counts open ones as infinite, which `value`, `min` and `max` do not."""
     max: float = np.nan
     open: int = 0
     """Number of open values, which show no bound."""

@@ -200,9 +200,11 @@ def over_scenarios(played: Mapping[str, Mapping[str, Rows]], scenarios: Mapping[
 
 
 def _estimate_over(column: Column, by_scenario: Sequence[Rows]) -> Estimate:
-    known = [values[~np.isnan(values)] for values in (numbers(rows, column) for rows in by_scenario)]
     if column.summary == LARGEST:
-        estimate = summarize_largest([values.max(initial=-np.inf) if len(values) else np.nan for values in known])
+        of_scenarios = [_estimate(column, rows) for rows in by_scenario]
+        largest = [math.inf if one.open else one.value for one in of_scenarios]
+        estimate = summarize_largest(largest, growing=[one.at_least for one in of_scenarios])
     else:
+        known = [values[~np.isnan(values)] for values in (numbers(rows, column) for rows in by_scenario)]
         estimate = summarize([values.mean() if len(values) else np.nan for values in known], column.summary)
     return replace(estimate, sample="scenarios")

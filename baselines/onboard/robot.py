@@ -263,7 +263,7 @@ class Onboard:
         if math.isnan(before):
             self._begun = now
         elif passed <= 0:
-            return f"the clock went back by {before - now:.3g} s"
+            return f"the clock went back by {before - now:.3g} s" if passed < 0 else "the clock stopped"
         elif abs(passed - step) > limits.clock_jump:
             return (
                 f"the clock jumped by {passed:.3g} s, where a step of {step:g} s may be off by {limits.clock_jump:g} s"

@@ -102,7 +102,7 @@ class Row:
             heard: Latest message of each ring neighbour; None for none yet.
             works: False for a robot that has failed.
             phase: Cosine and sine of the measured phase; None lets the phase of the pose before follow the curve to
-                this pose, which is not followed twice.
+                this pose, unless it is the same object as the pose before.
         """
         robots, curve, alpha = self._robots, self._scenario.driven, self._scenario.alpha
         robots["position"][0, :2], robots["heading"][0], robots["speed"][0] = (pose.x, pose.y), pose.heading, pose.speed

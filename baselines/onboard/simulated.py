@@ -43,8 +43,7 @@ def inputs_of(simulation: Simulation, robot: int) -> Inputs:
     others = moves - moves[robot]
     cos_phase, sin_phase = state.measured_turn.numpy()[0, robot, :2].tolist()
     x, y, heading, speed = state.measured.numpy()[0, robot].tolist()
-    step = scenario.task.step
-    now = int(simulation.clock.step.numpy()[0]) * step
+    now = int(simulation.clock.step.numpy()[0]) * scenario.task.step
     there = (np.arange(n) != robot) & (status != REMOVED) & _is_near(others, scenario.sight)
     sighted = simulation.targets.in_sight.numpy()[0] == 1
     targets = simulation.targets.position.numpy()[0][sighted] - state.sensor.numpy()[0, robot]

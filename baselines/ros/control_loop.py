@@ -60,7 +60,7 @@ class SpeedOfPoses:
         self._poses: deque[tuple[float, float, float]] = deque(maxlen=1000)
 
     def add(self, x: float, y: float, heading: float, stamp: float) -> Odometry | None:
-        """Return the pose with its speed; None for the first one, after a gap of four windows, and for a repetition."""
+        """Return the pose with its speed; None for a repetition, and if none precedes it by less than four windows."""
         poses = self._poses
         if poses and stamp == poses[-1][2]:
             return None
@@ -79,11 +79,11 @@ class SpeedOfPoses:
 class ControlLoop:
     """Latest measurements of a robot outside the simulator, on which it acts once in each control step.
 
-    A pose counts from a quarter of a step before its time on. The robot announces it to its neighbours, and waits until
-    it has heard of theirs, at most for `wait`. If no pose arrives within half a step after its time, the robot acts on
-    the one before, so that the rules by which it stops apply, and then on the next one as soon as it arrives; likewise
-    at once if the clock went back by more than a step. It never acts twice at one time, as while the clock of a
-    simulation stands still.
+    From a quarter of a step before the next step is due, the latest new pose counts. The robot announces it to its
+    neighbours, and waits for their messages, at most for `wait`. Without a new pose, half a step after the step was due
+    it acts on the one before, so that the rules by which it stops apply, and then on the next one as soon as it
+    arrives; likewise at once if the clock went back by more than a step. It never acts twice at one time, as while the
+    clock of a simulation stands still.
 
     All times are on the clock of the robots [s], except for `wait`: if the clock of a simulation waits for the robot,
     the robot must not wait for this clock.

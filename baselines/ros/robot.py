@@ -115,8 +115,7 @@ class RobotNode(ros.Node):
         self._send_phase = self.create_publisher(ros.Float64, "phase", ros.RELIABLE, **changes).publish
         self._send_diagnostics = self.create_publisher(ros.DiagnosticArray, "/diagnostics", ros.RELIABLE).publish
         topics = self._command_topics.items()
-        senders = [self.create_publisher(getattr(ros, cls), name, 1, **changes) for name, cls in topics]
-        self._command_publishers = senders
+        self._command_senders = [self.create_publisher(getattr(ros, cls), name, 1, **changes) for name, cls in topics]
         measurements: dict[str, tuple[Any, Callable[[Any], None]]] = {
             "robots": (ros.PointCloud2, partial(self._see, "robots", 4)),
             "targets": (ros.PointCloud2, partial(self._see, "targets", 2)),
@@ -152,12 +151,13 @@ class RobotNode(ros.Node):
 
     def _take(self, header: Any, pose: Any, speed: float | None = None) -> None:
         """Take a pose, with a measured speed [m/s] or with that of the poses before."""
-        place, stamp = (pose.position.x, pose.position.y, yaw(pose.orientation)), seconds(header.stamp)
-        place = in_scenario_frame(self.settings.origin, *place)
-        odometry = self._speed.add(*place, stamp) if speed is None else Odometry(*place, speed, stamp)
         if header.frame_id not in ("", self.settings.frame):
             self._wrong_frame = f"the pose is in frame {header.frame_id}, it must be {self.settings.frame}"
-        elif odometry is not None:
+            return
+        place = in_scenario_frame(self.settings.origin, pose.position.x, pose.position.y, yaw(pose.orientation))
+        stamp = seconds(header.stamp)
+        odometry = self._speed.add(*place, stamp) if speed is None else Odometry(*place, speed, stamp)
+        if odometry is not None:
             self._wrong_frame = ""
             self._loop.take(odometry)
             self._tick()
@@ -214,8 +214,8 @@ class RobotNode(ros.Node):
             now = self.now
             command = self.onboard.command_at(math.nan if self._wrong_frame else now)
             parts = messages.command_messages(command, self.settings.command, largest, now, frame)
-            for publisher, message in zip(self._command_publishers, parts, strict=True):
-                publisher.publish(message)
+            for sender, message in zip(self._command_senders, parts, strict=True):
+                sender.publish(message)
 
     def _publish(self, output: Output, time: float) -> None:
         self._send_action(named_numbers(self.scenario.action_names, output.action.tolist(), time))
@@ -237,6 +237,5 @@ class RobotNode(ros.Node):
         values: dict[str, Any] = {"policy": self.settings.policy}
         for sender, last in heard.items():
             values[f"message of robot {sender}, age [s]"] = math.nan if last is None else now - last.sent_at
-        times = list(self._times)
-        values["time of a step, 99th percentile [s]"] = float(np.percentile(times, 99)) if times else math.nan
+        values["time of a step, 99th percentile [s]"] = float(np.percentile(self._times or [math.nan], 99))
         self._send_diagnostics(messages.diagnostics(self.get_namespace()[1:], self.onboard, self.reason, values, now))

@@ -40,7 +40,7 @@ class RosProcess:
             raise KeyboardInterrupt
 
     def spin(self) -> None:
-        """Run the nodes in this thread until SIGTERM or Ctrl-C; each then publishes the command of rest."""
+        """Run the nodes in this thread until SIGTERM, or Ctrl-C, which raises; they then publish commands of rest."""
         executor = ros.make_executor()
         for node in self.nodes:
             executor.add_node(node)

@@ -59,7 +59,6 @@ class WorldNode(ros.Node):
         self.scenario, self._begun, self._start = self.simulation.scenario, monotonic(), START
         # Compile and load every kernel before robots wait for a step.
         self.simulation.advance()
-        inputs_of(self.simulation, 0)
         self.simulation.reset(seeds=[settings.seed])
         self._recorder = Recorder(self.simulation)
         count = self.scenario.num_robots

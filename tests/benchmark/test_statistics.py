@@ -44,6 +44,9 @@ def test_an_estimate_counts_what_has_no_number_and_leaves_it_out():
     assert one.value == one.min == one.max == 4.0
     assert np.isnan([one.low, one.high]).all()
     assert summarize([]).known == 0
+    estimate = summarize([1, 0.5, 0, np.nan, 1, 0, 0.5], SHARE_OF_SEEDS)
+    assert (estimate.n, estimate.known, estimate.value) == (7, 6, 0.5)
+    assert in_words(estimate)[0] == "50 %"
 
 
 def test_infinite_values_do_not_count_as_none():
@@ -52,12 +55,6 @@ def test_infinite_values_do_not_count_as_none():
     assert summarize([1.0, 1.0, math.inf, math.inf]).value == math.inf
     every = summarize([math.inf] * 4)
     assert (every.value, every.low, every.high) == (math.inf, math.inf, math.inf)
-
-
-def test_the_share_of_seeds_is_a_mean_of_those_that_have_a_number():
-    estimate = summarize([1, 0.5, 0, np.nan, 1, 0, 0.5], SHARE_OF_SEEDS)
-    assert (estimate.n, estimate.known, estimate.value) == (7, 6, 0.5)
-    assert in_words(estimate)[0] == "50 %"
 
 
 def test_numbers_and_the_best_in_words():

@@ -92,9 +92,10 @@ def test_a_robot_whose_node_ends_stops_and_joins_again():
     watch.check()
 
 
-def test_the_others_drive_on_without_a_removed_robot():
-    scenario = team_scenario(3.0, **{"faults.removed": ((0, 1.0),)})
-    with Team(scenario, "kuramoto-mpcc", message_wait=0.02, silence=1e6) as team:
+@pytest.mark.parametrize(("at", "policy"), [(0.0, "open-loop-mpcc"), (1.0, "kuramoto-mpcc")])
+def test_the_others_drive_on_without_a_removed_robot(at, policy):
+    scenario = team_scenario(3.0, **{"faults.removed": ((0, at),)})
+    with Team(scenario, policy, message_wait=0.02, silence=1e6) as team:
         watch = Watch(team.world)
         played = team.world.play(watch.record)
         assert team.world.awaited[0], "it was never waited for in vain"
