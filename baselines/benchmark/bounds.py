@@ -31,8 +31,8 @@ FOUND = "found.toml"
 
 def as_played(scenario: str) -> Scenario:
     """Make a scenario as a benchmark plays it: with a grid for the guarantee if it is one of `WITH_GRID`."""
-    made = named.build(scenario)
-    return named.build(made, **{"task.contamination": cells(made)}) if scenario in WITH_GRID else made
+    original = named.build(scenario)
+    return named.build(original, **{"task.contamination": cells(original)}) if scenario in WITH_GRID else original
 
 
 @dataclass(frozen=True)
