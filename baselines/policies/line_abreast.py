@@ -66,9 +66,8 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
     effort = Effort.of(scenario.num_robots, 3 * lines.period // 2)
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * lines.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * lines.speed), lines.speed)
-    loop = loops[slots, :, :2]
     places = transit_from_any_angle(scenario, effort, loops[slots, 0], lines.radius, pace)
-    tables = path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places)
+    tables = path_tables(scenario, loops[slots, :, :2], places)
     return lines, tables, (effort.angles, int(angle_steps(scenario, effort.angles)[0]))
 
 

@@ -12,7 +12,6 @@ from it on the other. `failed_condition` has the conditions.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -50,36 +49,12 @@ class LineParameters(Checked):
     """Number of lines; None means the number with the shortest worst-case undetected time."""
 
 
-class Turn(NamedTuple):
-    """A turn by half a circle: an arc to the left, a wide one to the right, one to the left, back into its lane.
-
-    Without the short arcs it is a half circle, beside the lane.
-    """
-
-    short: int
-    """Steps of the first and of the last arc; 0 for a half circle."""
-    long: int
-    """Steps of the arc between them."""
-    angle: float
-    """Angle of the first and of the last arc [rad]."""
-
-    @property
-    def headings(self) -> np.ndarray:
-        """Headings after each step, from 0 to -pi [rad]."""
-        first = self.angle / max(self.short, 1)
-        rates = np.repeat([first, -(math.pi + 2 * self.angle) / self.long, first],
-                          [self.short, self.long, self.short])  # fmt: skip
-        return np.cumsum(rates)
-
-
 @dataclass(frozen=True, eq=False)
 class Lines:
     """The lines of a scenario: lanes of cars, and the path that they copy."""
 
     speed: float
     """Speed of the lines [m/s]."""
-    step: float
-    """Control step [s]."""
     path: np.ndarray
     """(P, 3) along, across [m] and heading [rad] of a car in the lane 0, a period of P steps.
 
@@ -139,9 +114,9 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
 
 def ideal_worst_case(scenario: Scenario, lines: Lines) -> float:
     """Return the worst-case undetected time [s] of lines that have formed and follow their path without error."""
-    half = sorted((scenario.curve.half_width, scenario.curve.half_height), reverse=True)
-    loop = loops_of(lines)[..., :2]
-    return worst_undetected_time(loop, (half[0], half[1]), scenario.sensing_radius, scenario.rogue_speed, lines.step)
+    across, along = sorted((scenario.curve.half_width, scenario.curve.half_height))
+    rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
+    return worst_undetected_time(loops_of(lines)[..., :2], (along, across), *rogues)
 
 
 def lanes_of(scenario: Scenario, count: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
@@ -196,12 +171,13 @@ def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: 
     return ""
 
 
-def turn_of(curvature_step: float) -> Turn:
-    """Return the shortest turn of whole steps, of at most so much curvature [rad/step].
+def turn_of(curvature_step: float) -> np.ndarray:
+    """Return the headings after each step of the shortest turn by half a circle back into the lane, from 0 to -pi.
 
-    With the angle a of the first arc, of n steps, and pi + 2 a of the second, of k steps, the path comes back into its
-    lane where its radii fulfil R1 (1 - cos a) = R2 cos a, that is n (1 - cos a) / a = k cos a / (pi + 2 a). Two equal
-    radii have a = pi / 3.
+    It is an arc to the left, a wide one to the right, and one to the left, of whole steps and at most so much curvature
+    [rad/step]. With the angle a of the first arc, of n steps, and pi + 2 a of the second, of k steps, the path comes
+    back into its lane where its radii fulfil R1 (1 - cos a) = R2 cos a, that is n (1 - cos a) / a = k cos a / (pi + 2
+    a). Two equal radii have a = pi / 3.
     """
     steps = max(math.floor(7 * math.pi / 3 / curvature_step), 4)
     while True:
@@ -212,8 +188,9 @@ def turn_of(curvature_step: float) -> Turn:
                 angle = (low + high) / 2
                 closes = short * (1 - math.cos(angle)) / angle < long * math.cos(angle) / (math.pi + 2 * angle)
                 low, high = (angle, high) if closes else (low, angle)
-            if max(low / short, (math.pi + 2 * low) / long) <= curvature_step:
-                return Turn(short, long, low)
+            first, second = low / short, (math.pi + 2 * low) / long
+            if max(first, second) <= curvature_step:
+                return np.cumsum(np.repeat([first, -second, first], [short, long, short]))
         steps += 1
 
 
@@ -242,13 +219,14 @@ def _turning_outside(scenario: Scenario, parameters: LineParameters, count: int)
     step = scenario.task.step
     _, lanes, line_of = lanes_of(scenario, count)
     limit = speed_limit(spacing_of(scenario, count), scenario.sensing_radius, scenario.rogue_speed, step)
-    speed = min(_speed_of(scenario, parameters), limit)
-    turn = turn_of(_largest_turn(scenario, speed))
+    fastest = min(_speed_of(scenario, parameters), limit)
     reach = max(scenario.curve.half_width, scenario.curve.half_height)
-    sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
+    sweep = max(math.ceil(2 * reach / (fastest * step) - 1e-9), 1)
     speed = 2 * reach / (sweep * step)
+    # At the lower speed of whole steps, the turn may use the reserve of `_GRIP`, but no more.
+    turn = turn_of(min(_largest_turn(scenario, fastest), _sharpest(scenario) * speed * step))
     path = _path(speed * step, sweep, turn, np.array([-reach, 0.0]))
-    return Lines(speed, step, path, speed * step * turn.short / turn.angle, 0.0, lanes, line_of)
+    return Lines(speed, path, speed * step / turn[0], 0.0, lanes, line_of)
 
 
 def _turning_inside(scenario: Scenario, count: int, fastest: float) -> Lines:
@@ -266,8 +244,9 @@ def _turning_inside(scenario: Scenario, count: int, fastest: float) -> Lines:
         long += 1
     aside = speed * step * (long / math.pi)
     _, lanes, line_of = lanes_of(scenario, count, aside)
-    path = _path(speed * step, sweep, Turn(0, long, 0.0), np.array([aside - half, aside]))
-    return Lines(speed, step, path, aside, aside, lanes, line_of)
+    turn = np.cumsum(np.full(long, -math.pi / long))
+    path = _path(speed * step, sweep, turn, np.array([aside - half, aside]))
+    return Lines(speed, path, aside, aside, lanes, line_of)
 
 
 def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
@@ -288,9 +267,12 @@ def _sharpest(scenario: Scenario) -> float:
     return 1 / turning_radius(robot.wheelbase * scenario.noise.wheelbase_range[1], robot.steering_max)
 
 
-def _path(way: float, sweep: int, turn: Turn, begin: np.ndarray) -> np.ndarray:
-    """Return `Lines.path` from a place on, `way` [m] a step: a sweep of some steps, a turn, the way back, a turn."""
-    there = np.concatenate([np.zeros(sweep), turn.headings])
+def _path(way: float, sweep: int, turn: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """Return `Lines.path` from a place on, `way` [m] a step: a sweep of some steps, a turn, the way back, a turn.
+
+    A turn is the headings after its steps [rad].
+    """
+    there = np.concatenate([np.zeros(sweep), turn])
     headings = np.concatenate([[0.0], there, there - math.pi])
     moved = np.cumsum(along_arc(0.0, headings[:-1], way, np.diff(headings))[0], axis=0)
     return np.column_stack([np.vstack([[0.0, 0.0], moved])[:-1] + begin, headings[:-1]])

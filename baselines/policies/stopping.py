@@ -132,12 +132,6 @@ def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
 
 
 @wp.func
-def can_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> bool:
-    """Return whether a drive stays in a rectangle while it brakes with an action of the yaw rate."""
-    return room_to_stop(limits, robot, half, drive, turn) >= -limits.rounding
-
-
-@wp.func
 def yaw_rate_towards(limits: Limits, action: float, side: float) -> float:
     """Return the yaw rate of an action for the wheels that turn a drive farthest to a side, 1 or -1 [rad/s]."""
     return action * wp.where(action * side > 0.0, limits.yaw_rates[1], limits.yaw_rates[0])
@@ -195,11 +189,11 @@ def turn_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
     ahead = cos_sin(drive.pose[2])
     middle = wp.where(ahead[0] * drive.pose[1] < ahead[1] * drive.pose[0], limits.turn_action, -limits.turn_action)
     side = wp.where(wp.abs(want) > 1.0e-3, wp.sign(want) * limits.turn_action, middle)
-    if can_stop(limits, robot, half, drive, side):
-        return side
-    if can_stop(limits, robot, half, drive, 0.0):
-        return 0.0
-    return wp.where(can_stop(limits, robot, half, drive, -side), -side, middle)
+    for k in range(3):
+        turn = side * float(1 - k)
+        if room_to_stop(limits, robot, half, drive, turn) >= -limits.rounding:
+            return turn
+    return middle
 
 
 @wp.func

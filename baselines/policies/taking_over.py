@@ -20,6 +20,7 @@ from baselines.policies.own_row import (
     sees,
     velocity_seen,
 )
+from baselines.policies.takeover_loops import SHAPES
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.trig import cos_sin
@@ -59,8 +60,6 @@ class Takeover:
     """Distance within which robots are observed [m]."""
     robots_seen: int
     """Number of robots in an observation."""
-    shapes: int
-    """Loops of a case."""
     loop_start: int
     """First sample of the loops in the tables of paths."""
     stride: int
@@ -216,8 +215,8 @@ def clear_loop(
     """Return the shift [m] and the shape of the loop of robot i's case with the least cost (`take_over`)."""
     best = wp.vec3(0.0, 0.0, 0.0)
     best_cost = float(wp.inf)
-    for shape in range(takeover.shapes):
-        loop = case * takeover.shapes + shape
+    for shape in range(SHAPES):
+        loop = case * SHAPES + shape
         path = pose[loop, i]
         limits = takeover.shift_limits[loop, i]
         for row in range(-SHIFTS, SHIFTS + 1):
@@ -263,7 +262,7 @@ def take_over(
         return
     case = cases[w, i]
     near = 0.25 * takeover.spacing
-    changed = case != variant[w, i] / takeover.shapes
+    changed = case != variant[w, i] / SHAPES
     any_stopped = bool(False)
     for k in range(PLACES):
         if stopped[w, i, k][2] > 0.0:
@@ -276,7 +275,7 @@ def take_over(
         best = wp.vec3(0.0, 0.0, 0.0)
         if any_stopped:
             best = clear_loop(takeover, curve, pose, case, i, stopped[w, i])
-        chosen = case * takeover.shapes + int(best[2])
+        chosen = case * SHAPES + int(best[2])
         shift[w, i] += takeover.middles[variant[w, i], i] - takeover.middles[chosen, i]
         variant[w, i] = chosen
         target[w, i] = wp.vec2(best[0], best[1])

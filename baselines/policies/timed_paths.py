@@ -47,7 +47,6 @@ from lissajous_env.world.robots.car import car_action
 
 wp.set_module_options(OPTIONS)
 
-_FINE = wp.constant(FINE)
 STEPS, PROGRESS, VARIANT, PUSH_BIAS, TURN_RATIO = (wp.constant(k) for k in range(5))
 SPEED, HEADING, CURVATURE, PUSH = (wp.constant(k) for k in range(5, 9))
 MEMORY = 9
@@ -91,8 +90,8 @@ class Tracking:
 @wp.func
 def sample_on_table(sample: int, tracking: Tracking) -> int:
     """Return a sample of a table for a number that may be beyond its end: there the loop begins again."""
-    begin = tracking.lead_in * _FINE
-    return wp.where(sample < begin, wp.max(sample, 0), begin + (sample - begin) % (tracking.loop * _FINE))
+    begin = tracking.lead_in * FINE
+    return wp.where(sample < begin, wp.max(sample, 0), begin + (sample - begin) % (tracking.loop * FINE))
 
 
 @wp.func
@@ -101,8 +100,8 @@ def lateness(sample: float, steps: float, tracking: Tracking) -> float:
 
     On the loop a robot that is more than half a round late is early.
     """
-    late = steps - sample / float(_FINE)
-    if steps >= float(tracking.lead_in) and sample >= float(tracking.lead_in * _FINE):
+    late = steps - sample / float(FINE)
+    if steps >= float(tracking.lead_in) and sample >= float(tracking.lead_in * FINE):
         around = float(tracking.loop)
         late -= around * wp.floor(late / around + 0.5)
     return late
@@ -190,7 +189,7 @@ def follow_paths(
     sample = int(known[PROGRESS])
     if known[VARIANT] != float(variant[w, i] + 1):
         sample = joining_sample(path, steps, position, heading, tracking)
-    sample = nearest_sample(path, sample - _FINE, 4 * _FINE, position, tracking)
+    sample = nearest_sample(path, sample - FINE, 4 * FINE, position, tracking)
     learn(known, robot, heading, speed, tracking)
 
     nearest = path[sample]
@@ -267,7 +266,7 @@ def take_filtered(
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[variant[w, i], i]
-    sample = _FINE * (int(steps) - 1)
+    sample = FINE * (int(steps) - 1)
     reference = path[sample_on_table(sample, tracking)]
     offset = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(reference[0], reference[1])
     if steps <= until or wp.length(offset) > tolerance:
