@@ -268,8 +268,8 @@ def test_loops_that_cross_do_not_lie_apart():
     """Oracle: circles of radius 1 in phase, whose centres are 3 and 1 apart."""
     angle = 2 * np.pi * np.arange(24) / 24
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    for distance, apart in ((3.0, True), (1.0, False)):
-        assert loops_lie_apart(np.stack([circle, circle + [distance, 0.0]]), 0.5) == apart
+    for distance, apart in (((3.0, 0.0), True), ((1.0, 0.0), False)):
+        assert loops_lie_apart(np.stack([circle, circle + distance]), 0.5) == apart
 
 
 @pytest.mark.parametrize(("name", "changes", "warns"), [
