@@ -77,9 +77,11 @@ def limit_actions(block, noise, action, clock, robots, latest, limited_action, c
             change[k] = wp.where(abreast.is_in(k, has_earlier), change[k] / float(size), 0.0)
     abreast.put_floats(block, block.active_mask, squares, latest.effort)
     abreast.put_floats(block, block.active_mask, change, latest.change)
-    for k in range(block.count):
-        if invalid[k] > 0.0 and abreast.is_in(k, block.active_mask):
-            flag_invalid((block.start + k) / n, clock)
+    flagged = block.active_mask & abreast.where_above(block, invalid, 0.0)
+    if flagged != 0:
+        for k in range(block.count):
+            if abreast.is_in(k, flagged):
+                flag_invalid((block.start + k) / n, clock)
     if noise.actuator > 0.0:
         for k in range(block.count):
             if abreast.is_in(k, block.active_mask):
