@@ -4,7 +4,7 @@ Coordinates are along and across the sweep: `along` the longer side of the recta
 the lines span. A line's path is a table of one state for each control step, periodic: from the left end of the
 rectangle to the right one, a turn, back, and a turn. Float64 NumPy.
 
-In the open, a turn of three arcs outside of the rectangle leads back into the same lane. Within walls or an inset,
+In the open, a turn of three arcs outside of the rectangle leads back into the same lane. Where cars must stay inside,
 every car turns on a half circle, and sweeps back beside its lane, by the circle's radius R to the other side. All cars
 copy that, too, so the spacing law is valid in turns; an outermost car is R nearer to its wall on one way, and R farther
 from it on the other. `failed_condition` has the conditions.
@@ -19,7 +19,7 @@ from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.driving import slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import fastest_speed
-from baselines.policies.transit import along_arc, start_is_known
+from baselines.policies.transit import along_arc, start_is_known, stays_inside
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
@@ -92,7 +92,7 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
     """Return the lines, of any number and speed, with the shortest worst-case undetected time once they have formed.
 
     Raises:
-        UnsuitableScenarioError: no lines span the rectangle, or robots within an inset do not know their starts.
+        UnsuitableScenarioError: no lines span the rectangle, or robots that must stay inside do not know their starts.
     """
     n, radius = scenario.num_robots, scenario.sensing_radius
     counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
@@ -103,8 +103,8 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
         lines = counted(counts[0], "line")
         rule = f"line-abreast requires {lines} of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
-    if scenario.inset and not start_is_known(scenario):  # before they are compared, which can take seconds
-        rule = "line-abreast requires a start that all robots know within walls or an inset"
+    if stays_inside(scenario) and not start_is_known(scenario):  # before they are compared, which can take seconds
+        rule = "line-abreast requires a start that all robots know where they must stay inside"
         got = f"{scenario.formation.start} and {scenario.formation.start_noise:g} rad"
         raise UnsuitableScenarioError(f"{rule}, formation.start = equilibrium and little start_noise, got {got}")
     if len(fitting) == 1:
@@ -198,15 +198,17 @@ def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tupl
     """Return `count` lines that span the rectangle, at several speeds if they turn inside, and a failed condition."""
     if count > scenario.num_robots:
         return (), "there are fewer cars than lines"
-    if slowest_top_speed(scenario) == 0:
+    slowest = slowest_top_speed(scenario)
+    if slowest == 0:
         return (), "the slowest car does not move"
-    if scenario.task.boundary == "open" and scenario.inset == 0:
+    largest = min(parameters.speed or min(_CRUISE * slowest, fastest_speed(scenario)), _FASTEST * slowest)
+    if not stays_inside(scenario):
         failed = failed_condition(scenario, count)
-        return (() if failed else (_turning_outside(scenario, parameters, count),)), failed
+        return (() if failed else (_turning_outside(scenario, count, largest),)), failed
     tightest, half = 1 / (_GRIP * _sharpest(scenario)), min(scenario.curve.half_width, scenario.curve.half_height)
     if tightest + scenario.inset >= half:
         return (), f"turns of {tightest:.3g} m do not fit {scenario.inset:.3g} m inside of walls {2 * half:g} m apart"
-    largest, fitting, failed = _speed_of(scenario, parameters), [], ""
+    fitting, failed = [], ""
     for share in (1.0,) if parameters.speed else _SHARES:
         lines = _turning_inside(scenario, count, share * largest)
         failed = failed_condition(scenario, count, lines.speed, lines.aside)
@@ -214,12 +216,12 @@ def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tupl
     return tuple(fitting), failed
 
 
-def _turning_outside(scenario: Scenario, parameters: LineParameters, count: int) -> Lines:
-    """Return `count` lines that turn outside of the rectangle."""
+def _turning_outside(scenario: Scenario, count: int, fastest: float) -> Lines:
+    """Return `count` lines that turn outside of the rectangle, at a speed [m/s] or the largest one below it."""
     step = scenario.task.step
     _, lanes, line_of = lanes_of(scenario, count)
     limit = speed_limit(spacing_of(scenario, count), scenario.sensing_radius, scenario.rogue_speed, step)
-    fastest = min(_speed_of(scenario, parameters), limit)
+    fastest = min(fastest, limit)
     reach = max(scenario.curve.half_width, scenario.curve.half_height)
     sweep = max(math.ceil(2 * reach / (fastest * step) - 1e-9), 1)
     speed = 2 * reach / (sweep * step)
@@ -247,12 +249,6 @@ def _turning_inside(scenario: Scenario, count: int, fastest: float) -> Lines:
     turn = np.cumsum(np.full(long, -math.pi / long))
     path = _path(speed * step, sweep, turn, np.array([aside - half, aside]))
     return Lines(speed, path, aside, aside, lanes, line_of)
-
-
-def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
-    """Return the largest speed of lines that the parameters and the slowest car allow [m/s]."""
-    fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
-    return min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario))
 
 
 def _largest_turn(scenario: Scenario, speed: float) -> float:

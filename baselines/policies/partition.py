@@ -200,7 +200,7 @@ class PartitionRepair(TimedPaths):
         self._avoided = wp.zeros((*self.shape, PLACES), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-        self._takeover = _constants_of(scenario, self.takeover_loops, self.tables, drift, self.device)
+        self._takeover = _constants_of(scenario, self.takeover_loops, self._tracking, drift, self.device)
         self._takeover.patience = self.parameters.patience
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
@@ -238,7 +238,7 @@ def _avoided_distance(scenario: Scenario) -> float:
     return (2 + _AVOIDANCE) * scenario.robot.radius + 2 * scenario.noise.position
 
 
-def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, drift: float, device: Any) -> Any:
+def _constants_of(scenario: Scenario, loops: TakeoverLoops, tracking: Any, drift: float, device: Any) -> Any:
     """Return the constants of takeovers for their kernels; the middle of one drifts so far in a control step [m]."""
     half = np.array([scenario.driven.half_width, scenario.driven.half_height])
     low, high = loops.loop.min(axis=2), loops.loop.max(axis=2)
@@ -247,10 +247,9 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, 
     # With noisy measurements a stopped robot seems to move, so places are compared between which one moves farther.
     constants.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
     constants.compared = math.ceil(2 * constants.still / drift)
-    constants.step, constants.time_unit = scenario.task.step, scenario.time_unit
+    constants.tracking, constants.time_unit = tracking, scenario.time_unit
     constants.speed_unit = scenario.robot.top_speed
     constants.sight, constants.robots_seen = scenario.sight, scenario.sensing.robots_seen
-    constants.loop_start = FINE * tables.lead_in
     constants.required = required = _avoided_distance(scenario)
     constants.stride, constants.spacing = max(int(_SPARSE * required / (drift / FINE)), 1), required / _FINER
     constants.corner_reach, constants.drift = _COVERED * scenario.sensing_radius, drift

@@ -59,8 +59,21 @@ def path_tables(
     onward = around[:, :, _REACH : 2 * _REACH + 1]
     parts = _sampled(np.concatenate([before, onward], axis=2), 0, begin), _sampled(around, _REACH, steps)
     places, velocity = (np.concatenate(arrays, axis=2) for arrays in zip(*parts, strict=True))
-    pose, feedforward = _pose_and_feedforward(places, velocity / step, step, begin, steps)
-    return PathTables(pose, feedforward, begin, steps, filtered_until)
+    velocity /= step
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])
+    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
+    size, first = places.shape[2], FINE * begin
+    whole = np.arange(size + FINE)  # a control step beyond the end, which continues at the start of the loop
+    whole = np.where(whole < size, whole, first + (whole - first) % (FINE * steps))
+    turn = np.diff(heading[:, :, whole], axis=2)
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+    way = 0.5 * (speed[:, :, whole[1:]] + speed[:, :, whole[:-1]]) * (step / FINE)
+    # of successive pieces, the sum over a control step
+    turn, way = (np.sum([pieces[:, :, k : k + size] for k in range(FINE)], axis=0) for pieces in (turn, way))
+    curvature = np.divide(turn, way, out=np.zeros_like(turn), where=way > 0)
+    acceleration = (speed[:, :, whole[FINE:]] - speed) / step
+    pose = np.concatenate([places, heading[..., None], speed[..., None]], axis=-1)
+    return PathTables(pose, np.stack([curvature, acceleration], axis=-1), begin, steps, filtered_until)
 
 
 def _sampled(places: np.ndarray, before: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -70,21 +83,3 @@ def _sampled(places: np.ndarray, before: int, count: int) -> tuple[np.ndarray, n
     spline = make_interp_spline(np.arange(places.shape[2]), places, k=5, axis=2)
     at = before + np.arange(FINE * count) / FINE
     return spline(at), spline(at, 1)
-
-
-def _pose_and_feedforward(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int, loop: int) -> tuple:
-    """Return `pose` and `feedforward` of the tables for sampled places [m] and velocities [m/s]."""
-    speed = np.hypot(velocity[..., 0], velocity[..., 1])
-    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    size, begin = places.shape[2], FINE * lead_in
-    whole = np.arange(size + FINE)  # a control step beyond the end, which continues at the start of the loop
-    whole = np.where(whole < size, whole, begin + (whole - begin) % (FINE * loop))
-    turn = np.diff(heading[:, :, whole], axis=2)
-    turn = (turn + np.pi) % (2 * np.pi) - np.pi
-    way = 0.5 * (speed[:, :, whole[1:]] + speed[:, :, whole[:-1]]) * (step / FINE)
-    # of successive pieces, the sum over a control step
-    turn, way = (np.sum([pieces[:, :, k : k + size] for k in range(FINE)], axis=0) for pieces in (turn, way))
-    curvature = np.divide(turn, way, out=np.zeros_like(turn), where=way > 0)
-    acceleration = (speed[:, :, whole[FINE:]] - speed) / step
-    pose = np.concatenate([places, heading[..., None], speed[..., None]], axis=-1)
-    return pose, np.stack([curvature, acceleration], axis=-1)

@@ -56,8 +56,6 @@ class Limits:
     """Accelerations of the weakest and of the strongest motor [m/s^2]."""
     yaw_rates: wp.vec2
     """Yaw rates of the widest and of the narrowest drive at an action of 1 [rad/s]."""
-    speed_unit: wp.float32
-    """Unit of an observed speed [m/s]."""
     action_error: wp.float32
     """Bound of the noise of an action."""
     heading_error: wp.float32
@@ -242,7 +240,7 @@ def leave_a_way_to_stop(
     place = own_position(w, i, curve, observation)
     drive = Drive()
     drive.pose = wp.vec4(
-        place[0], place[1], own_heading(w, i, observation), own_speed(w, i, limits.speed_unit, observation)
+        place[0], place[1], own_heading(w, i, observation), own_speed(w, i, robot.speed_max, observation)
     )
     if own_works(w, i, observation):  # otherwise it is at rest, but may resume in this step
         drive.yaw_rate = yaw_rate[w, i]
@@ -300,7 +298,6 @@ def limits_of(scenario: Scenario) -> Any:
     limits.turn_action = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
     spreads = noise.wheelbase_spread, noise.drive_spread, *(factor - 1 for factor in motors)
     limits.is_exact = int(not any((noise.actuator, noise.heading, noise.speed, *spreads)))
-    limits.speed_unit = robot.top_speed
     limits.substep, limits.substeps = task.step / task.substeps, task.substeps
     measured = max(robot.top_speed, -robot.lowest_speed) + DEVIATIONS * noise.speed
     limits.braking = math.ceil((measured + limits.speed_error) / (weakest * limits.substep)) + 1

@@ -141,12 +141,6 @@ def joining_sample(
 
 
 @wp.func
-def integrator_gains(pole: float) -> wp.vec2:
-    """Return the gains of place and rate that put both poles of a double integrator, with steps of 1, at `pole`."""
-    return wp.vec2((1.0 - pole) * (1.0 - pole), 0.5 * (1.0 - pole) * (3.0 + pole))
-
-
-@wp.func
 def learn(memory: wp.array(dtype=float), robot: RobotStruct, heading: float, speed: float, tracking: Tracking):
     """Correct the motor's bias and the ratio of curvatures by the error of the model in the latest step."""
     decay = wp.exp(-robot.drag * tracking.step)
@@ -203,7 +197,8 @@ def follow_paths(
     least_speed = 0.02 * top_speed
     behind = lateness(float(sample), steps, tracking) * path_speed * tracking.step - past
 
-    gains = integrator_gains(tracking.pole)
+    # of place and rate, for steps of 1
+    gains = wp.vec2((1.0 - tracking.pole) * (1.0 - tracking.pole), 0.5 * (1.0 - tracking.pole) * (3.0 + tracking.pole))
     step_length = wp.max(speed, wp.max(0.25 * path_speed, least_speed)) * tracking.step
     approach = wp.clamp(wp.atan(gains[0] / gains[1] * left / step_length), -_APPROACH, _APPROACH)
     path_curvature = feedforward[variant[w, i], i, sample_on_table(sample + tracking.early_samples, tracking)][0]
