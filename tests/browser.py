@@ -43,14 +43,14 @@ def browser():
     browser.quit()
 
 
-def played(name, policy="kuramoto-mpcc", **overrides):
+def played(name="evaders", policy="kuramoto-mpcc", seed=1, **overrides):
     scenario = lissajous_env.scenario(name, **overrides)
-    return record(baselines.make(policy, scenario), scenario, 1)
+    return record(baselines.make(policy, scenario), scenario, seed)
 
 
 @pytest.fixture(scope="session")
 def recording():
-    return played("evaders", **EVADERS)
+    return played(**EVADERS)
 
 
 @pytest.fixture(scope="session")

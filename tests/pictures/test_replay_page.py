@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import played
 from command_line import called
 
 import baselines
 import lissajous_env
-from lissajous_env.episodes.recording import ARRAYS, Recorder, record
+from lissajous_env.episodes.recording import ARRAYS, Recorder
 from lissajous_env.replay import Replay
 from lissajous_env.replay.contents import angles, contents, counts, quantised
 from lissajous_env.world.state import NEVER
@@ -24,18 +25,13 @@ SHORT = {"task.duration": 6.0, "task.contamination": (45, 20), "targets.arrival_
 HOSTILE = "</script><img src=x onerror=alert(1)><!-- <script>alert(2)</script> &lt; \u2028 \ud800 '\""
 
 
-def played(name="evaders", policy="kuramoto-mpcc", seed=1, **overrides):
-    scenario = lissajous_env.scenario(name, **overrides)
-    return record(baselines.make(policy, scenario), scenario, seed)
-
-
 @pytest.fixture(scope="module")
 def recording():
     return played(**SHORT)
 
 
 def unpacked(packed):
-    """Return the array that a page unpacks; oracle: the format that packing.py describes, read in reverse."""
+    """Return the array that a page unpacks; oracle: the format that contents.py describes, read in reverse."""
     size = packed["bits"] // 8
     planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(size, -1)
     whole = sum(plane.astype(np.uint64) << np.uint64(8 * k) for k, plane in enumerate(planes))
