@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import played
+from browser import hostile, played
 from command_line import called
 
 import baselines
@@ -167,19 +167,8 @@ def test_what_cannot_be_shown_is_said(tmp_path, monkeypatch, capsys, arguments, 
     assert not list(tmp_path.iterdir())
 
 
-def hostile(recording):
-    """The same with names that would be script, numbers that are none, and places far away."""
-    scenario = dataclasses.replace(recording.scenario, name=HOSTILE, description=HOSTILE)
-    position = recording.position.copy()
-    position[10:20] *= np.float32(1e30)
-    score = recording.score | {"policy": HOSTILE, HOSTILE: float("nan"), "return_mean": float("inf"), "x": 10**400}
-    names = (HOSTILE, *recording.observation_names[1:])
-    changes = {"position": position, "score": score, "observation_names": names, "scenario": scenario}
-    return dataclasses.replace(recording, **changes)
-
-
 def test_nothing_of_a_recording_becomes_markup(recording):
-    text = Replay(hostile(recording)).html()
+    text = Replay(hostile(recording, HOSTILE)).html()
     markup = re.sub(r'<script type="application/json" id="data">.*?</script>', "", text, flags=re.DOTALL)
     assert HOSTILE not in text
     assert markup.count(html.escape(HOSTILE.replace("\ud800", "?"))) == 2  # scenario and policy in the title
