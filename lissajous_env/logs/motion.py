@@ -44,6 +44,8 @@ _PIECES = 3
 """Largest number of pieces of a spline in a time constant."""
 _CONTRADICTING = 0.25
 """Share of the poses of a moving robot above which logged speeds that do not match contradict them."""
+_NOISY = 4.5
+"""Standard deviations up to which the speed of a robot that stands still may be noise: one in 25,000 is faster."""
 _STOPS = 1 / 3
 """Share of the way at the speeds of two poses by which the way between them may differ. A robot that misses more of it
 stopped at once; before, it is slower, so that it does not overshoot."""
@@ -139,27 +141,26 @@ def motion_of(
     jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
     known = (width <= gap + SAME_TIME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    position, velocity = _smoothed(track.time, track.position, edges)
+    position, velocity, _ = _smoothed(track.time, track.position, edges)
     heading, has_headings = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     derived = np.linalg.norm(velocity[:, :2], axis=1)
-    compared = np.repeat(np.diff(edges) >= _FEWEST, np.diff(edges))
     speed = derived * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
-    impossible = compared & (np.abs(track.speed) > 4 * derived.max(initial=0) + 1e-3)
     width, logged = width[:, None], along * track.speed[:, None]
-    ends = width * logged[:-1], width * logged[1:]
-    reckoned = np.concatenate([np.zeros((1, 3)), np.cumsum(_driven(*ends, np.diff(heading)), axis=0)])
-    rest, reason = track.position - reckoned, ""
+    ends, reason = (width * logged[:-1], width * logged[1:]), ""
     if not np.isfinite(track.speed).all():
         reason = "were not logged"
     elif trusted:
-        speed, velocity, position = track.speed, logged, track.position
+        position, speed, velocity = track.position, track.speed, logged
         heading = _with_whole_turns(track, *ends, heading)
-    elif impossible.any() or _contradict(track, rest, known, deviation, derived):
-        reason = "do not match the poses"
     else:
-        position = reckoned + _smoothed(track.time, rest, edges, logged)[0]
-        speed, velocity = track.speed, logged
+        reckoned = np.concatenate([np.zeros((1, 3)), np.cumsum(_driven(*ends, np.diff(heading)), axis=0)])
+        rest, drift, error = _smoothed(track.time, track.position - reckoned, edges, logged)
+        counts = np.repeat(np.diff(edges) >= _FEWEST, np.diff(edges))
+        if _contradict(track.speed[counts], derived[counts], np.linalg.norm(drift, axis=1)[counts], error):
+            reason = "do not match the poses"
+        else:
+            position, speed, velocity = reckoned + rest, track.speed, logged
     whole = Track(track.time, position, heading, speed)
     return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, has_headings)
 
@@ -195,30 +196,20 @@ def _with_whole_turns(track: Track, begin: np.ndarray, end: np.ndarray, heading:
     return heading + 2 * np.pi * np.append(0, np.cumsum(turned * counts[missed.argmin(axis=0)]))
 
 
-def _contradict(track: Track, rest: np.ndarray, known: np.ndarray, deviation: float, speeds: np.ndarray) -> bool:
-    """Return whether the logged speeds along the headings do not lead from pose to pose.
-
-    The ways that are compared are the shortest that normal noise does not make, with a probability of 99.99 %.
+def _contradict(logged: np.ndarray, derived: np.ndarray, drift: np.ndarray, error: float) -> bool:
+    """Return whether the logged speeds of a robot are impossible, or do not lead from pose to pose.
 
     Args:
-        track: The track.
-        rest: (K, 3) positions without the way at the logged speeds and headings [m].
-        known: (K - 1,) True where the motion from a pose to the next is known.
-        deviation: Standard deviation of a pose [m].
-        speeds: (K,) speeds that are derived from the poses [m/s].
+        logged: (K,) logged speeds [m/s].
+        derived: (K,) speeds of the poses [m/s].
+        drift: (K,) speeds of the poses from the ways at the logged speeds and headings [m/s].
+        error: Standard deviation of these speeds [m/s].
     """
-    width, slack = np.diff(track.time), 2 * deviation * math.sqrt(math.log(1e4 * len(track))) + SAME_TIME
-    gaps = np.concatenate([[0], np.cumsum(~known)])
-    step = float(np.quantile(speeds, 0.75) * np.median(width))
-    span = int(min(np.ceil(2 * slack / max(step, SAME_TIME)), len(track) - 1))
-    way = track.position[span:, :2] - track.position[:-span, :2]
-    length = np.linalg.norm(way, axis=1)
-    moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
-    if not moving.any():
-        return False
-    off = np.linalg.norm(rest[span:, :2] - rest[:-span, :2], axis=1)
-    contradicting = off > np.maximum(0.5 * np.maximum(length, np.median(length[moving])), slack)
-    return bool((contradicting & moving).sum() > _CONTRADICTING * moving.sum())
+    if (np.abs(logged) > 4 * derived.max(initial=0) + 1e-3).any():
+        return True
+    moving = derived > np.maximum(_NOISY * error, 0.1 * np.quantile(derived, 0.9) if len(derived) else 0.0)
+    least = np.maximum(_NOISY * error, 0.5 * np.maximum(derived, np.median(derived[moving]) if moving.any() else 0.0))
+    return bool((moving & (drift > least)).sum() > _CONTRADICTING * moving.sum())
 
 
 def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -233,11 +224,11 @@ def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
 
 def _smoothed(
     time: np.ndarray, place: np.ndarray, edges: np.ndarray, velocity: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smoothed places (K, 3) of each stretch between two edges [m], and their slopes [m/s].
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the smoothed places (K, 3) of each stretch between two edges [m], their slopes, and the slopes' error.
 
-    The time constant is the least for which velocities are precise. Where that moves the places by more than their
-    noise, which was no noise but motion, it is shorter.
+    The time constant is the least for which slopes are precise. Where that moves the places by more than their noise,
+    which was no noise but motion, it is shorter.
 
     Args:
         time: (K,) times [s].
@@ -245,22 +236,23 @@ def _smoothed(
         edges: First places of the stretches, and K.
         velocity: (K, 3) velocities of the robot [m/s], by default the slopes.
     """
-    deviation, constant = _noise(time, place), _LONGEST
-    period = (time[edges[1:] - 1] - time[edges[:-1]]).sum() / len(time)
+    deviation, period = _noise(time, place), (time[edges[1:] - 1] - time[edges[:-1]]).sum() / len(time)
+    shortest = _SHORTEST * period
+    constant = max(_LONGEST, shortest)
     while True:
         stretches = [_spline(time[a:b], place[a:b], constant) for a, b in pairwise(edges.tolist())]
         smooth, slope = (np.concatenate(parts) for parts in zip(*stretches, strict=True))
-        speed = np.quantile(np.linalg.norm(slope if velocity is None else velocity, axis=1), 0.75)
         # The integral of (w / (1 + (w T)^6))^2 over frequencies w > 0 is pi / (12 T^3), for a time constant T.
-        needed = float(deviation * math.sqrt(period / 12) / max(_PRECISE * speed, 1e-12)) ** (2 / 3)
-        moved_by = np.quantile(np.linalg.norm((smooth - place)[:, :2], axis=1), 0.9)
-        if moved_by > _CLOSE * deviation:
-            needed = min(needed, _SHORTER * constant)
-        if constant < _SHORTEST * period:
-            return place, slope
-        if needed > _SHORTER * constant:
-            return smooth, slope
-        constant = needed
+        error = deviation * math.sqrt(period / 12) / max(constant, 1e-12) ** 1.5
+        if constant <= shortest:
+            return place, slope, error
+        speed = np.quantile(np.linalg.norm(slope if velocity is None else velocity, axis=1), 0.75)
+        factor = float(error / max(_PRECISE * speed, 1e-12)) ** (2 / 3)
+        if np.quantile(np.linalg.norm((smooth - place)[:, :2], axis=1), 0.9) > _CLOSE * deviation:
+            factor = min(factor, _SHORTER)
+        if factor > _SHORTER:
+            return smooth, slope, error
+        constant = max(factor * constant, shortest)
 
 
 def _spline(time: np.ndarray, place: np.ndarray, constant: float) -> tuple[np.ndarray, np.ndarray]:
