@@ -137,7 +137,7 @@ def motion_of(
         trusted: True for the speeds of a simulation, in which robots stop at once, so that poses seem to contradict.
     """
     width, way = np.diff(track.time), np.linalg.norm(np.diff(track.position, axis=0), axis=1)
-    deviation = _noise(track.time, track.position)
+    deviation = noise_of(track.time, track.position[:, :2])
     jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
     known = (width <= gap + SAME_TIME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
@@ -215,8 +215,6 @@ def _contradict(logged: np.ndarray, derived: np.ndarray, drift: np.ndarray, erro
 def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return a heading at every pose, and False if they are those of the motion, because the log has none."""
     known = np.isfinite(track.heading)
-    if known.all():
-        return track.heading, True
     if known.sum() > 1:
         return np.interp(track.time, track.time[known], track.heading[known]), True
     return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), False
@@ -236,7 +234,7 @@ def _smoothed(
         edges: First places of the stretches, and K.
         velocity: (K, 3) velocities of the robot [m/s], by default the slopes.
     """
-    deviation, period = _noise(time, place), (time[edges[1:] - 1] - time[edges[:-1]]).sum() / len(time)
+    deviation, period = noise_of(time, place[:, :2]), (time[edges[1:] - 1] - time[edges[:-1]]).sum() / len(time)
     shortest = _SHORTEST * period
     constant = max(_LONGEST, shortest)
     while True:
@@ -280,18 +278,16 @@ def _spline(time: np.ndarray, place: np.ndarray, constant: float) -> tuple[np.nd
     return place[0] + spline(at), slope * np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
 
 
-def _noise(time: np.ndarray, place: np.ndarray) -> float:
-    """Return the standard deviation of places (K, 3) from a smooth motion in the plane [m]."""
-    return float(np.median(local_deviations(time, place[:, :2])))
+def noise_of(time: np.ndarray, values: np.ndarray, share: float = 0.5) -> float:
+    """Return the standard deviation of values (K, C) over time [s] from cubics through their neighbours.
 
-
-def local_deviations(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return standard deviations of values (K, C) over time [s] from cubics through their neighbours."""
+    In motion that is not smooth everywhere, `share` is the quantile of the deviations that counts as noise.
+    """
     if len(time) < _FEWEST:
-        return np.zeros(1)
+        return 0.0
     near = sliding_window_view(time, _FEWEST)
     weight = 1 / (near[:, :, None] - near[:, None, :] + np.eye(_FEWEST)).prod(axis=2)  # of fourth divided differences
     weight /= np.linalg.norm(weight, axis=1, keepdims=True)
     rest = np.einsum("kp,kcp->kc", weight, sliding_window_view(values, _FEWEST, axis=0))
     square = sliding_window_view((rest**2).mean(axis=1), min(_FEWEST, len(rest)))
-    return np.sqrt(square.mean(axis=1))
+    return float(np.sqrt(np.quantile(square.mean(axis=1), share)))

@@ -18,7 +18,7 @@ import baselines
 import lissajous_env
 from lissajous_env.episodes.recording import ARRAYS, Recorder
 from lissajous_env.replay import Replay
-from lissajous_env.replay.contents import angles, contents, counts, quantised
+from lissajous_env.replay.contents import contents, counts, quantised
 from lissajous_env.world.state import NEVER
 
 SHORT = {"task.duration": 6.0, "task.contamination": (45, 20), "targets.arrival_rate": 2.0}
@@ -49,8 +49,6 @@ def test_numbers_come_back_to_what_is_stated(shape):
     numbers = draw.normal(0, 3, shape)
     span = np.ptp(numbers) if numbers.size else 1.0
     np.testing.assert_allclose(unpacked(quantised(numbers)), numbers, atol=span / 65_535 * 0.51)
-    away = unpacked(angles(numbers)) - numbers
-    assert (np.abs(away - 2 * np.pi * np.rint(away / (2 * np.pi))) <= 2 * np.pi / 65_536 * 0.51).all()
     for most in (200, 60_000, 10**6):
         whole = draw.integers(-3, most + 4, shape)
         limited = np.where((whole < 0) | (whole > most), most + 1, whole)
