@@ -89,8 +89,10 @@ def bootstrap_interval(values: Values, cut: float = CUT) -> tuple[float, float]:
     if n < 2:
         return np.nan, np.nan
     outside = int(cut * n)
-    resamples = np.repeat(np.tile(samples, RESAMPLES), draws(n).ravel()).reshape(RESAMPLES, n)
-    means = np.sort(resamples)[:, outside : n - outside].mean(axis=1)
+    means = np.empty(RESAMPLES)
+    for part in np.array_split(np.arange(RESAMPLES), 1 + n // 64):  # of some MB each
+        resamples = np.repeat(np.tile(samples, len(part)), draws(n)[part].ravel()).reshape(len(part), n)
+        means[part] = np.sort(resamples)[:, outside : n - outside].mean(axis=1)
     # Between two infinite values there is no point, so an end is then one of the values.
     method = "linear" if np.isfinite(means).all() else "inverted_cdf"
     low, high = np.quantile(means, [0.025, 0.975], method=method)

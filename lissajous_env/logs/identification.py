@@ -16,7 +16,7 @@ import warp as wp
 from scipy.optimize import least_squares
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.commands import COMMAND_NAMES, named_commands
 from lissajous_env.logs.log import Series, Track
@@ -214,7 +214,7 @@ class _Fit:
         self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model])
         arrays = self._first_pose, self._time, commands.time, commands.value
         kinds = zip(arrays, (wp.int32, wp.float64, wp.float64, wp.vec2), strict=True)
-        self._data = [wp.array(values, dtype=kind, device="cpu") for values, kind in kinds]
+        self._data = [wp.array(values, dtype=kind, device=as_device("cpu")) for values, kind in kinds]
         self._robot = to_struct(RobotStruct, guess), int(is_car)
 
     def run(self) -> Identified:

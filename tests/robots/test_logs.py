@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -218,3 +219,5 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert lissajous_env.scenario(cars).robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out
+    alone = f"{sys.executable} -m lissajous_env identify {path} --topics /robot_0/odom --json"
+    assert [*json.loads(os.popen(alone).read())] == ["0"]  # without a word of Warp, which starts there
