@@ -26,23 +26,44 @@ class Presses:
             sys.meta_path.remove(self)
             press()
 
+class PressesLast:
+    def __del__(self, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
+        kill(pid, number)  # the modules are cleared
+
+class Begins:
+    def find_spec(self, name, path=None, target=None):
+        if name == "lissajous_env.console.cli":
+            sys.meta_path.remove(self)
+            atexit.register(press)
+
 if MOMENT == "exit":
-    atexit.register(press)
-sys.meta_path.insert(0, Presses())
+    sys.meta_path.insert(0, Begins())
+elif MOMENT == "last":
+    sys.presses_last = PressesLast()
+else:
+    sys.meta_path.insert(0, Presses())
 """
 
 
 @pytest.mark.usefixtures("ctrl_c")
-@pytest.mark.parametrize(("moment", "by_script"), [("lissajous_env.console.cli", True), ("exit", False)])
-def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, tmp_path):
-    # Story: the signal arrives in the midst of an import, where Python would print the stack of all imports.
+@pytest.mark.parametrize(
+    ("moment", "by_script", "ends"),
+    [
+        ("lissajous_env.console.cli", True, (130, "interrupted\n")),
+        ("exit", False, (130, "interrupted\n")),
+        ("last", False, (0, "")),
+    ],
+)
+def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, ends, tmp_path):
+    # Story: the signal arrives in the midst of an import, where Python would print the stack of all imports; or when
+    # the interpreter is about to end, where it would end the command by the signal in place of its exit code.
     (tmp_path / "sitecustomize.py").write_text(PRESSED)
     script = tmp_path / "lissajous"
     script.write_text("from lissajous_env.console.cli import main\nmain()\n")
     start = [str(script)] if by_script else ["-m", "lissajous_env"]
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}", "MOMENT": moment}
     done = subprocess.run([sys.executable, *start, "--version"], env=environment, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+    assert (done.returncode, done.stderr) == ends
 
 
 @pytest.mark.usefixtures("ctrl_c")
