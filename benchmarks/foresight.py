@@ -87,9 +87,9 @@ def main() -> None:
     options = parser.parse_args()
     rows, seeds = [], HELD_OUT[: options.episodes]
     for learned, folder in LEARNED.items():
-        contents = checkpoint.read_contents(folder)
-        for policy in contents["held_out_times"]:
-            rows.append(row_of(contents["policy"]["scenario"], policy, learned, seeds))
+        description = checkpoint.read_description(folder)
+        for policy in description["held_out_times"]:
+            rows.append(row_of(description["card"].scenario, policy, learned, seeds))
             print(*rows[-1], sep=" | ", flush=True)
     table = {"columns": TITLES, "rows": rows}
     figures.publish("foresight", "foresight", table, options.store)

@@ -105,7 +105,7 @@ def on_scenario(scenario: str, trainings: list[str]) -> figures.Table:
     played = {f"`{name}`": play(baselines.make(name, scenario, count), scenario, SEEDS)[:, None] for name in names}
     base = played[f"`{names[1]}`"][0, 0]
     network, card, _ = checkpoint.read(find(names[0]))
-    zeros = TeamNetwork.from_arrays({name: 0 * array for name, array in network.to_arrays().items()})
+    zeros = TeamNetwork({name: 0 * array for name, array in network.arrays.items()})
     begun = play(LearnedTeam(zeros, card, scenario, count), scenario, SEEDS)[:, None]
     played = {f"`{names[0]}`": played.pop(f"`{names[0]}`"), "the same before its training": begun} | played
     if trainings:
@@ -154,7 +154,7 @@ def on_ablations(trainings: list[str]) -> figures.Table:
     rules, rows, groups = {}, [], grouped(trainings)
     rule = next(iter(groups.values()))[0][1]["training"]["rival"]
     for (_, options, steps), members in groups.items():
-        settings = members[0][1]["settings"]
+        settings = members[0][1]["card"].settings
         scenario = lissajous_env.scenario(settings["scenario"], **settings["overrides"])
         if scenario not in rules:
             rules[scenario] = play(baselines.make(rule, scenario, len(FEWER_SEEDS)), scenario, FEWER_SEEDS)
@@ -174,10 +174,11 @@ def on_curves(trainings: list[str], stores: bool) -> figures.Table:
     """
     entries = [json.loads(line) for line in CURVES.read_text(encoding="utf-8").splitlines()] if CURVES.exists() else []
     for (scenario, options, steps), members in grouped(trainings).items():
-        for _, text in members:
-            entry = {"scenario": scenario, "options": options, "steps": steps, "seed": text["settings"]["seed"]}
-            entry |= {"version": text["versions"]["lissajous-env"], "rival": text["training"]["rival"]}
-            curve = [[point[name] for name in VALIDATED] for point in text["training"]["curve"]]
+        for _, described in members:
+            history, seed = described["training"], described["card"].settings["seed"]
+            entry = {"scenario": scenario, "options": options, "steps": steps, "seed": seed}
+            entry |= {"version": described["versions"]["lissajous-env"], "rival": history["rival"]}
+            curve = [[point[name] for name in VALIDATED] for point in history["curve"]]
             entries.append(entry | {"curve": curve})
     rows = defaultdict(dict)
     for entry in entries:  # a training that was repeated replaces the earlier one
@@ -225,19 +226,19 @@ def herding(policies: list[str]) -> figures.Table:
 
 def named_training(folder: str) -> str:
     """Return the options of a training with its seed, in words."""
-    settings = checkpoint.read_contents(folder)["settings"]
+    settings = checkpoint.read_description(folder)["card"].settings
     words, steps = options_of(settings)
     return f"`{words}`, {steps / 1e6:g} million steps, seed {settings['seed']}"
 
 
 def grouped(trainings: list[str]) -> dict[tuple[str, str, int], list[tuple[str, dict[str, Any]]]]:
-    """Return the complete trainings, each with its checkpoint, by their scenario, options and steps."""
+    """Return the complete trainings, each with its description, by their scenario, options and steps."""
     groups = defaultdict(list)
     for folder in trainings:
-        text = checkpoint.read_contents(folder)
-        settings = text["settings"]
-        if text["training"]["curve"][-1]["steps"] >= settings["steps"]:
-            groups[(settings["scenario"], *options_of(settings))].append((folder, text))
+        description = checkpoint.read_description(folder)
+        settings = description["card"].settings
+        if description["training"]["curve"][-1]["steps"] >= settings["steps"]:
+            groups[(settings["scenario"], *options_of(settings))].append((folder, description))
     return groups
 
 
@@ -252,8 +253,12 @@ def options_of(settings: dict[str, Any]) -> tuple[str, int]:
 
 def preferred(trainings: list[str]) -> str:
     """Return the training whose validation is best, with its collisions in units of the limit of a training."""
-    texts = {folder: checkpoint.read_contents(Path(folder) / checkpoint.BEST)["training"] for folder in trainings}
-    return max(trainings, key=lambda folder: rating_of(texts[folder]["best"], limit_of(None, texts[folder]["rivals"])))
+
+    def rating(folder: str) -> float:
+        history = checkpoint.read_description(Path(folder) / checkpoint.BEST)["training"]
+        return rating_of(history["best"], limit_of(None, history["rivals"]))
+
+    return max(trainings, key=rating)
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Add a trained policy or rogue to the included ones: `python benchmarks/publish.py runs/x learned-x "COMMAND"`.
 
-The copy has no state of the training. Its `checkpoint.json` contains the command and the scores on held-out seeds: of
+The copy has no state of the training. Its description contains the command and the scores on held-out seeds: of
 a policy on the scenarios for which a benchmark plays it by default, of a rogue beside those of scripted ones.
 """
 
@@ -45,12 +45,12 @@ def publish(
         made_for: scenarios of a policy; by default that of its training.
         folder: folder of the package, in which policies are in `policies` and rogues in `rogues`.
     """
-    network, card, text = checkpoint.read(source)
+    network, card, description = checkpoint.read(source)
     if not isinstance(network, TeamNetwork):
-        notes, kind = {"held_out_times": _times_of(source, card), "rogues": text["rogues"]}, "rogues"
+        notes, kind = {"held_out_times": _times_of(source, card), "rogues": description["rogues"]}, "rogues"
     else:
         notes, kind = _scores_of(network, card, made_for or (card.scenario,)), "policies"
-        notes["training"] = text["training"]
+        notes["training"] = description["training"]
     card = dataclasses.replace(card, settings=dict(card.settings) | {"out": f"runs/{name}"})
     with checkpoint.locked(folder / kind / name) as locked_folder:
         checkpoint.save(locked_folder, network, card, notes={"command": command, **notes})

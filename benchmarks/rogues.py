@@ -16,12 +16,12 @@ def rows() -> list[str]:
     """Return a row of the table for each included rogue and each policy that it was trained against."""
     lines = []
     for name, folder in LEARNED.items():
-        contents = checkpoint.read_contents(folder)
-        for policy, times in contents["held_out_times"].items():
+        description = checkpoint.read_description(folder)
+        for policy, times in description["held_out_times"].items():
             learned = times.pop("learned")
             best = {key: max(summary[key] for summary in times.values()) for key in ("mean", "longest")}
             cells = [f"{summary['mean']:.2f} ({summary['longest']:.1f})" for summary in (best, learned)]
-            lines.append(f"| `{name}` | `{contents['policy']['scenario']}`, `{policy}` | {' | '.join(cells)} |")
+            lines.append(f"| `{name}` | `{description['card'].scenario}`, `{policy}` | {' | '.join(cells)} |")
     return lines
 
 

@@ -354,7 +354,7 @@ class World:
                 0.0 if crashed else task.reward_waiting * waiting * self.dt,
                 task.reward_collision * self.new_collisions[i],
                 0.0 if crashed else task.reward_idleness * ended,
-                0.0 if crashed else task.reward_effort * float(np.mean(command[i] ** 2)),
+                self.at_work[i] * task.reward_effort * float(np.mean(command[i] ** 2)),
                 0.0 if crashed else task.reward_formation * self.deviations[-1] * self.dt,
                 task.reward_outside * self.outside[i] * self.dt,
             ]

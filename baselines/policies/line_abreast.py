@@ -13,6 +13,7 @@ from baselines.policies.own_row import Observation, own_phase
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import STEPS, TimedPaths
+from baselines.policies.transit import stays_inside
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.parameters.scenario import Scenario
@@ -50,7 +51,7 @@ def choose_ways(
 def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, PathTables, tuple[int, int]]:
     """Return the lines of a scenario, the paths of its robots, the number of angles in a turn, and the first of them.
 
-    The tables have a variant for each angle of the formation (`Effort.angles`), or one alone within an inset.
+    The tables have a variant for each angle of the formation (`Effort.angles`), or one alone where cars stay inside.
 
     Raises:
         UnsuitableScenarioError: no lines span the rectangle, or there are no ways into them without collisions inside.
@@ -60,15 +61,14 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
     loops = loops_of(lines)
     if scenario.curve.half_height > scenario.curve.half_width:
         loops = np.stack([-loops[..., 1], loops[..., 0], loops[..., 2] + np.pi / 2], axis=-1)
-    if scenario.inset:
+    if stays_inside(scenario):
         ways = transit_inside(scenario, loops[..., :2], lines.speed, slots)
         return lines, path_tables(scenario, ways.loop, ways.lead_in), (1, 0)
     effort = Effort.of(scenario.num_robots, 3 * lines.period // 2)
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * lines.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * lines.speed), lines.speed)
-    loop = loops[slots, :, :2]
     places = transit_from_any_angle(scenario, effort, loops[slots, 0], lines.radius, pace)
-    tables = path_tables(scenario, np.broadcast_to(loop, (len(places), *loop.shape)), places)
+    tables = path_tables(scenario, loops[slots, :, :2], places)
     return lines, tables, (effort.angles, int(angle_steps(scenario, effort.angles)[0]))
 
 
@@ -101,7 +101,7 @@ class LineAbreast(TimedPaths):
         self._avoid_others(self.scenario.robot.radius)
 
     def timed(self, scenario: Scenario) -> PathTables:
-        """Return the timed paths: a variant for each angle of the formation, or one alone within an inset."""
+        """Return the timed paths: a variant for each angle of the formation, or one alone where cars stay inside."""
         self.lines, tables, self._angles = line_tables(scenario, self.parameters)
         return tables
 

@@ -4,7 +4,7 @@ Coordinates are along and across the sweep: `along` the longer side of the recta
 the lines span. A line's path is a table of one state for each control step, periodic: from the left end of the
 rectangle to the right one, a turn, back, and a turn. Float64 NumPy.
 
-In the open, a turn of three arcs outside of the rectangle leads back into the same lane. Within walls or an inset,
+In the open, a turn of three arcs outside of the rectangle leads back into the same lane. Where cars must stay inside,
 every car turns on a half circle, and sweeps back beside its lane, by the circle's radius R to the other side. All cars
 copy that, too, so the spacing law is valid in turns; an outermost car is R nearer to its wall on one way, and R farther
 from it on the other. `failed_condition` has the conditions.
@@ -12,7 +12,6 @@ from it on the other. `failed_condition` has the conditions.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.driving import slowest_top_speed
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import fastest_speed
-from baselines.policies.transit import along_arc, start_is_known
+from baselines.policies.transit import along_arc, start_is_known, stays_inside
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import turning_radius
@@ -50,36 +49,12 @@ class LineParameters(Checked):
     """Number of lines; None means the number with the shortest worst-case undetected time."""
 
 
-class Turn(NamedTuple):
-    """A turn by half a circle: an arc to the left, a wide one to the right, one to the left, back into its lane.
-
-    Without the short arcs it is a half circle, beside the lane.
-    """
-
-    short: int
-    """Steps of the first and of the last arc; 0 for a half circle."""
-    long: int
-    """Steps of the arc between them."""
-    angle: float
-    """Angle of the first and of the last arc [rad]."""
-
-    @property
-    def headings(self) -> np.ndarray:
-        """Headings after each step, from 0 to -pi [rad]."""
-        first = self.angle / max(self.short, 1)
-        rates = np.repeat([first, -(math.pi + 2 * self.angle) / self.long, first],
-                          [self.short, self.long, self.short])  # fmt: skip
-        return np.cumsum(rates)
-
-
 @dataclass(frozen=True, eq=False)
 class Lines:
     """The lines of a scenario: lanes of cars, and the path that they copy."""
 
     speed: float
     """Speed of the lines [m/s]."""
-    step: float
-    """Control step [s]."""
     path: np.ndarray
     """(P, 3) along, across [m] and heading [rad] of a car in the lane 0, a period of P steps.
 
@@ -117,7 +92,7 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
     """Return the lines, of any number and speed, with the shortest worst-case undetected time once they have formed.
 
     Raises:
-        UnsuitableScenarioError: no lines span the rectangle, or robots within an inset do not know their starts.
+        UnsuitableScenarioError: no lines span the rectangle, or robots that must stay inside do not know their starts.
     """
     n, radius = scenario.num_robots, scenario.sensing_radius
     counts = [parameters.lines] if parameters.lines else range(1, min(n, _LINES_MAX) + 1)
@@ -128,8 +103,8 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
         lines = counted(counts[0], "line")
         rule = f"line-abreast requires {lines} of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
-    if scenario.inset and not start_is_known(scenario):  # before they are compared, which can take seconds
-        rule = "line-abreast requires a start that all robots know within walls or an inset"
+    if stays_inside(scenario) and not start_is_known(scenario):  # before they are compared, which can take seconds
+        rule = "line-abreast requires a start that all robots know where they must stay inside"
         got = f"{scenario.formation.start} and {scenario.formation.start_noise:g} rad"
         raise UnsuitableScenarioError(f"{rule}, formation.start = equilibrium and little start_noise, got {got}")
     if len(fitting) == 1:
@@ -139,9 +114,9 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
 
 def ideal_worst_case(scenario: Scenario, lines: Lines) -> float:
     """Return the worst-case undetected time [s] of lines that have formed and follow their path without error."""
-    half = sorted((scenario.curve.half_width, scenario.curve.half_height), reverse=True)
-    loop = loops_of(lines)[..., :2]
-    return worst_undetected_time(loop, (half[0], half[1]), scenario.sensing_radius, scenario.rogue_speed, lines.step)
+    across, along = sorted((scenario.curve.half_width, scenario.curve.half_height))
+    rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
+    return worst_undetected_time(loops_of(lines)[..., :2], (along, across), *rogues)
 
 
 def lanes_of(scenario: Scenario, count: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
@@ -196,12 +171,13 @@ def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: 
     return ""
 
 
-def turn_of(curvature_step: float) -> Turn:
-    """Return the shortest turn of whole steps, of at most so much curvature [rad/step].
+def turn_of(curvature_step: float) -> np.ndarray:
+    """Return the headings after each step of the shortest turn by half a circle back into the lane, from 0 to -pi.
 
-    With the angle a of the first arc, of n steps, and pi + 2 a of the second, of k steps, the path comes back into its
-    lane where its radii fulfil R1 (1 - cos a) = R2 cos a, that is n (1 - cos a) / a = k cos a / (pi + 2 a). Two equal
-    radii have a = pi / 3.
+    It is an arc to the left, a wide one to the right, and one to the left, of whole steps and at most so much curvature
+    [rad/step]. With the angle a of the first arc, of n steps, and pi + 2 a of the second, of k steps, the path comes
+    back into its lane where its radii fulfil R1 (1 - cos a) = R2 cos a, that is n (1 - cos a) / a = k cos a / (pi + 2
+    a). Two equal radii have a = pi / 3.
     """
     steps = max(math.floor(7 * math.pi / 3 / curvature_step), 4)
     while True:
@@ -212,8 +188,9 @@ def turn_of(curvature_step: float) -> Turn:
                 angle = (low + high) / 2
                 closes = short * (1 - math.cos(angle)) / angle < long * math.cos(angle) / (math.pi + 2 * angle)
                 low, high = (angle, high) if closes else (low, angle)
-            if max(low / short, (math.pi + 2 * low) / long) <= curvature_step:
-                return Turn(short, long, low)
+            first, second = low / short, (math.pi + 2 * low) / long
+            if max(first, second) <= curvature_step:
+                return np.cumsum(np.repeat([first, -second, first], [short, long, short]))
         steps += 1
 
 
@@ -221,15 +198,17 @@ def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tupl
     """Return `count` lines that span the rectangle, at several speeds if they turn inside, and a failed condition."""
     if count > scenario.num_robots:
         return (), "there are fewer cars than lines"
-    if slowest_top_speed(scenario) == 0:
+    slowest = slowest_top_speed(scenario)
+    if slowest == 0:
         return (), "the slowest car does not move"
-    if scenario.task.boundary == "open" and scenario.inset == 0:
+    largest = min(parameters.speed or min(_CRUISE * slowest, fastest_speed(scenario)), _FASTEST * slowest)
+    if not stays_inside(scenario):
         failed = failed_condition(scenario, count)
-        return (() if failed else (_turning_outside(scenario, parameters, count),)), failed
+        return (() if failed else (_turning_outside(scenario, count, largest),)), failed
     tightest, half = 1 / (_GRIP * _sharpest(scenario)), min(scenario.curve.half_width, scenario.curve.half_height)
     if tightest + scenario.inset >= half:
         return (), f"turns of {tightest:.3g} m do not fit {scenario.inset:.3g} m inside of walls {2 * half:g} m apart"
-    largest, fitting, failed = _speed_of(scenario, parameters), [], ""
+    fitting, failed = [], ""
     for share in (1.0,) if parameters.speed else _SHARES:
         lines = _turning_inside(scenario, count, share * largest)
         failed = failed_condition(scenario, count, lines.speed, lines.aside)
@@ -237,18 +216,19 @@ def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tupl
     return tuple(fitting), failed
 
 
-def _turning_outside(scenario: Scenario, parameters: LineParameters, count: int) -> Lines:
-    """Return `count` lines that turn outside of the rectangle."""
+def _turning_outside(scenario: Scenario, count: int, fastest: float) -> Lines:
+    """Return `count` lines that turn outside of the rectangle, at a speed [m/s] or the largest one below it."""
     step = scenario.task.step
     _, lanes, line_of = lanes_of(scenario, count)
     limit = speed_limit(spacing_of(scenario, count), scenario.sensing_radius, scenario.rogue_speed, step)
-    speed = min(_speed_of(scenario, parameters), limit)
-    turn = turn_of(_largest_turn(scenario, speed))
+    fastest = min(fastest, limit)
     reach = max(scenario.curve.half_width, scenario.curve.half_height)
-    sweep = max(math.ceil(2 * reach / (speed * step) - 1e-9), 1)
+    sweep = max(math.ceil(2 * reach / (fastest * step) - 1e-9), 1)
     speed = 2 * reach / (sweep * step)
+    # At the lower speed of whole steps, the turn may use the reserve of `_GRIP`, but no more.
+    turn = turn_of(min(_largest_turn(scenario, fastest), _sharpest(scenario) * speed * step))
     path = _path(speed * step, sweep, turn, np.array([-reach, 0.0]))
-    return Lines(speed, step, path, speed * step * turn.short / turn.angle, 0.0, lanes, line_of)
+    return Lines(speed, path, speed * step / turn[0], 0.0, lanes, line_of)
 
 
 def _turning_inside(scenario: Scenario, count: int, fastest: float) -> Lines:
@@ -266,14 +246,9 @@ def _turning_inside(scenario: Scenario, count: int, fastest: float) -> Lines:
         long += 1
     aside = speed * step * (long / math.pi)
     _, lanes, line_of = lanes_of(scenario, count, aside)
-    path = _path(speed * step, sweep, Turn(0, long, 0.0), np.array([aside - half, aside]))
-    return Lines(speed, step, path, aside, aside, lanes, line_of)
-
-
-def _speed_of(scenario: Scenario, parameters: LineParameters) -> float:
-    """Return the largest speed of lines that the parameters and the slowest car allow [m/s]."""
-    fastest = min(_CRUISE * slowest_top_speed(scenario), fastest_speed(scenario))
-    return min(parameters.speed or fastest, _FASTEST * slowest_top_speed(scenario))
+    turn = np.cumsum(np.full(long, -math.pi / long))
+    path = _path(speed * step, sweep, turn, np.array([aside - half, aside]))
+    return Lines(speed, path, aside, aside, lanes, line_of)
 
 
 def _largest_turn(scenario: Scenario, speed: float) -> float:
@@ -288,9 +263,12 @@ def _sharpest(scenario: Scenario) -> float:
     return 1 / turning_radius(robot.wheelbase * scenario.noise.wheelbase_range[1], robot.steering_max)
 
 
-def _path(way: float, sweep: int, turn: Turn, begin: np.ndarray) -> np.ndarray:
-    """Return `Lines.path` from a place on, `way` [m] a step: a sweep of some steps, a turn, the way back, a turn."""
-    there = np.concatenate([np.zeros(sweep), turn.headings])
+def _path(way: float, sweep: int, turn: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """Return `Lines.path` from a place on, `way` [m] a step: a sweep of some steps, a turn, the way back, a turn.
+
+    A turn is the headings after its steps [rad].
+    """
+    there = np.concatenate([np.zeros(sweep), turn])
     headings = np.concatenate([[0.0], there, there - math.pi])
     moved = np.cumsum(along_arc(0.0, headings[:-1], way, np.diff(headings))[0], axis=0)
     return np.column_stack([np.vstack([[0.0, 0.0], moved])[:-1] + begin, headings[:-1]])

@@ -31,9 +31,9 @@ from baselines.policies.transit import (
 from lissajous_env.parameters.scenario import Scenario
 
 _CLEAR = 0.5
-"""Least distance of two bodies on the ways within an inset, in radii of a body."""
+"""Least distance of two bodies on the ways inside, in radii of a body."""
 _PHASES = (0.5, 0.0, 0.25, 0.75)
-"""Phases of the lines that are tried within an inset, in periods."""
+"""Phases of the lines that are tried inside, in periods."""
 _ENDS = ((0.0, 1.0), (0.5, 1.0), (1.0, 1.0), (0.0, 1.5), (0.5, 1.5))
 """Length of the last straight stretch, in half widths of the formation, and radius of the arcs, in that of a turn."""
 _TILTS = (0.0, -0.5, 0.5)

@@ -239,11 +239,6 @@ def lookahead(scenario: Scenario, cruise: float, parameters: SweepParameters) ->
     return parameters.lookahead or max(4 * scenario.robot.wheelbase, 0.3 * motion_scale(scenario).time * cruise)
 
 
-def loop_spacing(loop: np.ndarray) -> float:
-    """Return the distance between the points of a loop [m]."""
-    return length_of(loop) / len(loop)
-
-
 def slots_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:
     """Return the turns of the loop per turn of the phase, and the index on the loop (K, 2) [m] of the phase 0.
 
@@ -254,9 +249,9 @@ def slots_by_phase(scenario: Scenario, loop: np.ndarray) -> tuple[float, float]:
     """
     count, size = scenario.num_robots, len(loop)
     phases = np.linspace(0, 2 * np.pi, 512, endpoint=False)
-    places = closed_forms.curve_point(scenario.driven, scenario.alpha * phases)[:, None, :2]
+    places = closed_forms.curve_point(scenario.driven, scenario.alpha * phases)[:, None]
     origins = np.arange(64) * size // 64
-    shift = scenario.formation.start_noise / (2 * np.pi) * size * loop_spacing(loop)
+    shift = scenario.formation.start_noise / (2 * np.pi) * length_of(loop)
     best = (math.inf, 0.0, 0.0)
     for turns in (sign * k for k in range(1, max(count, 2)) for sign in (1, -1) if math.gcd(k, count) == 1):
         at = (turns * phases[:, None] / (2 * np.pi) * size + origins).astype(int) % size

@@ -21,16 +21,10 @@ from baselines.policies.loops import arrival_steps, tour
 from baselines.policies.partition_plan import PartitionLoops, PartitionParameters, partition_plans, problem_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.registry import register
-from baselines.policies.takeover_loops import SHAPES, TakeoverLoops, middle_of, slowed, takeover_loops
+from baselines.policies.takeover_loops import TakeoverLoops, middle_of, slowed, takeover_loops
 from baselines.policies.taking_over import PLACES, WATCH_SIZE, Takeover, take_over, watch_neighbours
 from baselines.policies.timed_paths import TimedPaths
-from baselines.policies.transit import (
-    Transit,
-    planned_transit,
-    radius_for_all_cars,
-    required_distance,
-    start_is_known,
-)
+from baselines.policies.transit import planned_transit, radius_for_all_cars, required_distance, start_is_known
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import number, whole
@@ -77,16 +71,13 @@ class Partition(TimedPaths):
 def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[PartitionLoops, PathTables]:
     """Return the plan of a scenario, and its timed paths by robot."""
     plans = partition_plans(scenario, parameters)
-    forms = (form for plan in plans for form in (plan, slowed(plan, RepairParameters.reserve)))
-    plan, ways, _ = _with_ways(scenario, forms, parameters, "partition")
-    if ways is not None:
-        return plan, path_tables(scenario, ways.loop, ways.lead_in)
-    if _is_crowded(scenario, plan, parameters):
+    if not start_is_known(scenario) and _is_crowded(scenario, plans[0], parameters):
         # Cars that share a loop would have to overtake each other to reach their places.
         with contextlib.suppress(UnsuitableScenarioError):
-            plan = partition_plans(scenario, replace(parameters, in_phase=True))[0]
-    loop = plan.loop[in_ring_order(scenario, tour(plan.cells))]
-    return plan, path_tables(scenario, loop, filtered_until=_filtered_until(scenario, plan, parameters))
+            plans = partition_plans(scenario, replace(parameters, in_phase=True))
+    forms = (form for plan in plans for form in (plan, slowed(plan, RepairParameters.reserve)))
+    plan, cell, shift, entry = _entered(scenario, forms, parameters)
+    return plan, path_tables(scenario, np.roll(plan.loop[cell], shift, axis=-2), **entry)
 
 
 def _is_crowded(scenario: Scenario, plan: PartitionLoops, parameters: PartitionParameters) -> bool:
@@ -94,59 +85,47 @@ def _is_crowded(scenario: Scenario, plan: PartitionLoops, parameters: PartitionP
     return scenario.inset > 0 and not loops_lie_apart(plan.loop, required_distance(scenario, parameters.clearance))
 
 
-def _filtered_until(scenario: Scenario, plan: PartitionLoops, parameters: PartitionParameters) -> float:
-    """Return for how long the collision filter leads cars to the loops of a plan [control step].
+def _entered(
+    scenario: Scenario, plans: Iterator[PartitionLoops], parameters: PartitionParameters
+) -> tuple[PartitionLoops, np.ndarray, int, dict[str, Any]]:
+    """Return a plan, the cell (N,) of each robot, the shift of the loops [control step], and how cars enter them.
 
-    Where loops overlap between walls, cars that give way meet walls and others: they collide less without the filter.
-    """
-    if _is_crowded(scenario, plan, parameters):
-        return 0.0
-    return float(arrival_steps(scenario, plan.loop, plan.speed))
-
-
-def _with_ways(
-    scenario: Scenario,
-    plans: Iterator[PartitionLoops],
-    parameters: PartitionParameters,
-    policy: str,
-    in_ring: bool = False,
-) -> tuple[PartitionLoops, Transit | None, int]:
-    """Return a plan, the ways from the start onto its loops, and the shift of the loops with them [control step].
-
-    It is the first plan that has ways. The best plan is returned without ways, so that the collision filter leads the
-    cars onto its loops, if the start is not known, or if it has no ways but the filter can separate the cars: between
-    walls, where there is no room to pass each other, loops must lie apart for this, and other plans are tried if not.
+    It is the first plan with ways from the start onto its loops. The best plan is returned without ways if the start is
+    not known, or if it has none but loops lie apart, or without walls: the collision filter then leads the cars onto
+    their loops. Where loops overlap between walls, cars that give way meet walls and others, so they use no filter from
+    a start that is not known, and other plans are tried from one that is.
 
     Args:
         scenario: The scenario.
         plans: Plans, the best first.
-        parameters: Their parameters.
-        policy: Name for the error.
-        in_ring: True if ring neighbours must have neighbouring cells, and all loops their direction.
+        parameters: Their parameters. With a repair, ring neighbours must have neighbouring cells.
+
+    Returns:
+        The last value is an argument of `path_tables`: the ways or the duration of the filter.
 
     Raises:
-        UnsuitableScenarioError: no plan has ways, and its loops overlap between walls.
+        UnsuitableScenarioError: no plan has ways, and the loops of the best one overlap between walls.
     """
-    best = next(plans)
-    if not start_is_known(scenario):
-        return best, None, 0
-    budget, apart = iter(range(_MOST_CANDIDATES)), required_distance(scenario, parameters.clearance)
-    for plan in itertools.chain([best], plans):
+    best, is_known, repairs = next(plans), start_is_known(scenario), isinstance(parameters, RepairParameters)
+    is_crowded, budget = _is_crowded(scenario, best, parameters), iter(range(_MOST_CANDIDATES))
+    for plan in itertools.chain([best] if is_known else [], plans if is_known and is_crowded else []):
         order, assigned = tour(plan.cells), None
-        if in_ring:
+        if repairs:
             ways = [np.roll(way, k) for way in (order, order[::-1]) for k in range(len(order))]
             assigned = np.array([in_ring_order(scenario, way) for way in ways])
         for (shift, after), _ in zip(_candidates(scenario, plan), budget, strict=False):
             loop = np.roll(plan.loop, shift, axis=1)
             transit = planned_transit(scenario, loop, parameters.speed, parameters.clearance, assigned, after)
             if transit is not None:
-                return plan, transit, shift
-        if plan is best and not _is_crowded(scenario, plan, parameters):
-            return plan, None, 0
-    rule = f"{policy} requires ways from the start to its loops inside of {scenario.inset:.3g} m from the edge"
-    rule = f"{rule}, or loops at least {apart:.3g} m apart at any times"
-    got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
-    raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
+                return plan, transit.chosen, shift - transit.lead_in.shape[1], {"lead_in": transit.lead_in}
+    if is_known and is_crowded:
+        apart = required_distance(scenario, parameters.clearance)
+        rule = f"partition{'-repair' * repairs} requires ways from the start to its loops inside of"
+        rule = f"{rule} {scenario.inset:.3g} m from the edge, or loops at least {apart:.3g} m apart at any times"
+        got = f"no ways for cars that turn on {radius_for_all_cars(scenario):.3g} m, and loops that overlap"
+        raise UnsuitableScenarioError(f"{rule}; smaller bodies or turning circles need less room, got {got}")
+    until = 0 if is_crowded else arrival_steps(scenario, best.loop, best.speed)
+    return best, in_ring_order(scenario, tour(best.cells)), 0, {"filtered_until": until}
 
 
 def _candidates(scenario: Scenario, plan: PartitionLoops) -> Iterator[tuple[int, int]]:
@@ -221,7 +200,7 @@ class PartitionRepair(TimedPaths):
         self._avoided = wp.zeros((*self.shape, PLACES), dtype=wp.vec3, device=self.device)
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-        self._takeover = _constants_of(scenario, self.takeover_loops, self.tables, drift, self.device)
+        self._takeover = _constants_of(scenario, self.takeover_loops, self._tracking, drift, self.device)
         self._takeover.patience = self.parameters.patience
         if loops_lie_apart(self.partition.loop, required_distance(scenario, self.parameters.clearance)):
             _warn_of_open_cells(scenario)
@@ -259,7 +238,7 @@ def _avoided_distance(scenario: Scenario) -> float:
     return (2 + _AVOIDANCE) * scenario.robot.radius + 2 * scenario.noise.position
 
 
-def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, drift: float, device: Any) -> Any:
+def _constants_of(scenario: Scenario, loops: TakeoverLoops, tracking: Any, drift: float, device: Any) -> Any:
     """Return the constants of takeovers for their kernels; the middle of one drifts so far in a control step [m]."""
     half = np.array([scenario.driven.half_width, scenario.driven.half_height])
     low, high = loops.loop.min(axis=2), loops.loop.max(axis=2)
@@ -268,10 +247,9 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, 
     # With noisy measurements a stopped robot seems to move, so places are compared between which one moves farther.
     constants.still = max(0.1 * drift, 3 * math.sqrt(2) * scenario.noise.position)
     constants.compared = math.ceil(2 * constants.still / drift)
-    constants.step, constants.time_unit = scenario.task.step, scenario.time_unit
+    constants.tracking, constants.time_unit = tracking, scenario.time_unit
     constants.speed_unit = scenario.robot.top_speed
     constants.sight, constants.robots_seen = scenario.sight, scenario.sensing.robots_seen
-    constants.shapes, constants.loop_start = SHAPES, FINE * tables.lead_in
     constants.required = required = _avoided_distance(scenario)
     constants.stride, constants.spacing = max(int(_SPARSE * required / (drift / FINE)), 1), required / _FINER
     constants.corner_reach, constants.drift = _COVERED * scenario.sensing_radius, drift
@@ -286,13 +264,7 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tables: PathTables, 
 def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[PartitionLoops, TakeoverLoops, PathTables]:
     """Return the plan, the loops for takeovers and the timed paths."""
     plans = (slowed(plan, parameters.reserve) for plan in partition_plans(scenario, parameters))
-    plan, ways, shift = _with_ways(scenario, plans, parameters, "partition-repair", in_ring=True)
-    cell = in_ring_order(scenario, tour(plan.cells)) if ways is None else ways.chosen
+    plan, cell, shift, entry = _entered(scenario, plans, parameters)
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height
     loops = takeover_loops(plan, cell, scenario.neighbours, problem, unit, _MOVED * _avoided_distance(scenario))
-    if ways is None:
-        until = _filtered_until(scenario, plan, parameters)
-        return plan, loops, path_tables(scenario, loops.loop, filtered_until=until)
-    loop = np.roll(loops.loop, shift - ways.lead_in.shape[1], axis=2)
-    lead_in = np.repeat(ways.lead_in[None], len(loop), axis=0)
-    return plan, loops, path_tables(scenario, loop, lead_in)
+    return plan, loops, path_tables(scenario, np.roll(loops.loop, shift, axis=-2), **entry)

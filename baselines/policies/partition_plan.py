@@ -27,6 +27,8 @@ _EXTENTS = (0.0, 0.3, 0.6, 0.9)
 """Extents of loops that are compared, from the smallest to that of the cell."""
 _RATING = itemgetter(0)
 """Key by which plans that are compared are sorted, the best first."""
+_QUARTERS = (0.0, 0.25, 0.5, 0.75)
+"""Phases that are compared last [period]."""
 _ALIKE = (0, 0, 0.0, 0.0)
 """Pattern in which all loops have the same direction and phase."""
 _TIMES, _REACH = 256, 0.25
@@ -154,55 +156,52 @@ def _with_middles(placed: np.ndarray) -> np.ndarray:
     return np.concatenate([placed, (placed + np.roll(placed, -1, axis=1)) / 2], axis=1)
 
 
-def shapes_of(problem: Problem, parameters: PartitionParameters) -> Iterator[Shape]:
-    """Yield the shapes of loops that cars can drive: in own cells, and within an inset also in shared ones."""
-    for members in range(1, problem.robots + 1 if problem.inside and not parameters.in_phase else 2):
-        if problem.robots % members == 0:
-            yield from _loops_in_cells(problem, parameters, members)
-
-
-def _loops_in_cells(problem: Problem, parameters: PartitionParameters, members: int) -> Iterator[Shape]:
-    """Yield the shapes of loops on each of which `members` cars follow one another at even distances."""
-    layouts = divisions(problem.robots // members, problem.half)
-    if parameters.rows is not None:
-        layouts = [cells for cells in layouts if len(np.unique(np.round(cells[:, 1], 9))) == parameters.rows]
-    else:
-        stretch = [float(np.max(np.maximum(cells[:, 2] / cells[:, 3], cells[:, 3] / cells[:, 2]))) for cells in layouts]
-        layouts = [cells for cells, ratio in zip(layouts, stretch, strict=True) if ratio <= 2.5 * min(stretch)]
-    extents = (*_EXTENTS, 1.0) if problem.inside else _EXTENTS  # sensors have to reach across the inset
-    extents_x = extents if parameters.extent_x is None else (parameters.extent_x,)
-    extents_y = extents if parameters.extent_y is None else (parameters.extent_y,)
-    all_lanes = (2, 4, 6) if parameters.lanes is None else (parameters.lanes,)
-    for cells, along_x, along_y, lanes in itertools.product(layouts, extents_x, extents_y, all_lanes):
-        share = np.array([along_x, along_y])
-        largest = np.minimum(cells[:, 2:4], problem.driven)
-        sizes = problem.turning + share * np.maximum(largest - problem.turning, 0)
-        if lanes > 2 and sizes.min() < 3 * problem.turning:
-            continue
-        corners = (problem.turning,) if lanes > 2 else (problem.turning, float(sizes.min()))
-        for corner in dict.fromkeys(corners):
-            distinct, which = np.unique(np.round(sizes, 12), axis=0, return_inverse=True)
-            loops = [closed_loop(size[0], size[1], corner, lanes) for size in distinct]
-            if all(loop is not None for loop in loops):
-                timed = _timed(loops, problem, corner, members)[which.ravel()]
-                count = timed.shape[1]
-                shared = [np.roll(loop, -k * count // members, axis=0) for loop in timed for k in range(members)]
-                yield Shape(np.repeat(cells, members, axis=0), np.repeat(sizes, members, axis=0), np.array(shared))
-
-
 def speed_on_loop(corner: float, problem: Problem) -> float:
     """Return the largest speed on a loop with corners of some radius, a control step."""
     return max(speed_on_arc(corner, problem.speed, problem.grip), 1.02 * problem.slowest)
 
 
-def _timed(loops: list, problem: Problem, corner: float, members: int) -> np.ndarray:
-    """Return places (M, K, 2) on loops at each control step, for the shortest period that the cars can drive.
+def _layouts(count: int, problem: Problem, rows: int | None) -> list[np.ndarray]:
+    """Return the divisions into `count` cells: those of so many rows, or without a number those without long cells."""
+    layouts = divisions(count, problem.half)
+    if rows is not None:
+        return [cells for cells in layouts if len(np.unique(np.round(cells[:, 1], 9))) == rows]
+    stretch = [float(np.max(np.maximum(cells[:, 2] / cells[:, 3], cells[:, 3] / cells[:, 2]))) for cells in layouts]
+    return [cells for cells, ratio in zip(layouts, stretch, strict=True) if ratio <= 2.5 * min(stretch)]
 
-    The period is a multiple of the number of members of a loop.
+
+def shapes_of(problem: Problem, parameters: PartitionParameters) -> Iterator[Shape]:
+    """Yield the shapes of loops that cars can drive, in the shortest period in which they can.
+
+    Each car has a loop of its own. Within an inset, cars may also share loops, on which they follow one another at even
+    distances: all loops have the same number of members.
     """
-    count = max(math.ceil(max(map(length_of, loops)) / speed_on_loop(corner, problem) - 1e-9), 8)
-    count = members * math.ceil(count / members)
-    return np.stack([evenly_spaced(loop, count) for loop in loops])
+    most = problem.robots if problem.inside and not parameters.in_phase else 1
+    layouts = [
+        (members, cells)
+        for members in range(1, most + 1)
+        if problem.robots % members == 0
+        for cells in _layouts(problem.robots // members, problem, parameters.rows)
+    ]
+    extents = (*_EXTENTS, 1.0) if problem.inside else _EXTENTS  # sensors have to reach across the inset
+    extents_x = extents if parameters.extent_x is None else (parameters.extent_x,)
+    extents_y = extents if parameters.extent_y is None else (parameters.extent_y,)
+    all_lanes = (2, 4, 6) if parameters.lanes is None else (parameters.lanes,)
+    for (members, cells), *share, lanes in itertools.product(layouts, extents_x, extents_y, all_lanes):
+        largest = np.minimum(cells[:, 2:4], problem.driven)
+        sizes = problem.turning + np.array(share) * np.maximum(largest - problem.turning, 0)
+        if lanes > 2 and sizes.min() < 3 * problem.turning:
+            continue
+        corners = (problem.turning,) if lanes > 2 else (problem.turning, float(sizes.min()))
+        for corner in dict.fromkeys(corners):
+            distinct, which = np.unique(np.round(sizes, 12), axis=0, return_inverse=True)
+            loops: list[Any] = [closed_loop(size[0], size[1], corner, lanes) for size in distinct]
+            if all(loop is not None for loop in loops):
+                fewest = max(math.ceil(max(map(length_of, loops)) / speed_on_loop(corner, problem) - 1e-9), 8)
+                count = members * math.ceil(fewest / members)
+                timed = np.stack([evenly_spaced(loop, count) for loop in loops])[which.ravel()]
+                shared = [np.roll(loop, -k * count // members, axis=0) for loop in timed for k in range(members)]
+                yield Shape(np.repeat(cells, members, axis=0), np.repeat(sizes, members, axis=0), np.array(shared))
 
 
 @dataclass(frozen=True)
@@ -247,10 +246,10 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
         rule = f"{rule}, in phase at least {problem.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
     plans = []
-    for _, shape, loop in sorted(ranked, key=_RATING)[:_MOST_PLANS]:
+    for _, shape, loop in sorted(ranked, key=_RATING)[: _MOST_PLANS if problem.inside else 1]:
         speed = float(np.linalg.norm(np.diff(loop[:, :2], axis=1), axis=2).max()) * unit / step
         plans.append(PartitionLoops(shape.cells * np.array([unit, unit, unit, unit, 1, 1]), loop * unit, speed))
-    return plans if problem.inside else plans[:1]
+    return plans
 
 
 def problem_of(scenario: Scenario, parameters: PartitionParameters) -> Problem:
@@ -295,17 +294,17 @@ def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tup
     for k, shape in enumerate(shapes):
         if k < _SHAPES or min(compared, key=_RATING)[0][0] == math.inf:
             compare(shape, *_ALIKE)
-    for _, shape, _ in () if parameters.in_phase else sorted(compared, key=_RATING)[:_PATTERNS]:
-        for turns in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
-            compare(shape, *turns)
-    quarters = (0.0,) if parameters.in_phase else (0.0, 0.25, 0.5, 0.75)
-    for _, shape, (turn_x, turn_y, *_) in sorted(compared, key=_RATING)[:1]:
-        for phases in itertools.product(quarters, quarters):
-            compare(shape, turn_x, turn_y, *phases)
+    if not parameters.in_phase:
+        for _, shape, _ in sorted(compared, key=_RATING)[:_PATTERNS]:
+            for turns in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
+                compare(shape, *turns)
+        for _, shape, (turn_x, turn_y, *_) in sorted(compared, key=_RATING)[:1]:
+            for phases in itertools.product(_QUARTERS, _QUARTERS):
+                compare(shape, turn_x, turn_y, *phases)
     best: dict[int, tuple[tuple, Shape, np.ndarray]] = {}
     for rating, shape, pattern in sorted(compared, key=_RATING):
         best.setdefault(id(shape), (rating, shape, shape.placed(problem.driven, *pattern)))
-    return list(best.values())[: _MOST_PLANS if problem.inside else 1]
+    return list(best.values())
 
 
 def rating_of(

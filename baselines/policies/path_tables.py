@@ -42,7 +42,7 @@ class PathTables:
 def path_tables(
     scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None = None, filtered_until: float = 0.0
 ) -> PathTables:
-    """Return the tables of timed paths.
+    """Return the tables of timed paths; one lead-in, or one loop, for all of several variants of the other is enough.
 
     Args:
         scenario: Scenario, for the duration of a control step.
@@ -51,37 +51,20 @@ def path_tables(
             default. `loop[..., 0, :]` follows on its last place.
         filtered_until: Duration of the collision filter [control step].
     """
-    loop = loop.reshape(-1, *loop.shape[-3:])
-    steps, begin, step = loop.shape[2], 0, scenario.task.step
-    around = np.arange(-_REACH, steps + _REACH + 1) % steps
-    parts = [_sampled(loop[:, :, around], _REACH, steps)]
-    if lead_in is not None:
-        begin = lead_in.shape[-2]
-        onward = loop[:, :, np.arange(_REACH + 1) % steps]
-        before = lead_in.reshape(*loop.shape[:2], begin, 2)
-        parts.insert(0, _sampled(np.concatenate([before, onward], axis=2), 0, begin))
+    before = loop[..., :0, :] if lead_in is None else lead_in
+    paths = np.broadcast_shapes((1, 1), loop.shape[:-2], before.shape[:-2])
+    loop, before = (np.broadcast_to(part, (*paths, *part.shape[-2:])) for part in (loop, before))
+    begin, steps, step = before.shape[2], loop.shape[2], scenario.task.step
+    around = loop[:, :, np.arange(-_REACH, steps + _REACH + 1) % steps]
+    onward = around[:, :, _REACH : 2 * _REACH + 1]
+    parts = _sampled(np.concatenate([before, onward], axis=2), 0, begin), _sampled(around, _REACH, steps)
     places, velocity = (np.concatenate(arrays, axis=2) for arrays in zip(*parts, strict=True))
-    pose, feedforward = _pose_and_feedforward(places, velocity / step, step, begin, steps)
-    return PathTables(pose, feedforward, begin, steps, filtered_until)
-
-
-def _sampled(places: np.ndarray, before: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return places [m] and velocities [m/step] at the fine samples of `count` steps, after `before` steps."""
-    from scipy.interpolate import make_interp_spline  # slow to import
-
-    spline = make_interp_spline(np.arange(places.shape[2]), places, k=min(5, places.shape[2] - 1), axis=2)
-    at = before + np.arange(FINE * count) / FINE
-    return spline(at), spline(at, 1)
-
-
-def _pose_and_feedforward(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int, loop: int) -> tuple:
-    """Return `pose` and `feedforward` of the tables for sampled places [m] and velocities [m/s]."""
+    velocity /= step
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
-    size = places.shape[2]
-    after = np.arange(1, size + FINE)  # a control step beyond the end, which continues at the start of the loop
-    after = np.where(after < size, after, FINE * lead_in + (after - FINE * lead_in) % (FINE * loop))
-    whole = np.concatenate([np.arange(1), after])
+    size, first = places.shape[2], FINE * begin
+    whole = np.arange(size + FINE)  # a control step beyond the end, which continues at the start of the loop
+    whole = np.where(whole < size, whole, first + (whole - first) % (FINE * steps))
     turn = np.diff(heading[:, :, whole], axis=2)
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
     way = 0.5 * (speed[:, :, whole[1:]] + speed[:, :, whole[:-1]]) * (step / FINE)
@@ -90,4 +73,13 @@ def _pose_and_feedforward(places: np.ndarray, velocity: np.ndarray, step: float,
     curvature = np.divide(turn, way, out=np.zeros_like(turn), where=way > 0)
     acceleration = (speed[:, :, whole[FINE:]] - speed) / step
     pose = np.concatenate([places, heading[..., None], speed[..., None]], axis=-1)
-    return pose, np.stack([curvature, acceleration], axis=-1)
+    return PathTables(pose, np.stack([curvature, acceleration], axis=-1), begin, steps, filtered_until)
+
+
+def _sampled(places: np.ndarray, before: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return places [m] and velocities [m/step] at the fine samples of `count` steps, after `before` steps."""
+    from scipy.interpolate import make_interp_spline  # slow to import
+
+    spline = make_interp_spline(np.arange(places.shape[2]), places, k=5, axis=2)
+    at = before + np.arange(FINE * count) / FINE
+    return spline(at), spline(at, 1)

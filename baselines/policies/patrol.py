@@ -12,8 +12,8 @@ from baselines.policies.loops import (
     SweepParameters,
     cruising_speed,
     fastest_speed,
+    length_of,
     lookahead,
-    loop_spacing,
     patrol_loop,
     slots_by_phase,
     speed_to_turn,
@@ -231,7 +231,7 @@ class Sweep(_Patrol):
         displaced = wp.array(scenario.displacements, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
-        self._inputs += [float(scenario.alpha), equilibrium, displaced, self._loop, cruise, loop_spacing(loop)]
+        self._inputs += [float(scenario.alpha), equilibrium, displaced, self._loop, cruise, length_of(loop) / len(loop)]
         self._inputs += [lookahead(scenario, cruise, parameters), scenario.task.step, parameters.gather, slowest]
         self._inputs += [*by_phase]
 
@@ -253,7 +253,7 @@ class Laps(_Patrol):
         super().__init__(scenario, num_worlds, device, parameters)
         cruise = self.parameters.cruise or min(fastest_speed(self.scenario), speed_to_turn(self.scenario))
         loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=cruise))
-        ahead = round(lookahead(self.scenario, cruise, self.parameters) / loop_spacing(loop))
+        ahead = round(lookahead(self.scenario, cruise, self.parameters) / (length_of(loop) / len(loop)))
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._inputs += [wp.array(loop, dtype=wp.vec2, device=self.device), cruise, ahead]
 

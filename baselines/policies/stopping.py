@@ -56,8 +56,6 @@ class Limits:
     """Accelerations of the weakest and of the strongest motor [m/s^2]."""
     yaw_rates: wp.vec2
     """Yaw rates of the widest and of the narrowest drive at an action of 1 [rad/s]."""
-    speed_unit: wp.float32
-    """Unit of an observed speed [m/s]."""
     action_error: wp.float32
     """Bound of the noise of an action."""
     heading_error: wp.float32
@@ -132,12 +130,6 @@ def room_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
 
 
 @wp.func
-def can_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, turn: float) -> bool:
-    """Return whether a drive stays in a rectangle while it brakes with an action of the yaw rate."""
-    return room_to_stop(limits, robot, half, drive, turn) >= -limits.rounding
-
-
-@wp.func
 def yaw_rate_towards(limits: Limits, action: float, side: float) -> float:
     """Return the yaw rate of an action for the wheels that turn a drive farthest to a side, 1 or -1 [rad/s]."""
     return action * wp.where(action * side > 0.0, limits.yaw_rates[1], limits.yaw_rates[0])
@@ -195,11 +187,11 @@ def turn_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive
     ahead = cos_sin(drive.pose[2])
     middle = wp.where(ahead[0] * drive.pose[1] < ahead[1] * drive.pose[0], limits.turn_action, -limits.turn_action)
     side = wp.where(wp.abs(want) > 1.0e-3, wp.sign(want) * limits.turn_action, middle)
-    if can_stop(limits, robot, half, drive, side):
-        return side
-    if can_stop(limits, robot, half, drive, 0.0):
-        return 0.0
-    return wp.where(can_stop(limits, robot, half, drive, -side), -side, middle)
+    for k in range(3):
+        turn = side * float(1 - k)
+        if room_to_stop(limits, robot, half, drive, turn) >= -limits.rounding:
+            return turn
+    return middle
 
 
 @wp.func
@@ -248,7 +240,7 @@ def leave_a_way_to_stop(
     place = own_position(w, i, curve, observation)
     drive = Drive()
     drive.pose = wp.vec4(
-        place[0], place[1], own_heading(w, i, observation), own_speed(w, i, limits.speed_unit, observation)
+        place[0], place[1], own_heading(w, i, observation), own_speed(w, i, robot.speed_max, observation)
     )
     if own_works(w, i, observation):  # otherwise it is at rest, but may resume in this step
         drive.yaw_rate = yaw_rate[w, i]
@@ -306,7 +298,6 @@ def limits_of(scenario: Scenario) -> Any:
     limits.turn_action = min(math.sqrt(robot.top_yaw_acceleration) / robot.top_yaw_rate, 1.0)
     spreads = noise.wheelbase_spread, noise.drive_spread, *(factor - 1 for factor in motors)
     limits.is_exact = int(not any((noise.actuator, noise.heading, noise.speed, *spreads)))
-    limits.speed_unit = robot.top_speed
     limits.substep, limits.substeps = task.step / task.substeps, task.substeps
     measured = max(robot.top_speed, -robot.lowest_speed) + DEVIATIONS * noise.speed
     limits.braking = math.ceil((measured + limits.speed_error) / (weakest * limits.substep)) + 1

@@ -113,9 +113,12 @@ def _placed(loop: np.ndarray, middle: np.ndarray, problem: Problem) -> np.ndarra
     return np.clip(middle, -limit, limit) + loop - middle_of(loop)
 
 
-def _is_drivable(loop: np.ndarray, corner: float, problem: Problem, count: int) -> bool:
-    """Return whether a car can drive a loop with corners of a radius in `count` control steps."""
-    return length_of(loop) <= speed_on_loop(corner, problem) * count * (1 + 1e-9)
+def _drivable(size: np.ndarray, corner: float, problem: Problem, count: int) -> list[np.ndarray]:
+    """Return the loop (K, 2) of half extents and corners, or none if cars need more than `count` control steps."""
+    loop = closed_loop(size[0], size[1], corner)
+    if loop is None or length_of(loop) > speed_on_loop(corner, problem) * count * (1 + 1e-9):
+        return []
+    return [evenly_spaced(loop, count)]
 
 
 @lru_cache(maxsize=256)
@@ -131,9 +134,7 @@ def _watching_alone(
     for share_x, share_y in itertools.product(_SHARES, _SHARES):
         size = problem.turning + np.array([share_x, share_y]) * (largest - problem.turning)
         for corner in dict.fromkeys(np.linspace(problem.turning, size.min(), 4).tolist()):
-            loop = closed_loop(size[0], size[1], corner)
-            if loop is not None and _is_drivable(loop, corner, problem, count):
-                around = evenly_spaced(loop, count)
+            for around in _drivable(size, corner, problem, count):
                 rated.append((*rating_of(around[None], half, problem), len(rated), around))
     distinct: list[np.ndarray] = []
     for *_, around in sorted(rated, key=lambda rating: rating[:4]):
@@ -154,11 +155,9 @@ def _watching_in_phase(
     In phase, their distances are constant; where these are below two sensing radii, nothing passes between the discs.
     The first loop is as long as the rectangle across the row and can lead around a robot that has stopped there.
     """
-    along_x, loops = abs(towards[0]) >= abs(towards[1]), []
-    across = min(half[1], problem.driven[1]) if along_x else min(half[0], problem.driven[0])
+    across, loops = int(abs(towards[0]) >= abs(towards[1])), []
     for share in (1.0, 0.5, 0.0):
-        long = problem.turning + share * max(across - problem.turning, 0)
-        loop = closed_loop(*((problem.turning, long) if along_x else (long, problem.turning)), problem.turning)
-        if loop is not None and _is_drivable(loop, problem.turning, problem, count):
-            loops.append(evenly_spaced(loop, count))
+        size = np.full(2, problem.turning)
+        size[across] += share * max(min(half[across], problem.driven[across]) - problem.turning, 0)
+        loops += _drivable(size, problem.turning, problem, count)
     return loops

@@ -20,6 +20,9 @@ from baselines.policies.own_row import (
     sees,
     velocity_seen,
 )
+from baselines.policies.path_tables import FINE
+from baselines.policies.takeover_loops import SHAPES
+from baselines.policies.timed_paths import Tracking
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.trig import cos_sin
@@ -49,8 +52,8 @@ class Takeover:
     """Number of messages from one place to the next that is compared with it."""
     patience: int
     """Number of comparisons without motion after which a ring neighbour counts as failed."""
-    step: float
-    """Control step [s]."""
+    tracking: Tracking
+    """Constants of the timed paths."""
     time_unit: float
     """Unit of an observed age [s]."""
     speed_unit: float
@@ -59,10 +62,6 @@ class Takeover:
     """Distance within which robots are observed [m]."""
     robots_seen: int
     """Number of robots in an observation."""
-    shapes: int
-    """Loops of a case."""
-    loop_start: int
-    """First sample of the loops in the tables of paths."""
     stride: int
     """Number of samples from one that is compared to the next."""
     spacing: float
@@ -104,15 +103,15 @@ def watch_neighbours(
         known = memory[w, i, side]
         if not hears(w, i, side, observation):
             if known[MESSAGE_AGE] <= 0.0 and takeover.neighbours[i][side] >= 0:
-                known[MESSAGE_AGE] -= takeover.step
-            if known[MESSAGE_AGE] > 0.0 or known[MESSAGE_AGE] < -takeover.time_unit - 0.5 * takeover.step:
+                known[MESSAGE_AGE] -= takeover.tracking.step
+            if known[MESSAGE_AGE] > 0.0 or known[MESSAGE_AGE] < -takeover.time_unit - 0.5 * takeover.tracking.step:
                 known[STATE] = float(SILENT)
         else:
             place = position + offset_heard(w, i, side, curve, observation)
-            age = message_age(w, i, side, takeover.time_unit, observation) + takeover.step
+            age = message_age(w, i, side, takeover.time_unit, observation) + takeover.tracking.step
             is_first = known[MESSAGE_AGE] <= 0.0
             # A message that was heard before is older by a step and does not count.
-            if is_first or age < known[MESSAGE_AGE] + 0.5 * takeover.step:
+            if is_first or age < known[MESSAGE_AGE] + 0.5 * takeover.tracking.step:
                 known[NEW_MESSAGES] += 1.0
                 if is_first or known[NEW_MESSAGES] >= float(takeover.compared):
                     moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
@@ -162,7 +161,7 @@ def watch_disc(
                         is_known = True
                 elif k >= 2:
                     free = k
-            slow = wp.length(velocity) * takeover.step < wp.min(takeover.still, 0.5 * takeover.drift)
+            slow = wp.length(velocity) * takeover.tracking.step < wp.min(takeover.still, 0.5 * takeover.drift)
             if slow and not is_known and free > 0:
                 stopped[w, i, free] = wp.vec3(place[0], place[1], 1.0)
 
@@ -171,7 +170,7 @@ def watch_disc(
 def distance_from(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
     """Return the smallest distance of a loop from a place [m]."""
     least = float(wp.inf)
-    for sample in range(takeover.loop_start, path.shape[0], takeover.stride):
+    for sample in range(takeover.tracking.lead_in * FINE, path.shape[0], takeover.stride):
         least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
     return least
 
@@ -216,8 +215,8 @@ def clear_loop(
     """Return the shift [m] and the shape of the loop of robot i's case with the least cost (`take_over`)."""
     best = wp.vec3(0.0, 0.0, 0.0)
     best_cost = float(wp.inf)
-    for shape in range(takeover.shapes):
-        loop = case * takeover.shapes + shape
+    for shape in range(SHAPES):
+        loop = case * SHAPES + shape
         path = pose[loop, i]
         limits = takeover.shift_limits[loop, i]
         for row in range(-SHIFTS, SHIFTS + 1):
@@ -263,7 +262,7 @@ def take_over(
         return
     case = cases[w, i]
     near = 0.25 * takeover.spacing
-    changed = case != variant[w, i] / takeover.shapes
+    changed = case != variant[w, i] / SHAPES
     any_stopped = bool(False)
     for k in range(PLACES):
         if stopped[w, i, k][2] > 0.0:
@@ -276,7 +275,7 @@ def take_over(
         best = wp.vec3(0.0, 0.0, 0.0)
         if any_stopped:
             best = clear_loop(takeover, curve, pose, case, i, stopped[w, i])
-        chosen = case * takeover.shapes + int(best[2])
+        chosen = case * SHAPES + int(best[2])
         shift[w, i] += takeover.middles[variant[w, i], i] - takeover.middles[chosen, i]
         variant[w, i] = chosen
         target[w, i] = wp.vec2(best[0], best[1])

@@ -47,7 +47,6 @@ from lissajous_env.world.robots.car import car_action
 
 wp.set_module_options(OPTIONS)
 
-_FINE = wp.constant(FINE)
 STEPS, PROGRESS, VARIANT, PUSH_BIAS, TURN_RATIO = (wp.constant(k) for k in range(5))
 SPEED, HEADING, CURVATURE, PUSH = (wp.constant(k) for k in range(5, 9))
 MEMORY = 9
@@ -91,8 +90,8 @@ class Tracking:
 @wp.func
 def sample_on_table(sample: int, tracking: Tracking) -> int:
     """Return a sample of a table for a number that may be beyond its end: there the loop begins again."""
-    begin = tracking.lead_in * _FINE
-    return wp.where(sample < begin, wp.max(sample, 0), begin + (sample - begin) % (tracking.loop * _FINE))
+    begin = tracking.lead_in * FINE
+    return wp.where(sample < begin, wp.max(sample, 0), begin + (sample - begin) % (tracking.loop * FINE))
 
 
 @wp.func
@@ -101,8 +100,8 @@ def lateness(sample: float, steps: float, tracking: Tracking) -> float:
 
     On the loop a robot that is more than half a round late is early.
     """
-    late = steps - sample / float(_FINE)
-    if steps >= float(tracking.lead_in) and sample >= float(tracking.lead_in * _FINE):
+    late = steps - sample / float(FINE)
+    if steps >= float(tracking.lead_in) and sample >= float(tracking.lead_in * FINE):
         around = float(tracking.loop)
         late -= around * wp.floor(late / around + 0.5)
     return late
@@ -139,12 +138,6 @@ def joining_sample(
             least = cost
             nearest = sample
     return nearest
-
-
-@wp.func
-def integrator_gains(pole: float) -> wp.vec2:
-    """Return the gains of place and rate that put both poles of a double integrator, with steps of 1, at `pole`."""
-    return wp.vec2((1.0 - pole) * (1.0 - pole), 0.5 * (1.0 - pole) * (3.0 + pole))
 
 
 @wp.func
@@ -190,7 +183,7 @@ def follow_paths(
     sample = int(known[PROGRESS])
     if known[VARIANT] != float(variant[w, i] + 1):
         sample = joining_sample(path, steps, position, heading, tracking)
-    sample = nearest_sample(path, sample - _FINE, 4 * _FINE, position, tracking)
+    sample = nearest_sample(path, sample - FINE, 4 * FINE, position, tracking)
     learn(known, robot, heading, speed, tracking)
 
     nearest = path[sample]
@@ -204,7 +197,8 @@ def follow_paths(
     least_speed = 0.02 * top_speed
     behind = lateness(float(sample), steps, tracking) * path_speed * tracking.step - past
 
-    gains = integrator_gains(tracking.pole)
+    # of place and rate, for steps of 1
+    gains = wp.vec2((1.0 - tracking.pole) * (1.0 - tracking.pole), 0.5 * (1.0 - tracking.pole) * (3.0 + tracking.pole))
     step_length = wp.max(speed, wp.max(0.25 * path_speed, least_speed)) * tracking.step
     approach = wp.clamp(wp.atan(gains[0] / gains[1] * left / step_length), -_APPROACH, _APPROACH)
     path_curvature = feedforward[variant[w, i], i, sample_on_table(sample + tracking.early_samples, tracking)][0]
@@ -267,7 +261,7 @@ def take_filtered(
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[variant[w, i], i]
-    sample = _FINE * (int(steps) - 1)
+    sample = FINE * (int(steps) - 1)
     reference = path[sample_on_table(sample, tracking)]
     offset = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(reference[0], reference[1])
     if steps <= until or wp.length(offset) > tolerance:

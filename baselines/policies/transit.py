@@ -89,6 +89,11 @@ def start_is_known(scenario: Scenario) -> bool:
     return deviation <= max(_DEVIATION * apart, scenario.robot.radius)
 
 
+def stays_inside(scenario: Scenario) -> bool:
+    """Return whether planned ways and loops stay in the rectangle to drive in: by an inset, or where its edge is."""
+    return scenario.inset > 0 or scenario.task.boundary != "open"
+
+
 def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return poses (..., N, 3), x, y [m] and heading [rad], and speeds (..., N) [m/s] of a start in the equilibrium.
 
@@ -99,7 +104,7 @@ def formation_starts(scenario: Scenario, turned: Any = 0.0) -> tuple[np.ndarray,
     velocity = closed_forms.curve_derivatives(scenario.driven, gamma)[0] * scenario.formation.phase_rate
     heading = np.arctan2(velocity[..., 1], velocity[..., 0])
     speed = np.minimum(np.hypot(velocity[..., 0], velocity[..., 1]), scenario.top_speeds)
-    pose = np.concatenate([closed_forms.curve_point(scenario.driven, gamma)[..., :2], heading[..., None]], axis=-1)
+    pose = np.concatenate([closed_forms.curve_point(scenario.driven, gamma), heading[..., None]], axis=-1)
     pose[..., 2] = start_headings(scenario, pose, speed)
     return pose, speed
 
@@ -144,10 +149,7 @@ def planned_transit(
         chosen = linear_sum_assignment(cost)[1]
     else:
         chosen = assignments[np.argmin(cost[robots, assignments].sum(axis=1))]
-    arrival = arrival[robots, chosen]
-    if not np.isfinite(arrival).all():
-        return None
-    lead_in = search.lead_in(chosen, arrival, required_distance(scenario, clearance))
+    lead_in = search.lead_in(chosen, arrival[robots, chosen], required_distance(scenario, clearance))
     if lead_in is None:
         return None
     together = formation_starts(scenario, turned[:-1])[0][..., :2].swapaxes(0, 1)
@@ -165,7 +167,7 @@ class _Search:
         fastest: Largest speed on ways [m/s].
         top_speeds: (N,) steady speed of each robot at full throttle [m/s], at least that at which `speed` is possible.
         grip: Largest lateral acceleration in turns [m/s^2]; infinite without a limit.
-        within: Half width and half height of the rectangle that cars do not leave [m]; infinite without an inset.
+        within: Half width and half height of the rectangle that cars do not leave [m]; infinite if they may leave it.
     """
 
     def __init__(self, scenario: Scenario, loop: np.ndarray, speed: float | None, turned: float):
@@ -176,7 +178,8 @@ class _Search:
         self.fastest = max(speed_on_arc(turning, speed or planned, self.grip, self.step), self.slowest)
         given = min((speed or 0.0) / _SLOWEST_SHARE, weakest_top_speed(scenario))
         self.top_speeds = [max(weakest_top_speed(scenario, factor), given) for factor in scenario.drive_factors]
-        self.within = np.array([driven.half_width, driven.half_height]) if scenario.inset else np.full(2, math.inf)
+        half = np.array([driven.half_width, driven.half_height])
+        self.within = half if stays_inside(scenario) else np.full(2, math.inf)
         self.farthest = _FARTHEST * np.array([scenario.curve.half_width, scenario.curve.half_height])
         self.start, self.speed = formation_starts(scenario, turned)
         self.turning = np.maximum(turning, self.speed**2 / self.grip)  # wider for a car that starts faster

@@ -174,11 +174,9 @@ class WorldNode(ros.Node):
         def missing() -> list[str]:
             return [f"robot_{k}" for k, robot in enumerate(self._robots) if not robot["start"].service_is_ready()]
 
-        def ready() -> bool:
-            return not missing() and monotonic() - self._begun >= self.discovery
-
-        if not self._spin_until(ready, max(self.settings.wait, self.discovery), stand):
+        if not self._spin_until(lambda: not missing(), self.settings.wait, stand):
             raise CommandError(f"no node of {', '.join(missing())} within {self.settings.wait:g} s")
+        self._spin_until(lambda: monotonic() - self._begun >= self.discovery, self.discovery, stand)
 
     def _call(self, name: str, limit: float) -> bool:
         """Call a service of every robot that is there; return False if one does not answer within a time [s]."""

@@ -27,7 +27,7 @@ from lissajous_env.parameters.space import Draws, ScenarioSpace
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import require
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import drawn_seeds, fold_seed
+from lissajous_env.world.selection import chosen_worlds, drawn_seeds, fold_seed, world_mask
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import ENDED, RUNNING
 
@@ -145,16 +145,16 @@ class Batch(Stateful):
         """Return the slice of the worlds of a group."""
         return slice(group * self.group_size, (group + 1) * self.group_size)
 
-    def seed(self, seed: Any, worlds: Any = slice(None)) -> None:
+    def seed(self, seed: Any, worlds: Any = None) -> None:
         """Set the seeds of the next episodes of some worlds; None leaves them as they are.
 
         Args:
-            seed: A number, where world k has seed + k, or a number for each of these worlds, in ascending order. With a
+            seed: A whole number of at least 0, where world k has seed + k, or one for each of these worlds. With a
                 space, a number from which the sequence of its scenarios follows.
-            worlds: (W,) mask or indices of the worlds; all by default.
+            worlds: (W,) mask or indices of the worlds, each once; all by default. A space has one seed for all.
 
         Raises:
-            ValueError: a seed is not a whole number of at least 0.
+            ValueError: there are no such worlds, or seed is no such number and no list with one for each of them.
         """
         if seed is None:
             return
@@ -162,19 +162,23 @@ class Batch(Stateful):
             self._draws = None
             self._seeds[:] = fold_seed(seed)
             return
-        chosen = np.arange(self.num_worlds)[worlds]
+        chosen = chosen_worlds(worlds, self.num_worlds)
         if not np.ndim(seed):
             fold_seed(seed)  # raises an error if it is not a whole number
             seed = [int(seed) + int(k) for k in chosen]
+        require(len(seed) == len(chosen), "seed", f"must be a number, or one for each of {len(chosen)} worlds", seed)
         self._seeds[chosen] = [fold_seed(number) for number in seed]
 
     def reset(self, worlds: Any = None) -> None:
         """Begin an episode in some worlds, with the seeds that `seed` has set, or those that follow from the latest.
 
         Args:
-            worlds: (W,) mask of the worlds; all by default.
+            worlds: (W,) mask or indices of the worlds, each once; all by default.
+
+        Raises:
+            ValueError: there are no such worlds.
         """
-        chosen = np.ones(self.num_worlds, dtype=bool) if worlds is None else np.asarray(worlds)
+        chosen = world_mask(worlds, self.num_worlds)
         if self.space is not None:
             self._reset_groups(chosen)
             return

@@ -1,6 +1,6 @@
 """The Gymnasium environment of a batch of worlds; a row is a team, or a robot with `agents_as_rows`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -98,12 +98,11 @@ class LissajousVectorEnv(Timed, VectorEnv):
             ValueError: an invalid seed or mask, or a mask with only some of the rows of a world.
         """
         worlds = self._masked(options)
-        if seed is None or isinstance(seed, (int, np.integer)):
-            self.batch.seed(seed, worlds)
-        else:
-            rule = f"must be a number or one for each of {len(self._begun)} worlds"
-            require(np.shape(seed) == self._begun.shape, "seed", rule, seed)
-            self.batch.seed([seed[k] for k in np.flatnonzero(worlds)], worlds)
+        if isinstance(seeds := seed, (Sequence, np.ndarray)):
+            fits = np.shape(seeds) == worlds.shape
+            require(fits, "seed", f"must be a number, or one for each of {len(worlds)} worlds", seeds)
+            seeds = [seeds[k] for k in np.flatnonzero(worlds)]
+        self.batch.seed(seeds, worlds)
         self.batch.reset(worlds)
         if seed is not None:
             super().reset(seed=int(np.ravel(seed)[0]))  # checked above

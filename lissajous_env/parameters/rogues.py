@@ -18,7 +18,7 @@ AGENTS = "agents"
 """Value of `targets.rogues` where the caller of each step gives the rogues' actions."""
 _SCRIPTS = "lissajous_env.world.rogues.scripted"
 """Module of the included scripts."""
-CHECKPOINT = "checkpoint.json"
+CHECKPOINT = "checkpoint.safetensors"
 """File that marks the folder of a learned rogue."""
 
 

@@ -182,7 +182,7 @@ class Task(Checked):
     reward_idleness: float = number(0.0, -1e6, 1e6, "1/s")
     """Reward of every robot per second of idleness that ends, averaged over the cells of the grid."""
     reward_effort: float = number(0.0, -1e6, 1e6)
-    """Reward of a robot per step, times the mean square of its action."""
+    """Reward of a working robot per step, times the mean square of its action."""
     reward_formation: float = number(0.0, -1e6, 1e6, "1/s")
     """Reward of every robot per second and radian of phase error, the largest deviation from the equilibrium (2)."""
     reward_outside: float = number(0.0, -1e6, 1e6, "1/s")

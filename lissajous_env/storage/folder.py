@@ -129,7 +129,7 @@ class Folder(contextlib.ExitStack):
         """Write a file as a whole.
 
         Args:
-            name: Its name in the folder, or in one inside it, which is created, as in `best/checkpoint.json`.
+            name: Its name in the folder, or in one inside it, which is created, as in `best/checkpoint.safetensors`.
             data: Its contents.
 
         Raises:

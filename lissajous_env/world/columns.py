@@ -136,7 +136,7 @@ TARGETS = Column("targets", "number of targets that appeared", lambda e: e.targe
 DETECTED = Column(
     "detected_fraction", "share of the targets that were detected",
     lambda e: e.targets.num_detected / e.targets.num_targets if e.targets.num_targets else math.nan, rule=SHARE,
-    empty=_NO_TARGET, title="detected",
+    empty=_NO_TARGET, title="detected", better=1,
 )
 DETECTION_TIME = Column(
     "detection_time_mean",
@@ -153,7 +153,7 @@ DETECTION_TIME_P95 = Column(
 LONGEST_DETECTION = Column(
     "detection_time_max", "longest of these times",
     lambda e: max(_some(np.max, e.times), float(e.state["targets.earlier_longest"].max(initial=0.0)) * e.step), "s",
-    empty=_NO_TARGET,
+    empty=_NO_TARGET, better=-1,
 )
 DETECTION_RATE = Column(
     "detection_rate", "detections in a minute, if detected targets appear anew (`targets.respawn`)", _rate, "1/min",
@@ -182,7 +182,8 @@ COLLISIONS = Column(
     lambda e: int(e.totals["collisions"]), rule=WHOLE, better=-1, summary=MEAN, order=4, main=True,
 )
 CONTACT_TIME = Column(
-    "contact_time", "time in contact, summed over the same pairs", lambda e: e.totals["contact_steps"] * e.step, "s"
+    "contact_time", "time in contact, summed over the same pairs", lambda e: e.totals["contact_steps"] * e.step, "s",
+    better=-1,
 )
 SEPARATION = Column(
     "min_separation", "smallest distance between the centres of two robots of such a pair",
@@ -195,7 +196,7 @@ COVERAGE = Column(
 )
 COVERAGE_EACH = Column(
     "coverage_time_each", "time until every cell was covered by every robot",
-    lambda e: e.reached(e.totals["covered_each_at"]), "s", empty=f"never, or {_NO_GRID}",
+    lambda e: e.reached(e.totals["covered_each_at"]), "s", empty=f"never, or {_NO_GRID}", better=-1,
 )
 IDLENESS = Column(
     "idleness_mean", "time since a cell was last covered, mean over cells and time", _idleness, "s", empty=_NO_GRID,
@@ -204,7 +205,7 @@ IDLENESS = Column(
 LONGEST_IDLENESS = Column(
     "idleness_max", "longest time for which a cell was not covered",
     lambda e: max(e.state["cells.idle_max"].max(initial=0), e.gaps.max()) * e.step if e.has_grid else math.nan, "s",
-    empty=_NO_GRID,
+    empty=_NO_GRID, better=-1,
 )
 LATERAL_ERROR = Column(
     "lateral_error_mean", "distance of a robot from the nearest point of the curve, mean over robots and time",
@@ -230,7 +231,7 @@ SPACING = Column(
 )
 PHASE_ERROR = Column(
     "phase_error", "largest deviation from the equilibrium of Eq. (2), without the common rotation",
-    _in_formation(lambda e: e.totals["phase_error_max"]), "rad", empty=_NO_FORMATION,
+    _in_formation(lambda e: e.totals["phase_error_max"]), "rad", empty=_NO_FORMATION, better=-1,
 )
 RECOVERY = Column(
     "recovery_time",
@@ -242,7 +243,7 @@ RECOVERY = Column(
 )
 OUTSIDE = Column(
     "outside_time", "time that bodies were wholly outside the rectangle, summed over robots",
-    lambda e: e.totals["outside_steps"] * e.step, "s",
+    lambda e: e.totals["outside_steps"] * e.step, "s", better=-1,
 )
 PARTLY_OUTSIDE = Column(
     "partly_outside_time", "time that some part of a body was outside the rectangle, summed over robots",
@@ -285,30 +286,32 @@ AT_END = Column(
     "unseen_at_end",
     "the same at the end of the episode; if the two are equal, the worst-case undetected time was still growing, so "
     "that its value is a lower bound (right-censored)",
-    _contaminated(lambda e: int(e.contamination["age"]) * e.step), "s", empty=_NO_CONTAMINATION, summary=LARGEST,
+    _contaminated(lambda e: int(e.contamination["age"]) * e.step), "s", empty=_NO_CONTAMINATION, better=-1,
+    summary=LARGEST,
 )
 OPEN = Column(
     "guarantee_open",
     "1 if the episode shows no bound of the worst-case undetected time: it was still growing at the end and was at "
     "least half of the episode, or no robot was left; otherwise 0",
-    _contaminated(lambda e: float(e.is_open)), rule=FLAG, empty=_NO_CONTAMINATION, summary=MEAN,
+    _contaminated(lambda e: float(e.is_open)), rule=FLAG, empty=_NO_CONTAMINATION, better=-1, summary=MEAN,
 )
 AGE = Column(
     "contaminated_age_mean",
     "longest time for which a target that may be in a cell can have been undetected, 0 for a cleared cell, mean over "
     "cells and time",
     _contaminated(lambda e: e.per_step(e.contamination["mean_age_sum"]) * e.step), "s", empty=_NO_CONTAMINATION,
+    better=-1,
 )
 GUARANTEE_RECOVERY = Column(
     "guarantee_recovery_time",
     "time from the end of the last fault until the time for which a target can have been undetected stays below 1.1 "
     "times its largest value before the first fault",
     _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s",
-    empty=f"never, never disturbed, or {_NO_CONTAMINATION}",
+    empty=f"never, never disturbed, or {_NO_CONTAMINATION}", better=-1,
 )
 RETURN = Column(
     "return_mean", "sum of the rewards, mean over robots", lambda e: e.totals["returns"].mean(), rule=FINITE,
-    title="return",
+    title="return", better=1,
 )
 # fmt: on
 

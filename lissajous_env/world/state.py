@@ -272,7 +272,7 @@ class StepEvents:
     sensed: wp.array2d(dtype=wp.int32)
     """(W, N) 1 for a robot that worked in the step, even if a collision or the edge ended its work at the end."""
     effort: wp.array2d(dtype=wp.float32)
-    """(W, N) mean square of the action without its message."""
+    """(W, N) mean square of the action without its message; 0 for a robot that does not work."""
     change: wp.array2d(dtype=wp.float32)
     """(W, N) mean square of the change of the action without its message; 0 in an episode's first step."""
     lateral: wp.array2d(dtype=wp.float32)

@@ -54,7 +54,7 @@ def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, late
             share = wp.where(latest.terminated[w, i] and not is_new, 0.0, 1.0)
             detection = task.reward_detection * float(latest.detections[w, i])
             collision = task.reward_collision * float(latest.collisions[w, i])
-            effort = share * task.reward_effort * latest.effort[w, i]
+            effort = task.reward_effort * latest.effort[w, i]
             outside = task.reward_outside * float(latest.outside[w, i]) * task.step
             latest.terms[w, i, _DETECTION] = detection
             latest.terms[w, i, _WAITING] = share * waiting

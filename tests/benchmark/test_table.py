@@ -132,11 +132,11 @@ def test_the_share_of_seeds_is_over_those_that_both_have():
 def test_an_estimate_names_the_seed_of_its_worst_episode():
     # Story: the largest time, the smallest share, an open episode before a closed one; no order, no worst.
     times, shares = [2.0, 5.0, math.nan], [0.9, 0.2, 0.5]
-    more = {"detection_time_mean": times, "sensed_fraction": shares, "speed_max": times}
+    more = {"detection_time_mean": times, "sensed_fraction": shares, "contact_time": times, "speed_max": times}
     played = worst_cases("a", [(3, 1, 0), (9, 1, 0), (4, 1, 1)], first=7, **more)
     estimates = Table.of(played, INTRUDERS).estimates["intruders"]["a"]
-    names = "detection_time_mean", "sensed_fraction", GUARANTEE, "speed_max"
-    assert [estimates[name].worst for name in names] == [8, 8, 9, None]
+    names = "detection_time_mean", "sensed_fraction", GUARANTEE, "contact_time", "speed_max"
+    assert [estimates[name].worst for name in names] == [8, 8, 9, 8, None]
 
 
 # Scenarios together.

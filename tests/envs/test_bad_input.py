@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 from gymnasium.error import ResetNeeded
 
-from lissajous_env import LissajousEnv, Simulation, env, parallel_env, vector_env
+from lissajous_env import Batch, LissajousEnv, Simulation, env, parallel_env, vector_env
 
 
 def assert_refused(simulation, call, words):
@@ -83,10 +83,9 @@ def test_what_is_no_action():
 
 WORLDS = r"^worlds must be (a mask of shape \(3,\)|from 0 to 2|a mask or indices of worlds|in one row, each once), got"
 SEED = "seed must be a whole number from 0 to 2147483647, got"
+NO_WORLDS = [True, False], [0, 3], [-1], [0.9], ["0"], "all", [[0], [1]], [1, 1], [[0], [1, 2]]
 RESETS = [
-    *(((worlds, None), WORLDS) for worlds in (
-        [True, False], [0, 3], [-1], [0.9], ["0"], "all", [[0], [1]], [1, 1], [[0], [1, 2]],
-    )),
+    *(((worlds, None), WORLDS) for worlds in NO_WORLDS),
     *((([0, 1], seeds), SEED) for seeds in ([0, 2**31], [0.5, 1.0], ["a", "b"], [True, False], [[0], [1, 2]])),
     *((args, "seeds must be one for each of the") for args in [(None, [1]), ([0, 1], [1, 2, 3]), ([1], [[1]])]),
 ]  # fmt: skip
@@ -184,6 +183,8 @@ MADE = {
     "team": lambda: LissajousEnv("failure"),
     "vector": lambda: vector_env("failure", 3),
     "discrete": lambda: vector_env("failure", 3, discrete_actions=True),
+    "rows": lambda: vector_env("failure", 3, agents_as_rows=True),
+    "batch": lambda: Batch("failure", 3),
 }
 TEAM, MASK = r"actions must be numbers of shape \(5, 1\), got", r"reset_mask must be bool of shape \(3,\), got"
 DISCRETE = r"whole numbers? (of shape \(3, 5\)|from 0 to 6), got"
@@ -196,17 +197,25 @@ CALLS = [
       for seed in (-1, [1, 2], [1, 2, -3], [1.5, 2.5, 3.5], "abc", 1.5)),
     *(("vector", "reset", {"options": {"reset_mask": mask}}, MASK)
       for mask in ([True, False], [0, 1, 1], np.array([0, 2]), "all", np.ones((3, 1), dtype=bool), 1)),
+    *(("rows", "reset", {"options": {"reset_mask": mask}}, "reset_mask must (be bool of shape|contain all rows)")
+      for mask in (np.arange(15) == 3, np.ones(3, bool), np.ones(15))),
+    ("rows", "reset", {"options": 5}, "options must be a dict, got 5"),
     ("vector", "step", {"actions": np.zeros((3, 5))}, r"actions must be numbers of shape \(3, 5, 1\), got \(3, 5\)"),
     *(("discrete", "step", {"actions": actions}, DISCRETE)
       for actions in (np.zeros((3, 5)), np.full((3, 5), 7), np.full((3, 5), -1), np.zeros((3, 4), int), 0)),
     ("discrete", "step", {"actions": np.full((3, 5), 7)}, "whole number from 0 to 6, got 7$"),
+    *(("batch", "seed", {"seed": seed}, "seed must be a (number, or one for each of 3 worlds|whole number)")
+      for seed in ([1], [1, 2], [1, 2, 3, 4], [[1, 2, 3]], [1, 2, -3], -1, 1.5, "1")),
+    ("batch", "seed", {"seed": [1, 2, 3], "worlds": [0, 2]}, "seed must be a number, or one for each of 2 worlds"),
+    *(("batch", "seed", {"seed": 1, "worlds": worlds}, WORLDS) for worlds in NO_WORLDS),
+    *(("batch", "reset", {"worlds": worlds}, WORLDS) for worlds in NO_WORLDS),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MADE)
 def test_what_an_environment_does_not_take(name):
     environment = MADE[name]()
-    environment.reset(seed=1)
+    environment.reset()
     for method, settings, words in (call for kind, *call in CALLS if kind == name):
         call = functools.partial(getattr(environment, method), **settings)
-        assert_refused(environment.simulation, call, words)
+        assert_refused(getattr(environment, "batch", environment), call, words)

@@ -90,12 +90,12 @@ def test_cycles_that_are_no_number_of_steps_are_refused(maker):
 
 
 def test_infos_tell_where_an_action_was_not_finite():
-    for rows in (False, True):
+    for rows, number in ((False, np.nan), (False, -np.inf), (True, np.inf)):
         env = vector(num_envs=3, agents_as_rows=rows)
         env.reset(seed=1)
         per_world = 5 if rows else 1
         action = env.action_space.sample()
         assert not env.step(action)[4]["invalid"].any()
-        action[per_world] = np.nan
+        action[per_world] = number
         invalid = env.step(action)[4]["invalid"]
         assert invalid.tolist() == [False] * per_world + [True] * per_world + [False] * per_world

@@ -84,13 +84,3 @@ def test_a_reset_of_one_world_reports_no_score_of_the_others_again(mode):
     teams.reset(seed=1)
     assert teams.step(np.zeros((3, 5, 2), np.float32))[4]["_score"].all()
     assert not teams.reset(options={"reset_mask": np.arange(3) == 0})[1]["_score"].any()
-
-
-def test_a_mask_holds_whole_worlds():
-    rows, _ = pair()
-    rows.reset(seed=1)
-    for mask in (np.arange(20) == 3, np.ones(4, bool), np.ones(20)):
-        with pytest.raises(ValueError, match="reset_mask must"):
-            rows.reset(options={"reset_mask": mask})
-    with pytest.raises(ValueError, match="options must be a dict"):
-        rows.reset(options=5)

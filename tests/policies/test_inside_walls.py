@@ -147,14 +147,16 @@ def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
     ("experiment", "partition", {"faults.schedule": (), "robot.kind": "differential"}, None),
     ("experiment", "kuramoto-mpcc", {"faults.schedule": (), "robot.kind": "differential"}, None),
     ("evaders-walls", "partition-repair", {"faults.removed": ((0, 6.0),)}, 4.2),
+    (HALL, "line-abreast", {"task.boundary": "remove", "task.duration": 60.0}, None),  # 4 of 5 cars left the hall
+    (HALL, "partition", {"task.boundary": "remove", "task.duration": 60.0}, None),
 ])  # fmt: skip
-def test_formations_and_loops_that_overlap_have_no_collisions_within_walls(name, policy, fields, longest):
-    """Oracle: collisions, contacts and worst case of the simulation, also after neighbours take over a cell."""
+def test_cars_within_walls_or_an_edge_that_removes_them_have_no_collisions(name, policy, fields, longest):
+    """Oracle: the simulated collisions, contacts, places and worst case, also after neighbours take over a cell."""
     scenario = lissajous_env.scenario(name, **{"task.boundary": "wall", "task.duration": 16.0, **fields})
     policy = baselines.make(policy, scenario)
     if policy.name == "partition-repair":
         reach = np.array([scenario.resolve().driven.half_width, scenario.resolve().driven.half_height])
         assert (np.abs(policy.takeover_loops.loop) <= reach * 1.001).all()
     _, (row,) = play(policy, scenario, 1)
-    assert (row["collisions"], row["wall_contacts"]) == (0, 0)
+    assert (row["collisions"], row["wall_contacts"], row["outside_time"]) == (0, 0, 0)
     assert longest is None or row["guaranteed_detection_time"] <= longest

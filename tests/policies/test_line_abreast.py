@@ -17,7 +17,6 @@ from baselines.policies.line_path import (
     speed_limit,
     turn_of,
 )
-from lissajous_env.theory.geometry import turning_radius
 
 INTRUDERS = lissajous_env.scenario("intruders", **{"task.contamination": (108, 48), "targets.speed_limit": 0.6})
 
@@ -65,14 +64,22 @@ def test_no_rogue_passes_below_the_speed_limit(spacing, radius, rogue, step, wal
 def test_a_turn_comes_back_into_its_lane(curvature):
     """Oracle: the path of unit steps along the headings, integrated finely; equal arcs would take 7 pi / 3."""
     turn = turn_of(curvature)
-    rates = np.diff(np.append(0.0, turn.headings))
+    rates = np.diff(np.append(0.0, turn))
     fine = np.repeat(rates / 1000, 1000)
     heading = np.cumsum(fine) - fine / 2
     end = np.array([np.cos(heading).sum(), np.sin(heading).sum()]) / 1000
     np.testing.assert_allclose(end, 0, atol=1e-5)
-    assert turn.headings[-1] == pytest.approx(-math.pi)
+    assert turn[-1] == pytest.approx(-math.pi)
     assert np.abs(rates).max() <= curvature
-    assert len(turn.headings) <= 1.15 * 7 * math.pi / 3 / curvature + 1
+    assert len(turn) <= 1.15 * 7 * math.pi / 3 / curvature + 1
+
+
+def test_cars_can_drive_the_turns_of_a_short_sweep():
+    """Oracle: their tightest circle. A sweep of two whole steps is slower than the cars, which turn less in a step."""
+    small = {"curve.half_width": 0.25, "curve.half_height": 0.2, "robot.radius": 0.01, "robot.wheelbase": 0.3}
+    scenario = lissajous_env.scenario("intruders", **small, **{"task.step": 0.25, "sensing.radius": 0.3}).resolve()
+    (plan,), _ = lines_of(scenario, LineParameters(speed=2.0), 1)
+    assert np.abs(np.diff(plan.path[:, 2])).max() <= plan.speed * scenario.task.step / scenario.turning_radius
 
 
 def test_lines_share_the_span():
@@ -112,7 +119,7 @@ def test_rogues_pass_lines_that_turn_inside_only_above_the_speed_limit():
     plan = lines_of(scenario, LineParameters(), 1)[0][0]
     spacing = spacing_of(scenario, 1, plan.aside)
     for share, words in ((0.9, "cross a line within a step"), (1.1, "")):
-        rogues = speed_limit(spacing, 1.5, share * plan.speed, plan.step)
+        rogues = speed_limit(spacing, 1.5, share * plan.speed, scenario.task.step)
         faster = lissajous_env.scenario("intruders", **walls, **{"targets.speed_limit": rogues}).resolve()
         assert words in failed_condition(faster, 1, plan.speed, plan.aside)
         assert bool(words) == bool(failed_condition(faster, 1, plan.speed, plan.aside))
@@ -143,9 +150,8 @@ def test_uneven_cars_keep_the_line():
     uneven = {"noise.wheelbase_spread": 0.02, "noise.drive_spread": 0.02, "formation.start": "equilibrium"}
     scenario = lissajous_env.scenario("intruders", **uneven)
     policy, simulation = LineAbreast(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=2)
-    steps = policy.tables.lead_in + 100
     missed = []
-    for step in range(steps):
+    for step in range(policy.tables.lead_in + 100):
         simulation.step(policy.act(simulation.observation))
         places = policy.tables.places(step + 1)[:, :, -1]
         missed.append(simulation.robots.position.numpy()[..., :2] - places[policy.variant.numpy(), np.arange(5)])
@@ -156,7 +162,7 @@ def test_more_lines_guarantee_more():
     """Oracle: half of the period less the time of a turn, at which two lines meet again."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
     one, two = (lines_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
-    assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * two.step, rel=0.1)
+    assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * scenario.task.step, rel=0.1)
     assert ideal_worst_case(scenario, two) < 0.7 * ideal_worst_case(scenario, one)
     assert best_lines(scenario, LineParameters()).line_of.max() == 1
 
@@ -178,28 +184,25 @@ def test_lines_that_turn_inside_keep_their_spacing_and_stay_off_the_walls():
         height = math.exp(draw.uniform(math.log(2), math.log(50)))
         halves = {"curve.half_width": height / 2 * draw.uniform(1, 5), "curve.half_height": height / 2}
         cars = {"robot.count": int(draw.integers(2, 12)), "robot.radius": height * draw.uniform(0.005, 0.03)}
-        cars |= {
-            "robot.wheelbase": height * draw.uniform(0.005, 0.05),
-            "sensing.radius": height * draw.uniform(0.1, 0.5),
-        }
+        cars["robot.wheelbase"] = height * draw.uniform(0.005, 0.05)
+        cars["sensing.radius"] = height * draw.uniform(0.1, 0.5)
         scenario = lissajous_env.scenario("intruders", **{"task.boundary": "wall"}, **halves, **cars).resolve()
-        reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
         for lines in (1, 2):
             for plan in lines_of(scenario, LineParameters(), lines)[0]:
                 played += 1
                 path = plan.path
                 y = path[:, 1, None] + plan.lanes
-                assert np.abs(path[:, 0]).max() <= reach[0] * (1 + 1e-9)
-                assert np.abs(y).max() <= reach[1] * (1 + 1e-9)
-                turn = np.abs(np.angle(np.exp(1j * np.diff(path[:, 2], append=path[0, 2])))).max() / plan.step
-                assert turn <= plan.speed / turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+                assert np.abs(path[:, 0]).max() <= scenario.driven.half_width * (1 + 1e-9)
+                assert np.abs(y).max() <= scenario.driven.half_height * (1 + 1e-9)
+                turn = np.abs(np.angle(np.exp(1j * np.diff(path[:, 2], append=path[0, 2])))).max() / scenario.task.step
+                assert turn <= plan.speed / scenario.turning_radius
                 for line in range(lines):
                     across = np.sort(y[:, plan.line_of == line], axis=1)
                     widest = np.diff(across, axis=1).max(initial=0.0)
                     beside = max(height / 2 - across.max(axis=1).min(), across.min(axis=1).max() + height / 2)
                     spacing = max(widest, 2 * beside) * (1 - 1e-6)
-                    limit = speed_limit(spacing, scenario.sensing_radius, scenario.rogue_speed, plan.step)
-                    assert plan.speed <= limit
+                    rogues = scenario.sensing_radius, scenario.rogue_speed, scenario.task.step
+                    assert plan.speed <= speed_limit(spacing, *rogues)
                 across = np.unique(path[:, 1].round(9))  # cars of other lines meet at any two places of the path
                 other = across[:, None] - across + (plan.lanes[1:] - plan.lanes[0])[:, None, None]
                 assert lines == 1 or np.abs(other).min() > 2 * scenario.robot.radius

@@ -1,7 +1,6 @@
 """Invalid extensions, models and names: one clear line names the cause, and no unrequested module is imported."""
 
 import dataclasses
-import json
 import math
 import os
 import sys
@@ -203,12 +202,10 @@ def test_what_a_file_names_is_looked_up_and_never_loaded(here):
     # Story: a checkpoint of a stranger names a module of the folder that one is in.
     (here / "evil.py").write_text("open('done', 'w')\n")
     folder = here / "policy"
-    checkpoint.save(folder, make_team(), Card.of(lissajous_env.scenario("rough")))
-    text = json.loads((folder / "checkpoint.json").read_text())
+    card = Card.of(lissajous_env.scenario("rough"))
     for name in ("evil:scenario", "evil.toml", "theirs:scenario"):
-        text["policy"]["scenario"] = name
-        text["scenario"]["extensions"] = [{"place": name}]
-        (folder / "checkpoint.json").write_text(json.dumps(text))
+        fields = {**card.scenario_fields, "extensions": [{"place": name}]}
+        checkpoint.save(folder, make_team(), dataclasses.replace(card, scenario=name, scenario_fields=fields))
         (here / "evil.toml").write_text("base = 'evil:scenario'")
         with pytest.raises(ValueError, match="no module is imported because a folder names it"):
             training.load(folder)

@@ -98,7 +98,7 @@ def test_a_module_that_cannot_be_imported_says_why(module, words, folder, capsys
 def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
     (folder / "episode.npz").touch()
     (folder / "trained").mkdir()
-    (folder / "trained" / "checkpoint.json").touch()
+    (folder / "trained" / "checkpoint.safetensors").touch()
     code, _, error = called(capsys, *line)
     assert code == 2
     assert words in error.splitlines()[0], error

@@ -90,13 +90,13 @@ class _Points:
         if event == "open":
             path, _, flags = arguments
             if flags & (os.O_CREAT | os.O_TRUNC) and self._is_inside(path):
-                self._at(event)
+                self._at(event, path)
         elif event in ("os.mkdir", "os.remove", "os.rename", "os.truncate") and self._is_inside(arguments[0]):
-            self._at(event)
+            self._at(event, arguments[0])
 
     def _writing(self, descriptor: int, data: Any) -> int:
         if self._is_inside(descriptor):
-            self._at("write", lambda: self._write(descriptor, bytes(data)[: len(data) // 2]))
+            self._at("write", None, lambda: self._write(descriptor, bytes(data)[: len(data) // 2]))
         return self._write(descriptor, data)
 
     def _flushing(self, descriptor: int) -> None:
@@ -105,7 +105,8 @@ class _Points:
             self._at("fsync")
         self._fsync(descriptor)
 
-    def _at(self, event: str, half: Callable[[], object] = lambda: None) -> None:
+    def _at(self, event: str, path: Any = None, half: Callable[[], object] = lambda: None) -> None:
+        """Count a point, and end the process there; errors name a path, but not a descriptor, as the system's do."""
         reached = next(self.counted)
         if self.over or self.point < 0 or reached < self.point:
             return
@@ -113,7 +114,7 @@ class _Points:
             half()
             os.kill(os.getpid(), signal.SIGKILL)
         elif event in _ADDS:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), path)
 
     def _is_inside(self, path: Any) -> bool:
         if isinstance(path, int):
@@ -157,18 +158,18 @@ def result_of_train(folder: Path) -> dict[str, Any]:
     """
     from training.learned import checkpoint
 
-    network, _, text = checkpoint.read(folder)
-    checkpoint.read_state(folder, text)
-    best, _, best_text = checkpoint.read(folder / "best")
-    history, best_history = text["training"], best_text["training"]
+    network, _, description = checkpoint.read(folder)
+    state = checkpoint.read_state(folder)
+    best, _, of_best = checkpoint.read(folder / "best")
+    history, best_history = description["training"], of_best["training"]
     highest = history["best"]
     if best_history["best"]["steps"] != highest["steps"] or best_history["curve"][-1]["steps"] != highest["steps"]:
         raise ValueError(f"best must be the policy of {highest}, got {best_history['best']}")
     return {
-        "files": text["files"],
+        "state": {name: array.tolist() for name, array in state.items()},
         "curve": _untimed(history["curve"]),
-        "weights": {name: array.tolist() for name, array in network.to_arrays().items()},
-        "best": {name: array.tolist() for name, array in best.to_arrays().items()},
+        "weights": {name: array.tolist() for name, array in network.arrays.items()},
+        "best": {name: array.tolist() for name, array in best.arrays.items()},
         "names": sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*")),
     }
 

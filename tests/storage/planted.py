@@ -49,7 +49,7 @@ def plant(path: Path, data: bytes) -> None:
     before = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(data)
-    for manifest in (path.parent / "checkpoint.json", *(folder / "manifest.json" for folder in list(path.parents)[:6])):
+    for manifest in (folder / "manifest.json" for folder in list(path.parents)[:6]):
         with contextlib.suppress(OSError, UnicodeDecodeError):
             if before is not None and before in (text := manifest.read_text(encoding="utf-8")):
                 manifest.write_text(text.replace(before, hashlib.sha256(data).hexdigest()), encoding="utf-8")

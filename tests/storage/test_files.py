@@ -19,7 +19,7 @@ from lissajous_env.storage.folder import LIST, Folder, Journal
 QUIET = Console(quiet=True)
 NEIGHBOURS = (
     ".env.tmpl", ".x.tmp", ".settings.1234.tmp.json", ".lock", ".lissajous-0123456789abcdef.json", "notes.csv", ".tmp",
-    "weights-abc.safetensors", "weights-0123456789ab.safetensors", "state-0123456789ab.safetensors", "best.txt",
+    "weights-abc.safetensors", "best.txt",
 )  # fmt: skip
 
 

@@ -76,7 +76,7 @@ def test_a_kill_after_the_best_is_written_and_before_the_checkpoint(tmp_path, mo
 
     def killed(folder, claimed):
         seen.append(claimed)
-        if claimed == "checkpoint.json" and seen.count("best/checkpoint.json") == 2:
+        if claimed == checkpoint.FILE and seen.count(f"best/{checkpoint.FILE}") == 2:
             raise KeyboardInterrupt
         return claim(folder, claimed)
 
@@ -84,7 +84,7 @@ def test_a_kill_after_the_best_is_written_and_before_the_checkpoint(tmp_path, mo
         patch.setattr(Folder, "_claim", killed)
         with pytest.raises(KeyboardInterrupt):
             killing.train(tmp_path / "cut")
-    assert len(checkpoint.read_contents(tmp_path / "cut" / "best")["training"]["curve"]) == 2
-    assert len(checkpoint.read_contents(tmp_path / "cut")["training"]["curve"]) == 1
+    assert len(checkpoint.read_description(tmp_path / "cut" / "best")["training"]["curve"]) == 2
+    assert len(checkpoint.read_description(tmp_path / "cut")["training"]["curve"]) == 1
     killing.train(tmp_path / "cut")
     assert killing.result_of_train(tmp_path / "cut") == killing.result_of_train(tmp_path / "whole")

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file
 from safetensors.numpy import save as to_safetensors
 from test_network import make_team
 
@@ -35,18 +36,30 @@ def folder(tmp_path):
     return tmp_path / "x"
 
 
-def write(folder, text):
+def text_of(folder):
+    """The description in a checkpoint, read by hand: 8 bytes with the length of the header, then the header in JSON."""
+    data = (folder / checkpoint.FILE).read_bytes()
+    header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+    return json.loads(header["__metadata__"][checkpoint.DESCRIPTION])
+
+
+def write(folder, text, arrays=None):
+    """Replace the description of a checkpoint, and perhaps its arrays."""
+    path = folder / checkpoint.FILE
+    arrays = load_file(path) if arrays is None else arrays
+    put(path, to_safetensors(arrays, {checkpoint.DESCRIPTION: json.dumps(text)}))
+
+
+def put(path, data):
     # Not emptied first: a file that is, is flushed to the disk when it is closed.
-    with open(folder / checkpoint.FILE, "r+") as file:
-        file.write(json.dumps(text))
+    with open(path, "r+b") as file:
+        file.write(data)
         file.truncate()
 
 
 def play(folder):
     """Read all of a checkpoint and take a step with it; returns its action, which must be finite and in its range."""
-    _, _, text = checkpoint.read(folder)
-    if "state" in text["files"]:
-        checkpoint.read_state(folder, text)
+    checkpoint.read_state(folder)
     policy = training.load(folder)
     action = policy.act(Simulation(policy.scenario).observation.numpy())
     assert np.isfinite(action).all()
@@ -90,7 +103,7 @@ def test_the_checkpoint_plays_as_it_is(folder):
 
 
 def test_any_entry_may_be_missing_or_wrong(folder):
-    text = json.loads((folder / checkpoint.FILE).read_text())
+    text = text_of(folder)
     # A few of the many inputs stand for all.
     everywhere = [place for place in places(text) if not (place[:2] == ("policy", "inputs") and place[2:] > (2,))]
     refused = 0
@@ -108,56 +121,63 @@ def test_any_entry_may_be_missing_or_wrong(folder):
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        (("policy", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
-        (("policy", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
-        (("policy", "base"), "nothing", "base must be a registered classical policy, or none, got 'nothing'"),
-        (("policy", "activation"), "gelu", "activation must be relu, got 'gelu'"),
-        (("settings",), None, "settings must be an object, got None"),
-        (("files",), {}, "files must name weights, and no others but state, got {}"),
-        (("files", "weights", "name"), "../weights", r"name of weights must be weights-HASH.safetensors, got '\.\./"),
-        (("files", "weights", "sha256"), "x", "SHA-256 of weights must be 64 hexadecimal digits, got 'x'"),
-        (("scenario",), None, "scenario must be an object, got None"),
-        (("format",), True, "format must be 1, got True"),
+        (("card", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
+        (("card", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
+        (("card", "inputs"), ["a"], r"inputs and outputs must be \(1, 2\), as its card states, got \(0, 2\)"),
+        (("card", "base"), "nothing", "base must be a registered classical policy, or none, got 'nothing'"),
+        (("card", "settings"), None, "settings must be a mapping, got None"),
+        (("card", "scenario_fields"), [], r"scenario_fields must be a mapping, got \[\]"),
+        (("card", "activation"), "gelu", "unexpected keyword argument 'activation'"),
+        (("sha256",), {}, "it lacks state"),
+        (("sha256", "state"), "x", "SHA-256 of its state must be [0-9a-f]+, got 'x'"),
+        (("format",), 1, "format must be 2, got 1"),
         (("rivals",), json.loads(100 * "[" + 100 * "]"), "nest at most 100 levels"),
-        ((), [], r"it must be an object, got \[\]"),
+        ((), [], "list indices must be integers"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_rule_and_value(folder, place, value, words):
-    write(folder, changed(json.loads((folder / checkpoint.FILE).read_text()), place, value))
-    with pytest.raises(ValueError, match=rf"checkpoint\.json (is |must be an un)damaged.*{words}"):
+    write(folder, changed(text_of(folder), place, value))
+    with pytest.raises(ValueError, match=rf"checkpoint\.safetensors must be an undamaged checkpoint, but .*{words}"):
         play(folder)
 
 
-def put_weights(folder, data):
+def put_weights(folder, arrays):
     """Replace the weights, as one who keeps the books would."""
-    text = json.loads((folder / checkpoint.FILE).read_text())
-    digest = hashlib.sha256(data).hexdigest()
-    entry = {"name": f"weights-{digest[:12]}.safetensors", "sha256": digest}
-    (folder / entry["name"]).write_bytes(data)
-    write(folder, text | {"files": {"weights": entry}})
+    arrays = {f"weights.{name}": array for name, array in arrays.items()}
+    write(folder, text_of(folder) | {"sha256": {"weights": digest_of(arrays)}}, arrays)
 
 
-@pytest.mark.parametrize("dtype", ["BF16", "F8_E4M3", "F64", "F16", "I64", "I8", "BOOL"])
+def digest_of(arrays):
+    """SHA-256 of names, types, shapes and bytes, all in a row."""
+    rows = [f"{name.partition('.')[2]} {array.dtype} {array.shape}".encode() + array.tobytes()
+            for name, array in sorted(arrays.items())]  # fmt: skip
+    return hashlib.sha256(b"".join(rows)).hexdigest()
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float16, np.int64, np.int8, bool])
 def test_weights_of_other_numbers_are_refused(folder, dtype):
-    arrays = make_team().to_arrays()
-    width = {"BF16": 2, "F8_E4M3": 1, "F64": 8, "F16": 2, "I64": 8, "I8": 1, "BOOL": 1}[dtype]
-    header, data = {}, b""
-    for name, array in arrays.items():
-        end = len(data) + width * array.size
-        header[name] = {"dtype": dtype, "shape": list(array.shape), "data_offsets": [len(data), end]}
-        data = data.ljust(end, b"\x01")
+    put_weights(folder, {name: array.astype(dtype) for name, array in make_team().arrays.items()})
+    with pytest.raises(ValueError, match=r"checkpoint\.safetensors .*, but dtype of .* must be float32"):
+        checkpoint.read(folder)
+
+
+@pytest.mark.parametrize("dtype", ["BF16", "F8_E4M3"])
+def test_numbers_that_numpy_lacks_are_refused(folder, dtype):
+    path, width = folder / checkpoint.FILE, {"BF16": 2, "F8_E4M3": 1}[dtype]
+    entry = {"dtype": dtype, "shape": [3], "data_offsets": [0, 3 * width]}
+    header = {"__metadata__": {checkpoint.DESCRIPTION: json.dumps(text_of(folder))}, "weights.x": entry}
     head = json.dumps(header).encode()
-    put_weights(folder, len(head).to_bytes(8, "little") + head + data)
-    with pytest.raises(ValueError, match=r"weights-\w+\.\w+ (.*, but dtype of .* must be float32|is damaged: NumPy)"):
+    put(path, len(head).to_bytes(8, "little") + head + 3 * width * b"\x01")
+    with pytest.raises(ValueError, match=r"checkpoint\.safetensors must be an undamaged checkpoint, but "):
         checkpoint.read(folder)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_weights_that_are_not_finite_are_refused(folder, value):
-    arrays = {name: array.copy() for name, array in make_team().to_arrays().items()}
-    arrays["team.last.bias"][0] = value
-    put_weights(folder, to_safetensors(arrays))
-    with pytest.raises(ValueError, match=r"weights-\w+\.\w+ must be .*, but last.bias must be finite"):
+    arrays = {name: array.copy() for name, array in make_team().arrays.items()}
+    arrays["last.bias"][0] = value
+    put_weights(folder, arrays)
+    with pytest.raises(ValueError, match=r"checkpoint\.safetensors must be .*, but last.bias must be finite"):
         checkpoint.read(folder)
 
 
@@ -169,19 +189,19 @@ def test_weights_that_are_not_finite_are_refused(folder, value):
         (4).to_bytes(8, "little") + b"null", 64 * b"\xff",
     ],
 )  # fmt: skip
-def test_a_file_of_weights_that_is_none_is_refused(folder, data):
-    put_weights(folder, data)
-    with pytest.raises(ValueError, match=r"weights-\w+\.\w+ (is damaged: |must be an undamaged checkpoint, but)"):
+def test_a_file_that_is_no_checkpoint_is_refused(folder, data):
+    put(folder / checkpoint.FILE, data)
+    with pytest.raises(ValueError, match=r"checkpoint\.safetensors must be an undamaged checkpoint, but "):
         checkpoint.read(folder)
 
 
-def test_weights_must_be_a_plain_file_of_the_folder(folder):
-    (weights,) = folder.glob("weights-*")
-    weights.rename(folder.parent / "outside")
-    weights.symlink_to(folder.parent / "outside")
-    with pytest.raises(ValueError, match=rf"{weights.name} must be a plain file, got a link"):
+def test_a_checkpoint_must_be_a_plain_file_of_the_folder(folder):
+    path = folder / checkpoint.FILE
+    path.rename(folder.parent / "outside")
+    path.symlink_to(folder.parent / "outside")
+    with pytest.raises(ValueError, match=r"checkpoint\.safetensors must be a plain file, got a link"):
         checkpoint.read(folder)
-    weights.unlink()
-    weights.mkdir()
-    with pytest.raises(ValueError, match=rf"{weights.name} must be a plain file"):
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(ValueError, match=r"checkpoint must be a folder with checkpoint\.safetensors, got"):
         checkpoint.read(folder)

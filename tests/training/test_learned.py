@@ -43,7 +43,7 @@ def test_a_network_of_zeros_drives_as_its_base_does(base):
     # Oracle: the base itself, whose robots rest where it wishes less than a quarter of the top speed, for the rows of
     # two episodes, of which one world begins the second one early.
     scenario = lissajous_env.scenario("watch", **{"task.duration": 20.0})
-    zeros = TeamNetwork.from_arrays({name: 0 * array for name, array in make_team().to_arrays().items()})
+    zeros = TeamNetwork({name: 0 * array for name, array in make_team().arrays.items()})
     learned, rule = LearnedTeam(zeros, Card.of(scenario, base=base), scenario, 2), baselines.make(base, scenario, 2)
     simulation, wish = Simulation(scenario, 2), rule.wish
 
@@ -93,7 +93,7 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
     assert [cell.policy for cell in cells] == [str(tmp_path), "still"]
     assert isinstance(cells[0].factory(cells[0].scenario, 2, "cpu"), LearnedTeam)
     (tmp_path / "nothing").mkdir()
-    with pytest.raises(ValueError, match=r"must contain policy.toml or checkpoint.json, got .*nothing$"):
+    with pytest.raises(ValueError, match=r"must contain policy.toml or checkpoint.safetensors, got .*nothing$"):
         baselines.make(str(tmp_path / "nothing"), "rough")
     checkpoint.save(tmp_path / "nothing" / "best", make_team(), Card.of(lissajous_env.scenario("intruders")))
     with pytest.raises(ValueError, match=r"got .*nothing; did you mean .*/nothing/best\?"):
@@ -102,7 +102,7 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
 
 @pytest.mark.parametrize("name", ["learned-nothing", "", "/nowhere/at/all"])
 def test_an_unknown_name_is_refused_with_what_there_is(name):
-    with pytest.raises(ValueError, match=r"policy must be one of learned-.*, or a folder with checkpoint.json"):
+    with pytest.raises(ValueError, match=r"policy must be one of learned-.*, or a folder with checkpoint.safetensors"):
         training.load(name)
 
 

@@ -169,7 +169,7 @@ def test_results_of_another_rogue_in_the_same_folder_are_refused(trained, tmp_pa
 
 def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     folder, _ = trained
-    with pytest.raises(ValueError, match=r"targets.rogues must be one of .* or a folder with checkpoint.json, got"):
+    with pytest.raises(ValueError, match=r"targets.rogues must be .* or a folder with checkpoint.safetensors, got"):
         lissajous_env.scenario("evaders", rogues=str(tmp_path))
     with pytest.raises(ValueError, match=r"rogues must be the folder of a rogue, got .*, which drives robots of kind"):
         lissajous_env.scenario("evaders", rogues=str(find("learned-watch")))

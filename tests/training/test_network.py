@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
+from lissajous_env.storage.folder import LIST
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import RogueNetwork, TeamNetwork
@@ -79,7 +80,7 @@ def test_layers_that_do_not_fit_are_refused(weights, biases, words):
     with pytest.raises(ValueError, match=words):
         RogueNetwork(arrays | {f"{k}.bias": array for k, array in enumerate(biases)})
     with pytest.raises(ValueError, match="layers must be 0, 1 and so on, at least one, got 1"):
-        RogueNetwork.from_arrays({"policy.1.weight": np.ones((1, 2)), "policy.1.bias": np.ones(1), "x": np.ones(1)})
+        RogueNetwork({"1.weight": np.ones((1, 2)), "1.bias": np.ones(1)})
 
 
 @pytest.mark.parametrize("wrong", ["trunk", "memory.input"], ids=["missing", "unknown"])
@@ -94,15 +95,15 @@ def test_a_checkpoint_gives_back_what_was_saved(tmp_path, monkeypatch):
     network, card = make_team(), Card.of(lissajous_env.scenario("intruders"), settings={"seed": 3})
     state = {"a": np.arange(5), "b.c": np.zeros((2, 3), dtype=np.float32), "flags": np.array([True, False])}
     checkpoint.save(tmp_path / "x", network, card, state=state, notes={"counters": {"steps": 7}})
-    read, again, text = checkpoint.read(tmp_path / "x")
+    read, again, description = checkpoint.read(tmp_path / "x")
     assert again == card
-    assert text["counters"] == {"steps": 7}
-    assert {"lissajous-env", "torch"} & set(text["versions"]) == {"lissajous-env"}
-    for name, saved in network.to_arrays().items():
-        loaded = read.to_arrays()[name]
+    assert description["counters"] == {"steps": 7}
+    assert {"lissajous-env", "torch"} & set(description["versions"]) == {"lissajous-env"}
+    for name, saved in network.arrays.items():
+        loaded = read.arrays[name]
         assert (saved == loaded).all()
         assert loaded.dtype == np.float32
-    arrays = checkpoint.read_state(tmp_path / "x", text)
+    arrays = checkpoint.read_state(tmp_path / "x")
     assert {name: array.tolist() for name, array in arrays.items()} == {k: v.tolist() for k, v in state.items()}
 
 
@@ -110,27 +111,25 @@ def test_a_new_checkpoint_takes_the_place_of_the_old_one(tmp_path):
     card = Card.of(lissajous_env.scenario("intruders"))
     for seed in range(3):
         checkpoint.save(tmp_path, make_team(seed=seed), card, state={"seed": np.array(seed)})
-    assert len(list(tmp_path.iterdir())) == 4
-    network, _, text = checkpoint.read(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [LIST, checkpoint.FILE]
+    network, *_ = checkpoint.read(tmp_path)
     assert (network.arrays["own.weight"] == make_team(seed=2).arrays["own.weight"]).all()
-    assert checkpoint.read_state(tmp_path, text)["seed"] == 2
+    assert checkpoint.read_state(tmp_path)["seed"] == 2
 
 
 def test_damage_is_named(tmp_path):
     checkpoint.save(tmp_path, make_team(), Card.of(lissajous_env.scenario("intruders")))
-    (weights,) = tmp_path.glob("weights-*")
-    whole = weights.read_bytes()
-    weights.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
-    with pytest.raises(ValueError, match=rf"{weights.name} is damaged: its SHA-256 must be [0-9a-f]+, got"):
-        checkpoint.read(tmp_path)
-    weights.unlink()
-    with pytest.raises(ValueError, match=f"{weights.name} is missing"):
-        checkpoint.read(tmp_path)
-    weights.write_bytes(whole)
     path = tmp_path / checkpoint.FILE
-    path.write_text(path.read_text()[:-99])
-    with pytest.raises(ValueError, match=checkpoint.FILE):
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    with pytest.raises(ValueError, match=rf"{path.name} must be .*, but SHA-256 of its weights must be [0-9a-f]+, got"):
         checkpoint.read(tmp_path)
+    path.write_bytes(whole[:-99])
+    with pytest.raises(ValueError, match=f"{path.name} must be an undamaged checkpoint, but"):
+        checkpoint.read(tmp_path)
+    path.write_bytes(whole)
+    with pytest.raises(ValueError, match=f"{path.name} must be an undamaged checkpoint, but it lacks state"):
+        checkpoint.read_state(tmp_path)
     with pytest.raises(ValueError, match="must be a folder with"):
         checkpoint.read(tmp_path / "nowhere")
 

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("torch")
 
 from publish import publish
+from test_checkpoint import text_of, write
 from test_trainer import QUIET, SMALL
 
 import lissajous_env
@@ -85,8 +86,7 @@ def test_every_command_plays_it(here, capsys):
     two = ("--policies", "run/best", "kuramoto")
     command("benchmark", "--scenarios", "other.toml", *two, "--episodes", 1, "--replays", "0", "--out", "results")
     publish(here / "run" / "best", "published", "how", folder=here)
-    text = checkpoint.read_contents(here / "policies" / "published")
-    assert text["made_for"] == ["mine"]
+    assert checkpoint.read_description(here / "policies" / "published")["made_for"] == ["mine"]
     assert training.load(here / "policies" / "published").scenario == wanted
 
 
@@ -135,10 +135,9 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
 )
 def test_a_damaged_scenario_is_refused(here, part, value, words):
     trained()
-    path = here / "run" / checkpoint.FILE
-    text = json.loads(path.read_text())
-    text["scenario"][part] = value
-    path.write_text(json.dumps(text))
+    description = text_of(here / "run")
+    description["card"]["scenario_fields"][part] = value
+    write(here / "run", description)
     with pytest.raises(ValueError, match=words):
         training.load("run")
 

@@ -14,22 +14,23 @@ from training.settings import RogueTraining
 SCRIPTS = ("wander", "flee", "shadow", "follow-gap")
 
 
-def text_of(name):
-    return checkpoint.read_contents(LEARNED[name])
+def described(name):
+    return checkpoint.read_description(LEARNED[name])
 
 
 def test_each_shipped_rogue_tells_how_it_was_trained():
     # Story: the command and the seed are stored, the name says against whom, and an episode can be played by name.
     assert {"hide-from-sweep", "hide-from-partition", "hide-from-kuramoto-mpcc"} <= set(LEARNED)
     for name in LEARNED:
-        text = text_of(name)
-        settings = RogueTraining(**{key: text["settings"][key] for key in ("scenario", "against", "seed", "rounds")})
-        assert f"--against {settings.against}" in text["command"]
-        assert f"--scenario {settings.scenario}" in text["command"]
-        assert text["policy"]["scenario"] == settings.scenario
+        about = described(name)
+        stored = about["card"].settings
+        settings = RogueTraining(**{key: stored[key] for key in ("scenario", "against", "seed", "rounds")})
+        assert f"--against {settings.against}" in about["command"]
+        assert f"--scenario {settings.scenario}" in about["command"]
+        assert about["card"].scenario == settings.scenario
         assert name.startswith(f"hide-from-{settings.against}")
         assert name in lissajous_env.rogues()
-        assert list(text["held_out_times"]) == [settings.against]
+        assert list(about["held_out_times"]) == [settings.against]
 
 
 def test_the_table_of_the_page_is_that_of_the_stored_times():
@@ -42,13 +43,13 @@ def test_the_table_of_the_page_is_that_of_the_stored_times():
 def test_each_shipped_rogue_hides_better_than_every_script():
     # Oracle: the stored times on seeds that were in neither training nor evaluations.
     for name in LEARNED:
-        for times in text_of(name)["held_out_times"].values():
+        for times in described(name)["held_out_times"].values():
             assert times["learned"]["mean"] > 1.05 * max(times[script]["mean"] for script in SCRIPTS)
 
 
 def test_the_stored_times_are_those_of_the_shipped_weights():
     # Oracle: a few of the held-out episodes; their mean lies within the spread of all.
-    stored = text_of("hide-from-sweep")["held_out_times"]["sweep"]
+    stored = described("hide-from-sweep")["held_out_times"]["sweep"]
     scenario = lissajous_env.scenario("evaders", **{"task.grid": None, "task.contamination": None})
     times = {}
     for rogue in ("hide-from-sweep", "follow-gap"):

@@ -38,7 +38,7 @@ def small(tmp_path, **changes):
 
 def arrays_of(folder):
     network, *_ = checkpoint.read(folder)
-    return np.concatenate([array.ravel() for _, array in sorted(network.to_arrays().items())])
+    return np.concatenate([array.ravel() for _, array in sorted(network.arrays.items())])
 
 
 @pytest.mark.parametrize(("changes", "base"), [
@@ -212,7 +212,7 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, mo
     seen: list = []
     history = train(cut, QUIET, seen.append)
     assert (arrays_of(tmp_path / "cut") == arrays_of(tmp_path / "run")).all()
-    states = [checkpoint.read_state(run, checkpoint.read_contents(run)) for run in (tmp_path / "cut", tmp_path / "run")]
+    states = [checkpoint.read_state(run) for run in (tmp_path / "cut", tmp_path / "run")]
     assert all((array == states[1][name]).all() for name, array in states[0].items())
     assert [point["steps"] for point in seen] == [point["steps"] for point in history["curve"]][2:]
     # A finished training is left alone.

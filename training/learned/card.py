@@ -9,8 +9,8 @@ from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.wording import require
 
-_STORED = "scenario", "kind", "inputs", "action_size", "base"
-"""Fields that are stored under `policy` in `checkpoint.json`."""
+ROGUE = "rogue"
+"""`Card.kind` of a rogue, which drives no robots."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,12 @@ class Card:
         for name in ("scenario", "kind"):
             value = getattr(self, name)
             require(isinstance(value, str) and value.isprintable() and len(value) < 100, name, "must be a word", value)
-        words = isinstance(self.inputs, tuple) and all(isinstance(name, str) for name in self.inputs)
+        words = isinstance(self.inputs, (list, tuple)) and all(isinstance(name, str) for name in self.inputs)
         require(words and len(set(self.inputs)) == len(self.inputs), "inputs", "must be words, each once", self.inputs)
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        for name in ("settings", "scenario_fields"):
+            value = getattr(self, name)
+            require(isinstance(value, Mapping), name, "must be a mapping", value)
         size = self.action_size
         require(type(size) is int and size >= 1, "action_size", "must be a whole number of at least 1", size)
         # A learned policy as a base could have this policy as its own base.
@@ -55,23 +59,6 @@ class Card:
         fields = {"scenario": scenario.name, "scenario_fields": plain(scenario.resolve().to_dict())}
         robots = {"kind": scenario.actuation, "inputs": (), "action_size": scenario.action_size}
         return cls(**fields | robots | more)
-
-    @classmethod
-    def from_dict(cls, policy: Mapping[str, Any], settings: Mapping[str, Any], fields: Mapping[str, Any]) -> "Card":
-        """Return the card that `to_dict` converted.
-
-        Raises:
-            KeyError: an entry is missing.
-            ValueError: an entry is invalid.
-        """
-        values: dict[str, Any] = {name: policy[name] for name in _STORED}
-        if isinstance(values["inputs"], list):
-            values["inputs"] = tuple(values["inputs"])
-        return cls(**values, settings=settings, scenario_fields=fields)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values of the fields that are stored under `policy`."""
-        return {name: getattr(self, name) for name in _STORED}
 
     def check(self, scenario: Scenario) -> None:
         """Check that the policy can play a scenario; one without messages also plays a scenario with messages.

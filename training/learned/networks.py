@@ -4,7 +4,7 @@ Each world is computed by matrix products of its own, so that actions do not dep
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +25,6 @@ class Network:
 
     arrays: dict[str, np.ndarray]
     """W (outputs, inputs) of each layer as `LAYER.weight`, and b (outputs,) as `LAYER.bias`."""
-    prefix: ClassVar[str]
-    """Prefix of these names in a checkpoint."""
 
     def __post_init__(self) -> None:
         arrays = {name: _numbers(name, array) for name, array in self.arrays.items()}
@@ -49,24 +47,9 @@ class Network:
     def _layer(self, name: str, values: np.ndarray) -> np.ndarray:
         return values @ self.arrays[f"{name}.weight"].T + self.arrays[f"{name}.bias"]
 
-    def to_arrays(self) -> dict[str, np.ndarray]:
-        """Return the arrays by name, as stored in a checkpoint."""
-        return prefixed(self.prefix, self.arrays)
-
-    @classmethod
-    def from_arrays(cls, arrays: dict[str, Any]) -> Self:
-        """Return the network that `to_arrays` converted; arrays without the prefix are ignored.
-
-        Raises:
-            ValueError: the arrays do not fit together.
-        """
-        return cls(within(cls.prefix, arrays))
-
 
 class RogueNetwork(Network):
     """Network of rogues: y = W_k s(... s(W_0 x + b_0) ...) + b_k, with s(x) = max(x, 0) between the layers 0 to k."""
-
-    prefix = "policy"
 
     def _fitting(self, sizes: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
         names = [str(k) for k in range(len(sizes))]
@@ -102,7 +85,6 @@ class TeamNetwork(Network):
     `query`), the features are averaged over all slots for tokens, where those of an empty slot are zeros.
     """
 
-    prefix = "team"
     inputs = 0
     """Number of `Card.inputs` that it requires: none, because it reads a `Perception`."""
 

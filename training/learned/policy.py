@@ -1,6 +1,5 @@
 """Learned policies of robots, with the interface of the classical ones: load, register and play them."""
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -67,10 +66,10 @@ def register_shipped() -> None:
     """
     LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.digests)
     for name in names():
-        contents = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
-        policy, scenario = contents["policy"], contents["settings"]["scenario"]
-        about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
-        baselines.register(name, policy["kind"], partial(load, name), tuple(contents["made_for"]), about, "network")
+        description = checkpoint.read_description(_SHIPPED / name)
+        card = description["card"]
+        about = f"Learned on {card.settings['scenario']}{f', on top of {card.base}' if card.base else ''}."
+        baselines.register(name, card.kind, partial(load, name), tuple(description["made_for"]), about, "network")
 
 
 def names() -> tuple[str, ...]:

@@ -12,17 +12,14 @@ from lissajous_env import Scenario
 from lissajous_env.parameters.rogues import Rogue
 from lissajous_env.world.rogues.acting import ACTION_NAMES, rogue_entries, rogue_layout
 from training.learned import checkpoint
-from training.learned.card import Card
+from training.learned.card import ROGUE, Card
 from training.learned.networks import RogueNetwork
-
-KIND = "rogue"
-"""`Card.kind` of a rogue, which drives no robots."""
 
 
 def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> Card:
     """Return the card of a rogue that reads the whole row of a scenario."""
     inputs = rogue_layout(scenario).names
-    return Card.of(scenario, kind=KIND, inputs=inputs, action_size=len(ACTION_NAMES), settings=settings or {})
+    return Card.of(scenario, kind=ROGUE, inputs=inputs, action_size=len(ACTION_NAMES), settings=settings or {})
 
 
 def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
@@ -32,7 +29,7 @@ def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
         ValueError: there is none, it is damaged, or its policy drives robots.
     """
     network, card, _ = checkpoint.read(folder)
-    if card.kind != KIND or not isinstance(network, RogueNetwork):
+    if not isinstance(network, RogueNetwork):
         raise ValueError(f"rogues must be the folder of a rogue, got {folder}, which drives robots of kind {card.kind}")
     entries = rogue_entries(num_robots=len(card.inputs))  # more robots than the row has
     names = [entry for entry, *_ in entries[: len(card.inputs)]]

@@ -39,11 +39,12 @@ def disturb_command(w, i, noise, clock, command):
 
 
 @stage(ROBOT, writes="clock: invalid, invalid_at; command; latest: change, effort; limited_action")
-def limit_actions(block, noise, action, clock, latest, limited_action, command):
+def limit_actions(block, noise, action, clock, robots, latest, limited_action, command):
     """Limit the actions to [-1, 1], and add noise to the commands in them; compute their effort and change.
 
     An action that is not finite is replaced by zero, and its world flagged. The last components of an action are a
     message, to which neither noise nor effort applies. `limited_action` has commands, without noise, and message.
+    Actions of robots that do not work have no effort, because they have no effect.
     """
     n = action.shape[1]
     size = command.shape[2]
@@ -69,15 +70,18 @@ def limit_actions(block, noise, action, clock, latest, limited_action, command):
         abreast.put_entries(block, block.active_mask, limited, entry, limited_action)
         if entry < size:
             abreast.put_entries(block, block.active_mask, limited, entry, command)
+    working = abreast.where_equal(block, robots.status, WORKING)
     for k in range(abreast.ABREAST):
         if k < abreast.width():
-            squares[k] = squares[k] / float(size)
+            squares[k] = wp.where(abreast.is_in(k, working), squares[k] / float(size), 0.0)
             change[k] = wp.where(abreast.is_in(k, has_earlier), change[k] / float(size), 0.0)
     abreast.put_floats(block, block.active_mask, squares, latest.effort)
     abreast.put_floats(block, block.active_mask, change, latest.change)
-    for k in range(block.count):
-        if invalid[k] > 0.0 and abreast.is_in(k, block.active_mask):
-            flag_invalid((block.start + k) / n, clock)
+    flagged = block.active_mask & abreast.where_above(block, invalid, 0.0)
+    if flagged != 0:
+        for k in range(block.count):
+            if abreast.is_in(k, flagged):
+                flag_invalid((block.start + k) / n, clock)
     if noise.actuator > 0.0:
         for k in range(block.count):
             if abreast.is_in(k, block.active_mask):

@@ -1,0 +1,1 @@
+"""Parts of a scenario: their fields with rules and units, the checks of such fields, and formulas of parameters."""
