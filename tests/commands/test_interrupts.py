@@ -22,41 +22,26 @@ def press():
 
 class Presses:
     def find_spec(self, name, path=None, target=None):
-        if name == MOMENT:
-            sys.meta_path.remove(self)
-            press()
-
-class PressesLast:
-    def __del__(self, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
-        kill(pid, number)  # the modules are cleared
-
-class Begins:
-    def find_spec(self, name, path=None, target=None):
         if name == "lissajous_env.console.cli":
             sys.meta_path.remove(self)
-            atexit.register(press)
+            atexit.register(press) if MOMENT == "exit" else press()
 
-if MOMENT == "exit":
-    sys.meta_path.insert(0, Begins())
-elif MOMENT == "last":
-    sys.presses_last = PressesLast()
-else:
-    sys.meta_path.insert(0, Presses())
+    def __del__(self, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
+        kill(pid, number)  # when the modules are cleared
+
+sys.presses = Presses()
+if MOMENT != "last":
+    sys.meta_path.insert(0, sys.presses)
 """
 
 
 @pytest.mark.usefixtures("ctrl_c")
-@pytest.mark.parametrize(
-    ("moment", "by_script", "ends"),
-    [
-        ("lissajous_env.console.cli", True, (130, "interrupted\n")),
-        ("exit", False, (130, "interrupted\n")),
-        ("last", False, (0, "")),
-    ],
-)
+@pytest.mark.parametrize(("moment", "by_script", "ends"), [
+    ("import", True, (130, "interrupted\n")), ("exit", False, (130, "interrupted\n")), ("last", False, (0, "")),
+])  # fmt: skip
 def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, ends, tmp_path):
     # Story: the signal arrives in the midst of an import, where Python would print the stack of all imports; or when
-    # the interpreter is about to end, where it would end the command by the signal in place of its exit code.
+    # Python has restored the default action, by which it would end the command in place of its exit code.
     (tmp_path / "sitecustomize.py").write_text(PRESSED)
     script = tmp_path / "lissajous"
     script.write_text("from lissajous_env.console.cli import main\nmain()\n")
