@@ -64,7 +64,7 @@ export class Plot {
       const at = this.x(value),
         late = at > end - 60;
       this.add("line", { x1: at, x2: at, y1: TOP, y2: bottom, class: "limit" });
-      this.write(at + (late ? -4 : 4), TOP + 9, words, late ? "end" : "start", "limit-name");
+      this.write(at + (late ? -4 : 4), TOP + 9, words, late ? "end" : "start");
     }
   }
 

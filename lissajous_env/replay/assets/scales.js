@@ -1,12 +1,12 @@
 // Scales from values to shares of a width, and their ticks.
 
 // Linear from 0 on; where the largest is far beyond the middle one, or `bend`, by asinh: linear near 0, then logarithmic.
-// Nearby values are included.
-export function scaleOf(values, reach = [], bend = 0) {
+// Nearby `lines` [[value, words]] are included.
+export function scaleOf(values, lines, bend = 0) {
   const known = values.filter((value) => value !== null && Number.isFinite(value)).sort((a, b) => a - b);
   const most = Math.max(...known.slice(-1), 0),
     least = Math.min(...known.slice(0, 1), 0);
-  const reached = Math.max(most, ...reach.filter((value) => value < 1.6 * most));
+  const reached = Math.max(most, ...lines.map(([value]) => value).filter((value) => value < 1.6 * most));
   const far = reached > least ? reached : least + 1;
   const middle = bend || known[Math.floor(known.length / 2)] || far;
   const bent = least >= 0 && far > 10 * middle ? Math.max(middle, far / 1e4) : 0;
