@@ -69,9 +69,7 @@ export class Plot {
   }
 
   add(kind, attributes, ...children) {
-    const made = svg(kind, attributes, ...children);
-    this.picture.append(made);
-    return made;
+    return this.picture.appendChild(svg(kind, attributes, ...children));
   }
 
   write(x, y, words, anchor, look = "tick") {

@@ -26,13 +26,13 @@ export function roundOf(scale, most = 4) {
       last = Math.floor(Math.log10(scale.far));
     const ladder = last - first < 2 ? [1, 2, 5] : [1];
     for (let power = first; power <= last; power++)
-      marks.push(...ladder.map((each) => each * 10 ** power).filter((each) => each <= scale.far));
+      marks.push(...ladder.map((factor) => factor * 10 ** power).filter((value) => value <= scale.far));
     const stride = Math.ceil((marks.length - 1) / Math.max(most - 1, 1));
     return marks.filter((_, k) => k === 0 || (marks.length - 1 - k) % stride === 0);
   }
   const span = scale.far - scale.least || 1,
     rough = 10 ** Math.floor(Math.log10(span / most));
-  const step = [1, 2, 5, 10].map((each) => each * rough).find((each) => span / each <= most);
+  const step = [1, 2, 5, 10].map((factor) => factor * rough).find((value) => span / value <= most);
   const marks = [];
   for (let k = Math.ceil(scale.least / step); k * step <= scale.far + 1e-9 * span; k++)
     marks.push(Number((k * step).toPrecision(6)));

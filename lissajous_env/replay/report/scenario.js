@@ -52,12 +52,12 @@ function fillPolicies(report, scenario, s, table) {
     return { measure, scale: scaleOf(values, measure.lines, measure.whole ? 1 : 0) };
   });
   const top = columns.map(({ measure, scale }) => {
-    const made = heading(measure.title, measure.strip ? "wide" : "", measure.about);
+    const head = heading(measure.title, measure.strip ? "wide" : "", measure.about);
     const named = measure.lines
       .filter(([value]) => scale.holds(value))
       .map(([value, words]) => `${words} ${number(value)}`);
-    made.append(...(measure.strip ? [stripAxis(scale)] : []), element("small", "", named.join(" · ")));
-    return made;
+    head.append(...(measure.strip ? [stripAxis(scale)] : []), element("small", "", named.join(" · ")));
+    return head;
   });
   const body = scenario.policies.map((policy, place) => {
     const name = rowName(report.policies[policy.policy], failuresOf(report, policy)),
@@ -84,12 +84,12 @@ function measured(report, s, policy, { measure, scale }) {
   const words = reading(of.words, of.between, of.best ? "best" : "");
   if (of.known && of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
-  const made = cell(measure.strip ? "wide" : "", value, words);
+  const part = cell(measure.strip ? "wide" : "", value, words);
   if (measure.strip) {
     const dots = dotsOf(report, s, policy.policy, measure.column);
-    made.append(episodesStrip(look, of, measure, scale, dots));
+    part.append(episodesStrip(look, of, measure, scale, dots));
   }
-  return made;
+  return part;
 }
 
 // A plot of two columns, one against the other.
