@@ -64,7 +64,7 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
     if stays_inside(scenario):
         ways = transit_inside(scenario, loops[..., :2], lines.speed, slots)
         return lines, path_tables(scenario, ways.loop, ways.lead_in), (1, 0)
-    effort = Effort.of(scenario.num_robots, 3 * lines.period // 2)
+    effort = Effort.of(scenario.num_robots, 3 * len(lines.path) // 2)
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * lines.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * lines.speed), lines.speed)
     places = transit_from_any_angle(scenario, effort, loops[slots, 0], lines.radius, pace)

@@ -12,8 +12,8 @@ from baselines.policies.line_path import (
     best_lines,
     failed_condition,
     ideal_worst_case,
+    lanes_of,
     lines_of,
-    spacing_of,
     speed_limit,
     turn_of,
 )
@@ -117,7 +117,7 @@ def test_rogues_pass_lines_that_turn_inside_only_above_the_speed_limit():
     walls = {"task.boundary": "wall", "sensing.radius": 1.5}
     scenario = lissajous_env.scenario("intruders", **walls).resolve()
     plan = lines_of(scenario, LineParameters(), 1)[0][0]
-    spacing = spacing_of(scenario, 1, plan.aside)
+    spacing = lanes_of(scenario, 1, plan.aside)[1]
     for share, words in ((0.9, "cross a line within a step"), (1.1, "")):
         rogues = speed_limit(spacing, 1.5, share * plan.speed, scenario.task.step)
         faster = lissajous_env.scenario("intruders", **walls, **{"targets.speed_limit": rogues}).resolve()
@@ -162,7 +162,7 @@ def test_more_lines_guarantee_more():
     """Oracle: half of the period less the time of a turn, at which two lines meet again."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
     one, two = (lines_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
-    assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * scenario.task.step, rel=0.1)
+    assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * len(two.path) * scenario.task.step, rel=0.1)
     assert ideal_worst_case(scenario, two) < 0.7 * ideal_worst_case(scenario, one)
     assert best_lines(scenario, LineParameters()).line_of.max() == 1
 
