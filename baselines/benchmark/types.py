@@ -147,7 +147,7 @@ class BenchmarkOutcome:
     elapsed: float = 0.0
     """Duration of this call [s]."""
     theorem: dict[str, list[str]] = field(default_factory=dict)
-    """Result of `baselines.benchmark.theorem.about_theorem` for this call's policies, with all their score rows."""
+    """Result of `baselines.benchmark.theorem.about_theorem` for the policies and score rows of the folder."""
 
     @property
     def playable(self) -> dict[tuple[str, str], Cell]:

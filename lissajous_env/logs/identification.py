@@ -20,7 +20,7 @@ from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.commands import COMMAND_NAMES, named_commands
 from lissajous_env.logs.log import Series, Track
-from lissajous_env.logs.motion import local_deviations, motion_of
+from lissajous_env.logs.motion import motion_of, noise_of
 from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import require
 from lissajous_env.world.robots.car import car_step, motor_acceleration
@@ -257,7 +257,7 @@ class _Fit:
         names, counts = [], np.diff(self._first_pose)
         for name, columns in (("position", [0, 1]), ("heading", [2]), ("speed", [3])):
             values = self._measured[:, columns]
-            noise = float(np.quantile(local_deviations(self._time, values), _CALM))
+            noise = noise_of(self._time, values, _CALM)
             middle = np.add.reduceat(values, self._first_pose[:-1]) / counts[:, None]
             spread = float((values - middle[self._segment]).std())
             if residual[name] > max(_NOISES * noise, _SPREAD * spread):

@@ -232,19 +232,20 @@ def _rule_in_words(field: dataclasses.Field, with_default: bool) -> str:
 def meanings(cls: type) -> dict[str, str]:
     """Return the string after each field in the source of a class; empty without source."""
     try:
-        tree = _parsed(inspect.getsourcefile(cls) or "")
+        return _meanings_in(inspect.getsourcefile(cls) or "").get(cls.__name__, {})
     except (OSError, TypeError, SyntaxError):
         return {}
-    body = next((node.body for node in tree.body if isinstance(node, ast.ClassDef) and node.name == cls.__name__), [])
-    texts = {}
-    for pair in pairwise(body):
-        match pair:
-            case (ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text)))):
-                texts[name] = inspect.cleandoc(text)
-    return texts
 
 
 @cache
-def _parsed(path: str) -> ast.Module:
+def _meanings_in(path: str) -> dict[str, dict[str, str]]:
+    """Return the string after each field of each class of a file; without its tree, which is large."""
     with open(path, encoding="utf-8") as source:
-        return ast.parse(source.read())
+        classes = [node for node in ast.parse(source.read()).body if isinstance(node, ast.ClassDef)]
+    texts: dict[str, dict[str, str]] = {node.name: {} for node in classes}
+    for node in classes:
+        for pair in pairwise(node.body):
+            match pair:
+                case (ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text)))):
+                    texts[node.name][name] = inspect.cleandoc(text)
+    return texts
