@@ -1,7 +1,10 @@
 """The command `lissajous plan`: the patrols that a team can run, and what each guarantees."""
 
 from contextlib import nullcontext
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import tyro
 
 from baselines.benchmark.progress import bar
 from baselines.planning import report
@@ -13,8 +16,19 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import counted
 
 
+@dataclass(frozen=True)
+class Options(Request, with_defaults=False, part=""):
+    """The request as options of the command, whose library is not imported with `baselines`."""
+
+    scenario: Annotated[
+        str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")
+    ] = None
+    """Name of a scenario, .toml file, or module:attribute from which missing options are taken; without it, the
+    rectangle and the robots must be given."""
+
+
 def plan(
-    request: Request,
+    request: Options,
     rows: int = 8,
     out: OutFolder = None,
     output: Output = DEFAULT_OUTPUT,

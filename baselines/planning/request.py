@@ -7,9 +7,7 @@ import re
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Literal
-
-import tyro
+from typing import Any, Literal
 
 from baselines.planning.plans import robots_top_speed
 from baselines.planning.rehearse import Episodes
@@ -60,11 +58,7 @@ class Request(Checked, with_defaults=False, part=""):
         ValueError: a value is invalid or missing.
     """
 
-    scenario: Annotated[
-        str | os.PathLike[str] | Scenario | None,
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="", constructor=str),
-    ] = None
+    scenario: str | os.PathLike[str] | Scenario | None = None
     """Name of a scenario, .toml file, or module:attribute from which missing options are taken; without it, the
     rectangle and the robots must be given."""
     width: float | None = number(None, *_RANGE, "m")
