@@ -65,6 +65,7 @@ def test_a_registered_coordinator_has_the_names_of_a_shipped_one():
     wanted = [name.replace("kuramoto", "my-method") for name in baselines.names() if name.startswith("kuramoto")]
     assert baselines.register_coordinator("my-method")(Again) is Again
     assert {name for name in baselines.names() if name.startswith("my-method")} == set(wanted)
+    assert not any(map(registry.is_included, wanted)), "it is the user's, though its tracker is included"
     for name in wanted:
         included = name.replace("my-method", "kuramoto")
         shipped, described = registry.describe(included), registry.describe(name)
