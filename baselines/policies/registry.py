@@ -297,7 +297,7 @@ def as_factory(policy: Any, name: str = "") -> Factory:
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         if is_policy:
-            return policy
+            return cast(ActingPolicy, policy)
         if decides:
             return FunctionPolicy(policy, num_worlds)
         kind = kind_of(policy)
