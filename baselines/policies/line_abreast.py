@@ -78,8 +78,8 @@ class LineAbreast(TimedPaths):
 
     The cars of a line are so close that no rogue passes between two sensing discs (`line_path.speed_limit` has the
     spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn, and
-    back. In the open the turn is outside of the rectangle, of three arcs back into their own lanes; within walls or an
-    inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
+    back. In the open the turn is outside of the rectangle, of three arcs back into their own lanes; where they must
+    stay inside, it is a half circle, and the way back is beside the lane. Several lines, where there are cars for them,
     are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
     the ideal motion. `line_transit` computes the ways from the formation into the lines, on which cars stay apart.
 

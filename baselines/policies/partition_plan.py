@@ -125,7 +125,7 @@ class Shape:
         return (self.cells[:, :2] * shrink)[:, None] + around
 
 
-def smallest_distance(placed: np.ndarray, others: np.ndarray | None = None) -> float:
+def least_separation(placed: np.ndarray, others: np.ndarray | None = None) -> float:
     """Return the smallest distance of two robots at any control step, or half way between two.
 
     Args:
@@ -262,7 +262,7 @@ def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tup
     def compare(shape: Shape, *pattern: tuple) -> None:
         """Rate a shape in a pattern, the further arguments of `Shape.placed`, unless robots come too near."""
         placed = shape.placed(problem.driven, *pattern)
-        if smallest_distance(placed) >= problem.apart:
+        if least_separation(placed) >= problem.apart:
             limit = 1.5 * min(compared, key=_RATING)[0][0] if compared else math.inf
             thin, step = _thinned(placed, problem)
             compared.append((rating_of(thin, problem.half, problem, step, limit), shape, pattern))
@@ -270,7 +270,7 @@ def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tup
     shapes = []
     for shape in shapes_of(problem, parameters):
         placed = shape.placed(problem.driven)
-        if smallest_distance(placed) >= problem.apart:
+        if least_separation(placed) >= problem.apart:
             thin, step = _thinned(placed, problem)
             unvisited, gap = unvisited_and_gap(thin, problem.half, problem.sensing, coarse=True)
             shapes.append(((unvisited, gap * step), shape))

@@ -151,11 +151,11 @@ def test_uneven_cars_keep_the_line():
     scenario = lissajous_env.scenario("intruders", **uneven)
     policy, simulation = LineAbreast(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=2)
     missed = []
-    for step in range(policy.tables.lead_in + 100):
+    for step in range(policy.tables.lead_in_steps + 100):
         simulation.step(policy.act(simulation.observation))
         places = policy.tables.places(step + 1)[:, :, -1]
         missed.append(simulation.robots.position.numpy()[..., :2] - places[policy.variant.numpy(), np.arange(5)])
-    assert np.linalg.norm(missed[policy.tables.lead_in :], axis=-1).max() < 0.03
+    assert np.linalg.norm(missed[policy.tables.lead_in_steps :], axis=-1).max() < 0.03
 
 
 def test_more_lines_guarantee_more():
@@ -173,7 +173,7 @@ def test_lines_stand_upright_in_an_upright_rectangle():
     scenarios = (lissajous_env.scenario("intruders", **known, **sides).resolve() for sides in ({}, turned))
     lying, upright = (line_tables(scenario, LineParameters(speed=1.5)) for scenario in scenarios)
     np.testing.assert_array_equal(lying[0].lanes, upright[0].lanes)
-    begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables, *_ in (lying, upright)]
+    begin = [tables.pose[0, :, 4 * tables.lead_in_steps :: 4, :2] for _, tables, *_ in (lying, upright)]
     np.testing.assert_allclose(begin[1], np.stack([-begin[0][..., 1], begin[0][..., 0]], axis=-1), atol=1e-6)
 
 
