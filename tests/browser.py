@@ -1,5 +1,6 @@
 """Pages in headless Chromium, for tests: open one, press, click, drag, and read what it shows."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -43,14 +44,25 @@ def browser():
     browser.quit()
 
 
-def played(name, policy="kuramoto-mpcc", **overrides):
+def played(name="evaders", policy="kuramoto-mpcc", seed=1, **overrides):
     scenario = lissajous_env.scenario(name, **overrides)
-    return record(baselines.make(policy, scenario), scenario, 1)
+    return record(baselines.make(policy, scenario), scenario, seed)
 
 
 @pytest.fixture(scope="session")
 def recording():
-    return played("evaders", **EVADERS)
+    return played(**EVADERS)
+
+
+def hostile(recording, words):
+    """The same with names that would be script, numbers that are none, and places far away."""
+    scenario = dataclasses.replace(recording.scenario, name=words, description=words)
+    position = recording.position.copy()
+    position[10:30] *= np.float32(1e30)
+    score = recording.score | {"policy": words, words: float("nan"), "return_mean": float("inf"), "x": 10**400}
+    names = (words, *recording.observation_names[1:])
+    changes = {"position": position, "score": score, "observation_names": names, "scenario": scenario}
+    return dataclasses.replace(recording, **changes)
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from baselines.benchmark.statistics import (
     SHOWN,
     Estimate,
     added_columns,
-    best_value,
+    best_of,
     columns_of,
     in_words,
     with_numbers,
@@ -183,7 +183,7 @@ def _scenario(
     table: Table, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows], notes: Sequence[str]
 ) -> dict[str, Any]:
     scenario, policies, bounds = table.scenarios[name], table.estimates[name], table.bounds[name]
-    columns = [column for column in columns_of(scenario, policies) if column.page]
+    columns = {column: best_of(policies, column) for column in columns_of(scenario, policies) if column.page}
     reference = table.references.get(name)
     return {
         "name": name,
@@ -194,7 +194,6 @@ def _scenario(
         "tradeoff": [task_score(scenario).name, COLLISIONS.name],
         "measures": [
             _described(column)
-            | {"best": best_value([*policies.values()], column)}
             | {"lines": [[_rounded(value), words] for value, words in _values_of_theory(column, scenario, bounds)]}
             for column in columns
         ],
@@ -204,7 +203,10 @@ def _scenario(
                 "episodes": len(episodes),
                 "failed": np.sum([failed(row) for row in episodes], axis=0).tolist(),
                 "collisions": _rounded(float(numbers(episodes, COLLISIONS).mean())),
-                "cells": {column.name: _cell(policies[policy][column.name], column, episodes) for column in columns},
+                "cells": {
+                    column.name: _cell(policies[policy][column.name], column, episodes) | {"best": policy in best}
+                    for column, best in columns.items()
+                },
             }
             for policy, episodes in ((policy, rows[policy]) for policy in policies)
         ],

@@ -6,18 +6,19 @@ made from it at the end.
 
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 from rich.console import Console
 
 from baselines.benchmark import cluster, local, replays, results_folder, shown, written
-from baselines.benchmark.bounds import as_played
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Rows, Table
 from baselines.benchmark.theorem import about_theorem
-from baselines.benchmark.types import Benchmark, BenchmarkOutcome, Cell, Failure, cells_of
+from baselines.benchmark.types import Benchmark, BenchmarkOutcome, Cell, Failure, as_played, cells_of
+from baselines.policies import registry
 from baselines.policies.registry import Factory
 from lissajous_env.console.terminal import make_console
 from lissajous_env.episodes.evaluation import ActingPolicy
@@ -74,11 +75,25 @@ def measure(
         for failure in raised:
             is_wanted = not failure.is_refusal or failure.policy in settings.policies
             (outcome.failures if is_wanted else outcome.left_out).append(failure)
-        outcome.theorem = about_theorem(outcome.playable.values(), stored_rows, outcome.device)
+        outcome.theorem = about_theorem(_cells_of(results, outcome), stored_rows, outcome.device)
         written.write_files(folder, outcome, stored_rows)
         note = replays.write_report(folder, outcome, progress_console)
     shown.print_outcome(console, outcome, note)
     return outcome
+
+
+def _cells_of(results: Results, outcome: BenchmarkOutcome) -> Iterator[Cell]:
+    """Yield the cells of a folder: this call's, and others whose names stand for the code that played them."""
+    playable = outcome.playable
+    for name, policies in results.stored["policies"].items():
+        for policy in policies:
+            if (name, policy) in playable:
+                yield playable[name, policy]
+                continue
+            with suppress(ValueError):  # an object of an earlier call, or a folder that is gone
+                factory = registry.as_factory(policy)
+                if registry.factory_fingerprint(factory) == results.stored["played"][policy]:
+                    yield Cell(results.scenarios[name], policy, factory)
 
 
 def _play_missing(settings: Benchmark, cells: list[Cell], results: Results, console: Console) -> list[Failure]:

@@ -16,7 +16,7 @@ from baselines.benchmark.statistics import (
     SCORE_OVER_BEST,
     WORST_CASE_OVER_BEST,
     Estimate,
-    best_value,
+    best_of,
     between,
     columns_of,
     in_words,
@@ -69,9 +69,9 @@ def lines_of(
         columns: Columns of the table.
         best_known: `Bounds.best_known`.
     """
-    best = {column: best_value([*policies.values()], column) for column in columns}
+    best = {column: best_of(policies, column) for column in columns}
     lines = [
-        Line(name, [_entry(estimates.get(column.name), best[column]) for column in columns])
+        Line(name, [_entry(estimates.get(column.name), name in best[column]) for column in columns])
         for name, estimates in policies.items()
     ]
     if math.isfinite(best_known) and WORST_CASE in columns:
@@ -80,12 +80,12 @@ def lines_of(
     return lines
 
 
-def _entry(estimate: Estimate | None, best: str) -> Entry:
+def _entry(estimate: Estimate | None, is_best: bool) -> Entry:
     if estimate is None:
         return Entry(DASH)
     value, beside = in_words(estimate)
     count = f"{estimate.known}/{estimate.n}" if 0 < estimate.known < estimate.n else ""
-    return Entry(value, ", ".join(filter(None, (beside, count))), value == best)
+    return Entry(value, ", ".join(filter(None, (beside, count))), is_best)
 
 
 def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -> None:

@@ -200,19 +200,25 @@ def between(low: float, high: float, form: Callable[[float], str] = number) -> s
     return "" if ends[0] == ends[1] else (" to " if low < 0 else _TO).join(ends)
 
 
-def best_value(policies: Sequence[Mapping[str, Estimate]], column: Column) -> str:
-    """Return the best `Entry.value` of a column; "" if all policies have the same.
+def best_of(policies: Mapping[str, Mapping[str, Estimate]], column: Column) -> set[str]:
+    """Return the names of the policies whose number of a column reads as the best one; none if all read the same.
 
     Only policies compete whose share of episodes with a number is the largest, and whose estimate is no lower bound; by
     the share of seeds on which they are better than the reference, only those that are better on more than half.
     """
-    estimates = [of_policy[column.name] for of_policy in policies if column.name in of_policy]
-    most = max((estimate.known / estimate.n for estimate in estimates), default=0)
-    if not most or not column.better or len({in_words(estimate)[0] for estimate in estimates}) == 1:
-        return ""
-    fit = [estimate for estimate in estimates if estimate.known / estimate.n == most and not estimate.at_least]
-    fit = [estimate for estimate in fit if estimate.summary != SHARE_OF_SEEDS or estimate.value > 0.5]
-    return in_words(max(fit, key=lambda estimate: column.better * estimate.value))[0] if fit else ""
+    estimates = {name: of_policy[column.name] for name, of_policy in policies.items() if column.name in of_policy}
+    words = {name: in_words(estimate)[0] for name, estimate in estimates.items()}
+    most = max((estimate.known / estimate.n for estimate in estimates.values()), default=0)
+    if not most or not column.better or len({*words.values()}) == 1:
+        return set()
+    fit = {
+        name: column.better * estimate.value
+        for name, estimate in estimates.items()
+        if estimate.known / estimate.n == most
+        and not estimate.at_least
+        and (estimate.summary != SHARE_OF_SEEDS or estimate.value > 0.5)
+    }
+    return {name for name in fit if words[name] == words[max(fit, key=lambda other: fit[other])]}
 
 
 OVER_LOWER_BOUND = Column(

@@ -23,7 +23,7 @@ from lissajous_env.settings.parts import Curve, Robot
 from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory.design import Design, best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed
-from lissajous_env.wording import few_of, outside
+from lissajous_env.wording import few_of, outside, require
 
 _SWEEPS, _FEWEST_SWEEPS = 12, 8
 """Duration of an episode of a rectangle, in the time in which an ideal team would sweep it once, and the least one."""
@@ -111,6 +111,9 @@ class Request(Checked, with_defaults=False, part=""):
         missing = [f"{name}{unit}" for name, unit in _NEEDED.items() if getattr(self, name) is None]
         if self.scenario is None and missing:
             raise ValueError(f"{', '.join(missing)} must be given if no scenario is named")
+        if self.base is not None:
+            rule = "must be control for a plan: all patrols drive robots by their own controls"
+            require(self.base.has_formation, f"task.action of {self.base.name}", rule, self.base.task.action)
         self._check_kind()
         self._require(self.plans is None or self.seconds is None, "plans", "must be omitted if seconds is given")
         most = max(self.team_sizes[0] - 1 - (0 if self.base is None else self.base.faults.lost), 0)

@@ -64,7 +64,7 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
     if stays_inside(scenario):
         ways = transit_inside(scenario, loops[..., :2], lines.speed, slots)
         return lines, path_tables(scenario, ways.loop, ways.lead_in), (1, 0)
-    effort = Effort.of(scenario.num_robots, 3 * lines.period // 2)
+    effort = Effort.of(scenario.num_robots, 3 * len(lines.path) // 2)
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * lines.speed)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * lines.speed), lines.speed)
     places = transit_from_any_angle(scenario, effort, loops[slots, 0], lines.radius, pace)
@@ -78,8 +78,8 @@ class LineAbreast(TimedPaths):
 
     The cars of a line are so close that no rogue passes between two sensing discs (`line_path.speed_limit` has the
     spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn, and
-    back. In the open the turn is outside of the rectangle, of three arcs back into their own lanes; within walls or an
-    inset it is a half circle inside, and the way back is beside the lane. Several lines, where there are cars for them,
+    back. In the open the turn is outside of the rectangle, of three arcs back into their own lanes; where they must
+    stay inside, it is a half circle, and the way back is beside the lane. Several lines, where there are cars for them,
     are interleaved and spread over the period; their number is the one with the shortest worst-case undetected time of
     the ideal motion. `line_transit` computes the ways from the formation into the lines, on which cars stay apart.
 

@@ -69,11 +69,6 @@ class Lines:
     line_of: np.ndarray
     """(N,) line of each car."""
 
-    @property
-    def period(self) -> int:
-        """Steps until the path repeats."""
-        return len(self.path)
-
 
 def speed_limit(spacing: float, radius: float, rogue_speed: float, step: float) -> float:
     """Return the largest speed of a line of discs from which no rogue escapes unsensed [m/s]; negative for none.
@@ -119,25 +114,24 @@ def ideal_worst_case(scenario: Scenario, lines: Lines) -> float:
     return worst_undetected_time(loops_of(lines)[..., :2], (along, across), *rogues)
 
 
-def lanes_of(scenario: Scenario, count: int, aside: float = 0.0) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the lanes of `count` lines on the span 2 B: their pitch [m], the place across [m] and line of each car.
+def lanes_of(scenario: Scenario, count: int, aside: float = 0.0) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """Return the lanes of `count` lines on the span 2 B.
 
     The m lines are interleaved, so that their cars pass each other: lane j of N belongs to line j mod m. With
     the pitch 2 (B + R) / (N + 1 - m), the outermost car of any line is at most half a spacing, m pitches, from the
     wall, if it is R, `aside` [m], beside its lane. The pitch is smaller where the inset leaves less room.
+
+    Returns:
+        The pitch of the lanes; the spacing of the cars in a line, or twice the largest distance of an outermost car
+        from the wall; and the place across [m] and the line of each car (N,).
     """
     n, half = scenario.num_robots, min(scenario.curve.half_width, scenario.curve.half_height)
     half_driven = min(scenario.driven.half_width, scenario.driven.half_height)
     pitch = min(2 * (half + aside) / (n + 1 - count), 2 * (half_driven - aside) / max(n - 1, 1))
     order = np.concatenate([np.arange(line, n, count) for line in range(count)])
-    return pitch, (order - (n - 1) / 2) * pitch, order % count
-
-
-def spacing_of(scenario: Scenario, count: int, aside: float = 0.0) -> float:
-    """Return the spacing of the cars in a line, or twice the largest distance of an outermost car from the wall [m]."""
-    pitch, lanes, _ = lanes_of(scenario, count, aside)
-    wall = min(scenario.curve.half_width, scenario.curve.half_height) + lanes.min() + (count - 1) * pitch + aside
-    return max(count * pitch, 2 * wall)
+    lanes = (order - (n - 1) / 2) * pitch
+    wall = half + lanes.min() + (count - 1) * pitch + aside
+    return pitch, max(count * pitch, 2 * wall), lanes, order % count
 
 
 def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: float = 0.0) -> str:
@@ -151,7 +145,7 @@ def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: 
     about = f"at {speed:.3g} m/s cars turn on half circles of {aside:.3g} m, so " if aside else ""
     if aside + inset > half:
         return f"{about}they do not fit {inset:.3g} m inside of walls {2 * half:g} m apart"
-    (pitch, lanes, _), spacing = lanes_of(scenario, count, aside), spacing_of(scenario, count, aside)
+    pitch, spacing, lanes, _ = lanes_of(scenario, count, aside)
     if count * pitch >= 2 * radius:
         return f"{about}the cars of a line would be {count * pitch:.3g} m apart instead of below {2 * radius:.3g} m"
     if spacing >= 2 * radius:
@@ -219,9 +213,8 @@ def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tupl
 def _turning_outside(scenario: Scenario, count: int, fastest: float) -> Lines:
     """Return `count` lines that turn outside of the rectangle, at a speed [m/s] or the largest one below it."""
     step = scenario.task.step
-    _, lanes, line_of = lanes_of(scenario, count)
-    limit = speed_limit(spacing_of(scenario, count), scenario.sensing_radius, scenario.rogue_speed, step)
-    fastest = min(fastest, limit)
+    _, spacing, lanes, line_of = lanes_of(scenario, count)
+    fastest = min(fastest, speed_limit(spacing, scenario.sensing_radius, scenario.rogue_speed, step))
     reach = max(scenario.curve.half_width, scenario.curve.half_height)
     sweep = max(math.ceil(2 * reach / (fastest * step) - 1e-9), 1)
     speed = 2 * reach / (sweep * step)
@@ -245,7 +238,7 @@ def _turning_inside(scenario: Scenario, count: int, fastest: float) -> Lines:
             break
         long += 1
     aside = speed * step * (long / math.pi)
-    _, lanes, line_of = lanes_of(scenario, count, aside)
+    *_, lanes, line_of = lanes_of(scenario, count, aside)
     turn = np.cumsum(np.full(long, -math.pi / long))
     path = _path(speed * step, sweep, turn, np.array([aside - half, aside]))
     return Lines(speed, path, aside, aside, lanes, line_of)
@@ -279,6 +272,7 @@ def loops_of(lines: Lines) -> np.ndarray:
 
     The lines are spread evenly over the period; the first one begins its sweep at the left end.
     """
-    starts = np.array([round(line * lines.period / (lines.line_of.max() + 1)) for line in lines.line_of])
-    at = lines.path[(starts[:, None] + np.arange(lines.period)) % lines.period]
+    period = len(lines.path)
+    starts = np.array([round(line * period / (lines.line_of.max() + 1)) for line in lines.line_of])
+    at = lines.path[(starts[:, None] + np.arange(period)) % period]
     return np.stack([at[..., 0], at[..., 1] + lines.lanes[:, None], at[..., 2]], axis=-1)

@@ -9,7 +9,8 @@ much noise, leave ways on which some collide.
 A way is a shortest path of a car that turns by a given radius, an arc, a straight stretch and an arc
 (`baselines.policies.transit`), with a speed that makes it end in time, and may end with a further straight stretch.
 
-Within walls or an inset the start is known, and the ways are a transit (`baselines.policies.transit`). Float64 NumPy.
+Where cars must stay inside, the start is known, and the ways are a transit (`baselines.policies.transit`). Float64
+NumPy.
 """
 
 import math

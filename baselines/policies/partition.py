@@ -208,7 +208,6 @@ class PartitionRepair(TimedPaths):
 
     def timed(self, scenario: Scenario) -> PathTables:
         """Return the timed paths, a variant for each loop of `TakeoverLoops`."""
-        self.parameters = replace(self.parameters, in_phase=True)
         self.partition, self.takeover_loops, tables = timed_repair(scenario, self.parameters)
         return tables
 
@@ -263,7 +262,8 @@ def _constants_of(scenario: Scenario, loops: TakeoverLoops, tracking: Any, drift
 @lru_cache(maxsize=64)
 def timed_repair(scenario: Scenario, parameters: RepairParameters) -> tuple[PartitionLoops, TakeoverLoops, PathTables]:
     """Return the plan, the loops for takeovers and the timed paths."""
-    plans = (slowed(plan, parameters.reserve) for plan in partition_plans(scenario, parameters))
+    plans = partition_plans(scenario, replace(parameters, in_phase=True))
+    plans = (slowed(plan, parameters.reserve) for plan in plans)
     plan, cell, shift, entry = _entered(scenario, plans, parameters)
     problem, unit = problem_of(scenario, parameters), scenario.curve.half_height
     loops = takeover_loops(plan, cell, scenario.neighbours, problem, unit, _MOVED * _avoided_distance(scenario))

@@ -29,8 +29,6 @@ _RATING = itemgetter(0)
 """Key by which plans that are compared are sorted, the best first."""
 _QUARTERS = (0.0, 0.25, 0.5, 0.75)
 """Phases that are compared last [period]."""
-_ALIKE = (0, 0, 0.0, 0.0)
-"""Pattern in which all loops have the same direction and phase."""
 _TIMES, _REACH = 256, 0.25
 """Fewest times of a long period at which motions are compared; most motion between two of them, in sensing radii."""
 _SHAPES, _PATTERNS = 12, 2
@@ -108,36 +106,26 @@ class Shape:
     loops: np.ndarray
     """(N, K, 2) places on loops around the origin at each control step, counter-clockwise."""
 
-    def placed(
-        self,
-        half: tuple[float, float],
-        turn_x: int = 0,
-        turn_y: int = 0,
-        phase_x: float = 0.0,
-        phase_y: float = 0.0,
-    ) -> np.ndarray:
+    def placed(self, half: tuple[float, float], turns: tuple = (0, 0), phases: tuple = (0.0, 0.0)) -> np.ndarray:
         """Return the loops (N, K, 2) at their cells, moved inwards where they would leave the rectangle to drive in.
 
         Args:
             half: Half width and half height of that rectangle.
-            turn_x: 1 if neighbours in a row go around in opposite directions.
-            turn_y: 1 if neighbouring rows go around in opposite directions.
-            phase_x: Phase difference of a loop in a row and the one before [period].
-            phase_y: Phase difference of a row and the one before [period].
+            turns: 1 if neighbours in a row go around in opposite directions, and 1 if neighbouring rows do.
+            phases: Phase difference of a loop in a row and the one before, and of a row and the one before [period].
         """
         room = (np.array(half) - self.sizes).min(axis=0)
         outermost = np.abs(self.cells[:, :2]).max(axis=0)
         shrink = np.minimum(1, np.divide(room, outermost, out=np.ones(2), where=outermost > 0))
-        column, row = self.cells[:, 4], self.cells[:, 5]
-        count = self.loops.shape[1]
-        direction = np.where((turn_x * column + turn_y * row) % 2 == 1, -1, 1)
-        shift = np.rint((phase_x * column + phase_y * row) * count)
+        numbers, count = self.cells[:, 4:], self.loops.shape[1]
+        direction = np.where(numbers @ turns % 2 == 1, -1, 1)
+        shift = np.rint(numbers @ phases * count)
         at = (direction[:, None] * np.arange(count) + shift[:, None]).astype(int) % count
         around = np.take_along_axis(self.loops, at[:, :, None], axis=1)
         return (self.cells[:, :2] * shrink)[:, None] + around
 
 
-def smallest_distance(placed: np.ndarray, others: np.ndarray | None = None) -> float:
+def least_separation(placed: np.ndarray, others: np.ndarray | None = None) -> float:
     """Return the smallest distance of two robots at any control step, or half way between two.
 
     Args:
@@ -161,9 +149,9 @@ def speed_on_loop(corner: float, problem: Problem) -> float:
     return max(speed_on_arc(corner, problem.speed, problem.grip), 1.02 * problem.slowest)
 
 
-def _layouts(count: int, problem: Problem, rows: int | None) -> list[np.ndarray]:
-    """Return the divisions into `count` cells: those of so many rows, or without a number those without long cells."""
-    layouts = divisions(count, problem.half)
+def _layouts(problem: Problem, members: int, rows: int | None) -> list[np.ndarray]:
+    """Return the divisions into a cell for each group of members, of some rows, or those that have no long cells."""
+    layouts = divisions(problem.robots // members, problem.half)
     if rows is not None:
         return [cells for cells in layouts if len(np.unique(np.round(cells[:, 1], 9))) == rows]
     stretch = [float(np.max(np.maximum(cells[:, 2] / cells[:, 3], cells[:, 3] / cells[:, 2]))) for cells in layouts]
@@ -177,12 +165,8 @@ def shapes_of(problem: Problem, parameters: PartitionParameters) -> Iterator[Sha
     distances: all loops have the same number of members.
     """
     most = problem.robots if problem.inside and not parameters.in_phase else 1
-    layouts = [
-        (members, cells)
-        for members in range(1, most + 1)
-        if problem.robots % members == 0
-        for cells in _layouts(problem.robots // members, problem, parameters.rows)
-    ]
+    sharing = [members for members in range(1, most + 1) if problem.robots % members == 0]
+    layouts = [(members, cells) for members in sharing for cells in _layouts(problem, members, parameters.rows)]
     extents = (*_EXTENTS, 1.0) if problem.inside else _EXTENTS  # sensors have to reach across the inset
     extents_x = extents if parameters.extent_x is None else (parameters.extent_x,)
     extents_y = extents if parameters.extent_y is None else (parameters.extent_y,)
@@ -275,10 +259,10 @@ def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tup
     """Return ratings, shapes and their loops (N, K, 2) at the cells, the best first; none where no shape has room."""
     compared: list[tuple] = []
 
-    def compare(shape: Shape, *pattern: Any) -> None:
+    def compare(shape: Shape, *pattern: tuple) -> None:
         """Rate a shape in a pattern, the further arguments of `Shape.placed`, unless robots come too near."""
         placed = shape.placed(problem.driven, *pattern)
-        if smallest_distance(placed) >= problem.apart:
+        if least_separation(placed) >= problem.apart:
             limit = 1.5 * min(compared, key=_RATING)[0][0] if compared else math.inf
             thin, step = _thinned(placed, problem)
             compared.append((rating_of(thin, problem.half, problem, step, limit), shape, pattern))
@@ -286,21 +270,21 @@ def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tup
     shapes = []
     for shape in shapes_of(problem, parameters):
         placed = shape.placed(problem.driven)
-        if smallest_distance(placed) >= problem.apart:
+        if least_separation(placed) >= problem.apart:
             thin, step = _thinned(placed, problem)
             unvisited, gap = unvisited_and_gap(thin, problem.half, problem.sensing, coarse=True)
             shapes.append(((unvisited, gap * step), shape))
     shapes = [shape for _, shape in sorted(shapes, key=itemgetter(0))[: _MOST_SHAPES if problem.inside else _SHAPES]]
     for k, shape in enumerate(shapes):
         if k < _SHAPES or min(compared, key=_RATING)[0][0] == math.inf:
-            compare(shape, *_ALIKE)
+            compare(shape, (0, 0), (0.0, 0.0))
     if not parameters.in_phase:
         for _, shape, _ in sorted(compared, key=_RATING)[:_PATTERNS]:
-            for turns in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
-                compare(shape, *turns)
-        for _, shape, (turn_x, turn_y, *_) in sorted(compared, key=_RATING)[:1]:
+            for *turns, phase_x, phase_y in itertools.product((0, 1), (0, 1), (0.0, 0.5), (0.0, 0.5)):
+                compare(shape, tuple(turns), (phase_x, phase_y))
+        for _, shape, (turns, _) in sorted(compared, key=_RATING)[:1]:
             for phases in itertools.product(_QUARTERS, _QUARTERS):
-                compare(shape, turn_x, turn_y, *phases)
+                compare(shape, turns, phases)
     best: dict[int, tuple[tuple, Shape, np.ndarray]] = {}
     for rating, shape, pattern in sorted(compared, key=_RATING):
         best.setdefault(id(shape), (rating, shape, shape.placed(problem.driven, *pattern)))

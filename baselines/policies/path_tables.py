@@ -25,17 +25,17 @@ class PathTables:
     """(P, N, M, 4) x, y [m], heading [rad], speed [m/s], where M = FINE (L + K)."""
     feedforward: np.ndarray
     """(P, N, M, 2) mean curvature [1/m] and mean acceleration [m/s^2] over the control step that begins there."""
-    lead_in: int
+    lead_in_steps: int
     """L [control steps]."""
-    loop: int
+    loop_steps: int
     """K [control steps]."""
     filtered_until: float = 0.0
     """Duration of the collision filter, for cars that do not know where the others start [control step]."""
 
     def places(self, steps: int) -> np.ndarray:
-        """Return the places (P, N, steps + 1, 2) of the robots, from the start to the end of a control step [m]."""
-        t = np.arange(steps + 1)
-        sample = FINE * np.where(t < self.lead_in, t, self.lead_in + (t - self.lead_in) % self.loop)
+        """Return the places (P, N, steps + 1, 2) of the robots at the control steps from 0 to `steps` [m]."""
+        t, begin = np.arange(steps + 1), self.lead_in_steps
+        sample = FINE * np.where(t < begin, t, begin + (t - begin) % self.loop_steps)
         return self.pose[:, :, sample, :2]
 
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from baselines.policies.loops import are_adjacent, closed_loop, evenly_spaced, length_of
-from baselines.policies.partition_plan import PartitionLoops, Problem, rating_of, smallest_distance, speed_on_loop
+from baselines.policies.partition_plan import PartitionLoops, Problem, least_separation, rating_of, speed_on_loop
 
 SHAPES = 4
 """Loops of different shapes for each case."""
@@ -89,7 +89,7 @@ def takeover_loops(
         others = own[np.delete(np.arange(len(cells)), [robot, *failed])]
         placed = [own[robot]] if not failed else []  # the loop of the plan comes first
         placed += [_placed(option, middle, problem) for option in options]
-        clear = [option for option in placed if smallest_distance(option[None], others) >= problem.apart]
+        clear = [option for option in placed if least_separation(option[None], others) >= problem.apart]
         for shape in range(SHAPES if clear else 0):  # the last one is repeated
             loop[SHAPES * case + shape, robot] = clear[min(shape, len(clear) - 1)]
     return TakeoverLoops(loop * unit, corners)

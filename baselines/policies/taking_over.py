@@ -170,7 +170,7 @@ def watch_disc(
 def distance_from(takeover: Takeover, path: wp.array(dtype=wp.vec4), place: wp.vec2) -> float:
     """Return the smallest distance of a loop from a place [m]."""
     least = float(wp.inf)
-    for sample in range(takeover.tracking.lead_in * FINE, path.shape[0], takeover.stride):
+    for sample in range(takeover.tracking.lead_in_steps * FINE, path.shape[0], takeover.stride):
         least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
     return least
 

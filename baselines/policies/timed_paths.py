@@ -77,9 +77,9 @@ class Tracking:
     """Pole p of an error, exp(-h / settling)."""
     manoeuvring: float
     """Length in which a car manoeuvres [m]."""
-    lead_in: int
+    lead_in_steps: int
     """Length of the lead-in [control steps]."""
-    loop: int
+    loop_steps: int
     """Length of the loop [control steps]."""
     early_samples: int
     """Samples by which a curvature is commanded early: half of the time in which a drive gains the largest yaw rate."""
@@ -90,8 +90,8 @@ class Tracking:
 @wp.func
 def sample_on_table(sample: int, tracking: Tracking) -> int:
     """Return a sample of a table for a number that may be beyond its end: there the loop begins again."""
-    begin = tracking.lead_in * FINE
-    return wp.where(sample < begin, wp.max(sample, 0), begin + (sample - begin) % (tracking.loop * FINE))
+    begin = tracking.lead_in_steps * FINE
+    return wp.where(sample < begin, wp.max(sample, 0), begin + (sample - begin) % (tracking.loop_steps * FINE))
 
 
 @wp.func
@@ -101,8 +101,8 @@ def lateness(sample: float, steps: float, tracking: Tracking) -> float:
     On the loop a robot that is more than half a round late is early.
     """
     late = steps - sample / float(FINE)
-    if steps >= float(tracking.lead_in) and sample >= float(tracking.lead_in * FINE):
-        around = float(tracking.loop)
+    if steps >= float(tracking.lead_in_steps) and sample >= float(tracking.lead_in_steps * FINE):
+        around = float(tracking.loop_steps)
         late -= around * wp.floor(late / around + 0.5)
     return late
 
@@ -212,7 +212,7 @@ def follow_paths(
     acceleration = planned[1] + gains[1] / tracking.step * (path_speed - speed + catch_up)
     # The mean drag of the step is that at half of it.
     push = acceleration + robot.drag * (speed + 0.5 * acceleration * tracking.step)
-    if tracking.waits == 1 and speed < least_speed and steps >= float(tracking.lead_in):
+    if tracking.waits == 1 and speed < least_speed and steps >= float(tracking.lead_in_steps):
         # While it accelerates, a car loses half of the time in which it reaches the speed of its path. It starts early
         # by half of this loss, and is late by as much afterwards.
         push_max = wp.max(robot.drive * robot.throttle_max - robot.model_offset, least_speed / tracking.step)
@@ -301,7 +301,7 @@ class TimedPaths(Policy):
         settling = max(settling, robot.top_yaw_acceleration**-0.5)
         self._tracking.step, self._tracking.pole = step, math.exp(-step / settling)
         self._tracking.manoeuvring, self._tracking.waits = manoeuvring_length(robot), int(self.waits)
-        self._tracking.lead_in, self._tracking.loop = tables.lead_in, tables.loop
+        self._tracking.lead_in_steps, self._tracking.loop_steps = tables.lead_in_steps, tables.loop_steps
         yaw_rate = float(np.abs(tables.feedforward[..., 0] * tables.pose[..., 3]).max())
         gained_in = yaw_rate / robot.top_yaw_acceleration
         self._tracking.early_samples = round(FINE * min(gained_in / (2 * step), 1.0))

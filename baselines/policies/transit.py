@@ -141,7 +141,7 @@ def planned_transit(
     turned = scenario.formation.phase_rate * scenario.task.step / scenario.alpha * np.arange(after + 1)
     search = _Search(scenario, np.roll(loop, -after, axis=1), speed, turned[-1])
     arrival = search.arrival()
-    cost = np.where(np.isfinite(arrival), arrival, 100.0 * search.times[-1]) ** 4
+    cost = np.where(np.isfinite(arrival), arrival, 100.0 * search.arrivals[-1]) ** 4
     robots = np.arange(len(loop))
     if assignments is None:
         from scipy.optimize import linear_sum_assignment  # slow to import
@@ -163,6 +163,7 @@ class _Search:
     Every car of the scenario can drive within the limits on its motion; at a `speed` [m/s], slower cars fall behind.
 
     Attributes:
+        arrivals: (T,) arrivals that are compared [control step].
         slowest: Smallest speed on ways [m/s].
         fastest: Largest speed on ways [m/s].
         top_speeds: (N,) steady speed of each robot at full throttle [m/s], at least that at which `speed` is possible.
@@ -184,12 +185,12 @@ class _Search:
         self.start, self.speed = formation_starts(scenario, turned)
         self.turning = np.maximum(turning, self.speed**2 / self.grip)  # wider for a car that starts faster
         time = _LONGEST * (scenario.curve.half_width + scenario.curve.half_height) / speed_of(loop, self.step)
-        self.times = np.arange(2, math.ceil(time / self.step) + 1)
+        self.arrivals = np.arange(2, math.ceil(time / self.step) + 1)
         velocity = (np.roll(loop, -1, axis=1) - np.roll(loop, 1, axis=1)) / (2 * self.step)
         heading = np.arctan2(velocity[..., 1], velocity[..., 0])
         pieces = np.linalg.norm(np.diff(loop, axis=1, append=loop[:, :1]), axis=2)
         self.loop_speed = (pieces + np.roll(pieces, 1, axis=1)) / (2 * self.step)
-        at = self.times % loop.shape[1]
+        at = self.arrivals % loop.shape[1]
         self.entry = np.concatenate([loop, heading[..., None]], axis=-1)[:, at]
         self.entry_speed = self.loop_speed[:, at, None]
 
@@ -198,7 +199,7 @@ class _Search:
         arrival = []
         for robot in range(len(self.loop)):  # one by one: all together need gigabytes for large teams
             _, possible = self.drivable(robot, slice(None))
-            arrival.append(np.where(possible.any(axis=2), self.times, np.inf).min(axis=1))
+            arrival.append(np.where(possible.any(axis=2), self.arrivals, np.inf).min(axis=1))
         return np.array(arrival)
 
     def drivable(self, robot: int, loops: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -207,7 +208,7 @@ class _Search:
         turning = float(self.turning[robot])
         pieces = dubins_lengths(start, self.entry[loops], turning)
         fastest_turning = max(self.fastest, math.sqrt(self.grip * turning))
-        lengths, duration = pieces.sum(axis=-1), (self.times * self.step)[:, None]
+        lengths, duration = pieces.sum(axis=-1), (self.arrivals * self.step)[:, None]
         swell = lengths / duration - (before + after) / 2
         possible = np.isfinite(lengths)
         for share in _PROFILE:
@@ -231,11 +232,11 @@ class _Search:
         (pieces,), (possible,) = self.drivable(robot, [loop])
         rows, kinds = np.nonzero(possible)
         order = np.lexsort((pieces.sum(axis=-1)[rows, kinds], rows))[:_PER_ROBOT]
-        return [(int(self.times[rows[k]]), pieces[rows[k], kinds[k]], TURNS[kinds[k]]) for k in order]
+        return [(int(self.arrivals[rows[k]]), pieces[rows[k], kinds[k]], TURNS[kinds[k]]) for k in order]
 
     def places(self, robot: int, loop: Any, arrives: int, pieces: np.ndarray, turns: np.ndarray) -> np.ndarray:
         """Return the places (H, 2) of a robot at every half control step of a way, and then of its loop [m]."""
-        around, halves = self.loop[loop], 2 * int(self.times[-1]) + 2 * self.loop.shape[1]
+        around, halves = self.loop[loop], 2 * int(self.arrivals[-1]) + 2 * self.loop.shape[1]
         duration, before, after = arrives * self.step, self.speed[robot], self.loop_speed[loop, arrives % len(around)]
         swell = pieces.sum() / duration - (before + after) / 2
         share = np.arange(2 * arrives) / (2 * arrives)

@@ -15,6 +15,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Faults, Noise, Robot
 from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory.geometry import largest_speed
+from lissajous_env.wording import require
 from lissajous_env.world.episode import is_open
 from lissajous_env.world.simulation import Simulation
 
@@ -47,10 +48,15 @@ class IdealFormation:
         scenario: The scenario with the curve, formation and times.
         radius: Sensing radius r_s [m]; by default that of the scenario.
         cells: Grid cells along the longer side of the rectangle.
+
+    Raises:
+        ValueError: no policy of the scenario follows the curve.
     """
 
     def __init__(self, scenario: str | Scenario, radius: float | None = None, cells: int = CELLS):
         self.scenario = named.build(scenario)
+        name, action = f"task.action of {self.scenario.name}", self.scenario.task.action
+        require(self.scenario.has_formation, name, "must be control for a policy that follows the curve", action)
         self.radius = self.scenario.sensing_radius if radius is None else radius
         curve, self._step, self._cells = self.scenario.curve, self.scenario.task.step, cells
         self._side = 2 * max(curve.half_width, curve.half_height) / cells

@@ -16,11 +16,11 @@ import warp as wp
 from scipy.optimize import least_squares
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.structs import RobotStruct, to_struct
 from lissajous_env.logs.commands import COMMAND_NAMES, named_commands
 from lissajous_env.logs.log import Series, Track
-from lissajous_env.logs.motion import local_deviations, motion_of
+from lissajous_env.logs.motion import motion_of, noise_of
 from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import require
 from lissajous_env.world.robots.car import car_step, motor_acceleration
@@ -214,7 +214,7 @@ class _Fit:
         self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model])
         arrays = self._first_pose, self._time, commands.time, commands.value
         kinds = zip(arrays, (wp.int32, wp.float64, wp.float64, wp.vec2), strict=True)
-        self._data = [wp.array(values, dtype=kind, device="cpu") for values, kind in kinds]
+        self._data = [wp.array(values, dtype=kind, device=as_device("cpu")) for values, kind in kinds]
         self._robot = to_struct(RobotStruct, guess), int(is_car)
 
     def run(self) -> Identified:
@@ -257,7 +257,7 @@ class _Fit:
         names, counts = [], np.diff(self._first_pose)
         for name, columns in (("position", [0, 1]), ("heading", [2]), ("speed", [3])):
             values = self._measured[:, columns]
-            noise = float(np.quantile(local_deviations(self._time, values), _CALM))
+            noise = noise_of(self._time, values, _CALM)
             middle = np.add.reduceat(values, self._first_pose[:-1]) / counts[:, None]
             spread = float((values - middle[self._segment]).std())
             if residual[name] > max(_NOISES * noise, _SPREAD * spread):

@@ -2,10 +2,13 @@
 
 Nothing is known of a robot between two poses that are far apart in time (a gap), between two that it cannot have driven
 between (a jump), before its first one, and after its last one. Elsewhere its speed and its heading change evenly from
-pose to pose; a cubic without slopes at its ends adds the rest of the way, so that every pose is met. An arc that is
-driven at a steady speed is exact, and without a turn the motion is the cubic through both poses with these speeds.
-Where speeds were not logged, or contradict the poses, it is the cubic whose slopes are those of the smoothed poses:
-smoothed so far that their noise does not matter.
+pose to pose; a cubic without slopes at its ends adds the rest of the way to the next pose. An arc that is driven at a
+steady speed is exact, and without a turn the motion is the cubic through both poses with these speeds. Where speeds
+were not logged, or contradict the poses, the slopes of the cubic are those of the smoothed poses.
+
+Noisy poses would make the way too long, so it leads through smoothed ones: smoothed so far that their noise does not
+matter. Where speeds were logged, the differences of the poses from the way at these speeds are smoothed, so that a
+motion that they describe is not.
 """
 
 import math
@@ -29,14 +32,20 @@ _FEWEST = 5
 """Least number of poses whose noise is known: one more than a cubic has coefficients."""
 _PRECISE = 0.0125
 """Standard deviation of a velocity up to which it is precise, in typical speeds of the robot."""
+_CLOSE = 2.5
+"""Standard deviations of a pose within which most smoothed ones lie: 90 % of normal noise is within 2.15 of them."""
 _LONGEST = 0.15
 """Longest time constant with which poses are smoothed, even if a velocity is not precise [s]."""
+_SHORTER = 0.7
+"""Factor of time constants that are tried one after the other."""
 _SHORTEST = 0.2
 """Shortest time constant, in mean times between two poses."""
 _PIECES = 3
 """Largest number of pieces of a spline in a time constant."""
 _CONTRADICTING = 0.25
 """Share of the poses of a moving robot above which logged speeds that do not match contradict them."""
+_NOISY = 4.5
+"""Standard deviations up to which the speed of a robot that stands still may be noise: one in 25,000 is faster."""
 _STOPS = 1 / 3
 """Share of the way at the speeds of two poses by which the way between them may differ. A robot that misses more of it
 stopped at once; before, it is slower, so that it does not overshoot."""
@@ -53,7 +62,7 @@ class Motion:
     """Motion of a robot."""
 
     track: Track
-    """Its path, with a heading and a speed at every pose."""
+    """Its path through the smoothed poses, with a heading and a speed at each."""
     velocity: np.ndarray
     """(K, 3) velocities at the poses [m/s]."""
     known: np.ndarray
@@ -68,7 +77,7 @@ class Motion:
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return places (M, 3) [m], headings and speeds (M,) at some times [s]; where unknown, on straight lines.
 
-        At the times of its poses they are those poses, to the last bit.
+        At the times of the poses they are those of `track`, to the last bit.
         """
         track = self.track
         near = np.clip(np.searchsorted(track.time, times - SAME_TIME), 0, len(track) - 1)
@@ -128,31 +137,31 @@ def motion_of(
         trusted: True for the speeds of a simulation, in which robots stop at once, so that poses seem to contradict.
     """
     width, way = np.diff(track.time), np.linalg.norm(np.diff(track.position, axis=0), axis=1)
-    deviation = float(np.median(local_deviations(track.time, track.position[:, :2])))
+    deviation = noise_of(track.time, track.position[:, :2])
     jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
     known = (width <= gap + SAME_TIME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    # The integral of (w / (1 + (w T)^6))^2 over frequencies w > 0 is pi / (12 T^3), for a time constant T.
-    noise = deviation * math.sqrt(width[known].sum() / len(width) / 12)
-    velocity = _velocities(track, edges, noise)
+    position, velocity, _ = _smoothed(track.time, track.position, edges)
     heading, has_headings = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     derived = np.linalg.norm(velocity[:, :2], axis=1)
-    compared = np.repeat(np.diff(edges) >= _FEWEST, np.diff(edges))
     speed = derived * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
-    impossible = compared & (np.abs(track.speed) > 4 * derived.max(initial=0) + 1e-3)
     width, logged = width[:, None], along * track.speed[:, None]
-    ends = width * logged[:-1], width * logged[1:]
-    reason = ""
+    ends, reason = (width * logged[:-1], width * logged[1:]), ""
     if not np.isfinite(track.speed).all():
         reason = "were not logged"
     elif trusted:
-        speed, velocity, heading = track.speed, logged, _with_whole_turns(track, *ends, heading)
-    elif impossible.any() or _contradict(track, _driven(*ends, np.diff(heading)), known, deviation, derived):
-        reason = "do not match the poses"
+        position, speed, velocity = track.position, track.speed, logged
+        heading = _with_whole_turns(track, *ends, heading)
     else:
-        speed, velocity = track.speed, logged
-    whole = Track(track.time, track.position, heading, speed)
+        reckoned = np.concatenate([np.zeros((1, 3)), np.cumsum(_driven(*ends, np.diff(heading)), axis=0)])
+        rest, drift, error = _smoothed(track.time, track.position - reckoned, edges, logged)
+        counts = np.repeat(np.diff(edges) >= _FEWEST, np.diff(edges))
+        if _contradict(track.speed[counts], derived[counts], np.linalg.norm(drift, axis=1)[counts], error):
+            reason = "do not match the poses"
+        else:
+            position, speed, velocity = reckoned + rest, track.speed, logged
+    whole = Track(track.time, position, heading, speed)
     return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, has_headings)
 
 
@@ -187,67 +196,72 @@ def _with_whole_turns(track: Track, begin: np.ndarray, end: np.ndarray, heading:
     return heading + 2 * np.pi * np.append(0, np.cumsum(turned * counts[missed.argmin(axis=0)]))
 
 
-def _contradict(track: Track, driven: np.ndarray, known: np.ndarray, deviation: float, speeds: np.ndarray) -> bool:
-    """Return whether the logged speeds along the headings do not lead from pose to pose.
-
-    The ways that are compared are the shortest that normal noise does not make, with a probability of 99.99 %.
+def _contradict(logged: np.ndarray, derived: np.ndarray, drift: np.ndarray, error: float) -> bool:
+    """Return whether the logged speeds of a robot are impossible, or do not lead from pose to pose.
 
     Args:
-        track: The track.
-        driven: (K - 1, 3) ways from pose to pose at the logged speeds and headings [m].
-        known: (K - 1,) True where the motion from a pose to the next is known.
-        deviation: Standard deviation of a pose [m].
-        speeds: (K,) speeds that are derived from the poses [m/s].
+        logged: (K,) logged speeds [m/s].
+        derived: (K,) speeds of the poses [m/s].
+        drift: (K,) speeds of the poses from the ways at the logged speeds and headings [m/s].
+        error: Standard deviation of these speeds [m/s].
     """
-    width, slack = np.diff(track.time), 2 * deviation * math.sqrt(math.log(1e4 * len(track))) + SAME_TIME
-    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(driven[:, :2], axis=0)])
-    gaps = np.concatenate([[0], np.cumsum(~known)])
-    step = float(np.quantile(speeds, 0.75) * np.median(width))
-    span = int(min(np.ceil(2 * slack / max(step, SAME_TIME)), len(track) - 1))
-    way = track.position[span:, :2] - track.position[:-span, :2]
-    length = np.linalg.norm(way, axis=1)
-    moving = (gaps[span:] == gaps[:-span]) & (length > np.maximum(0.1 * np.quantile(length, 0.9), slack))
-    if not moving.any():
-        return False
-    off = np.linalg.norm(sums[span:] - sums[:-span] - way, axis=1)
-    contradicting = off > np.maximum(0.5 * np.maximum(length, np.median(length[moving])), slack)
-    return bool((contradicting & moving).sum() > _CONTRADICTING * moving.sum())
+    if (np.abs(logged) > 4 * derived.max(initial=0) + 1e-3).any():
+        return True
+    moving = derived > np.maximum(_NOISY * error, 0.1 * np.quantile(derived, 0.9) if len(derived) else 0.0)
+    least = np.maximum(_NOISY * error, 0.5 * np.maximum(derived, np.median(derived[moving]) if moving.any() else 0.0))
+    return bool((moving & (drift > least)).sum() > _CONTRADICTING * moving.sum())
 
 
 def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return a heading at every pose, and False if they are those of the motion, because the log has none."""
     known = np.isfinite(track.heading)
-    if known.all():
-        return track.heading, True
     if known.sum() > 1:
         return np.interp(track.time, track.time[known], track.heading[known]), True
     return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), False
 
 
-def _velocities(track: Track, edges: np.ndarray, noise: float) -> np.ndarray:
-    """Return velocities (K, 3) from the positions of each stretch between two edges [m/s].
+def _smoothed(
+    time: np.ndarray, place: np.ndarray, edges: np.ndarray, velocity: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the smoothed places (K, 3) of each stretch between two edges [m], their slopes, and the slopes' error.
 
-    The poses are smoothed by the least time constant that is precise enough, for the whole track; `noise` is the
-    standard deviation of a velocity with a time constant of 1 s.
+    The time constant is the least for which slopes are precise. Where that moves the places by more than their noise,
+    which was no noise but motion, it is shorter.
+
+    Args:
+        time: (K,) times [s].
+        place: (K, 3) places [m].
+        edges: First places of the stretches, and K.
+        velocity: (K, 3) velocities of the robot [m/s], by default the slopes.
     """
-    velocity, constant = np.zeros_like(track.position), _LONGEST
-    for _ in range(2):  # at first to estimate the robot's speed
-        for a, b in pairwise(edges.tolist()):
-            velocity[a:b] = _slopes(track.time[a:b], track.position[a:b], constant)
-        precise = _PRECISE * float(np.quantile(np.linalg.norm(velocity, axis=1), 0.75))
-        constant = min((noise / max(precise, 1e-12)) ** (2 / 3), _LONGEST)
-    return velocity
+    deviation, period = noise_of(time, place[:, :2]), (time[edges[1:] - 1] - time[edges[:-1]]).sum() / len(time)
+    shortest = _SHORTEST * period
+    constant = max(_LONGEST, shortest)
+    while True:
+        stretches = [_spline(time[a:b], place[a:b], constant) for a, b in pairwise(edges.tolist())]
+        smooth, slope = (np.concatenate(parts) for parts in zip(*stretches, strict=True))
+        # The integral of (w / (1 + (w T)^6))^2 over frequencies w > 0 is pi / (12 T^3), for a time constant T.
+        error = deviation * math.sqrt(period / 12) / max(constant, 1e-12) ** 1.5
+        if constant <= shortest:
+            return place, slope, error
+        speed = np.quantile(np.linalg.norm(slope if velocity is None else velocity, axis=1), 0.75)
+        factor = float(error / max(_PRECISE * speed, 1e-12)) ** (2 / 3)
+        if np.quantile(np.linalg.norm((smooth - place)[:, :2], axis=1), 0.9) > _CLOSE * deviation:
+            factor = min(factor, _SHORTER)
+        if factor > _SHORTER:
+            return smooth, slope, error
+        constant = max(factor * constant, shortest)
 
 
-def _slopes(time: np.ndarray, place: np.ndarray, constant: float) -> np.ndarray:
-    """Return the slopes (K, 3) of a cubic spline through a stretch of poses, smoothed with a time constant T [s].
+def _spline(time: np.ndarray, place: np.ndarray, constant: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values and slopes (K, 3) of a cubic spline along some poses, smoothed with a time constant T [s].
 
     Changes of third order of its coefficients are penalised (a P-spline), so that a motion of frequency w becomes
     1 / (1 + (w T)^6) of itself. Within 2 T and a piece of an end, no slope exceeds the nearest between both ends.
     """
     k = len(time)
     if k < 3:
-        return np.gradient(place, time, axis=0) if k > 1 else np.zeros_like(place)
+        return place, np.gradient(place, time, axis=0) if k > 1 else np.zeros_like(place)
     lasts = np.ptp(time)
     constant = max(constant, _SHORTEST * lasts / (k - 1))
     pieces = min(k - 1, math.ceil(_PIECES * lasts / constant))
@@ -261,16 +275,19 @@ def _slopes(time: np.ndarray, place: np.ndarray, constant: float) -> np.ndarray:
     slope, end = spline.derivative()(at) * pieces / lasts, min(2 * lag + 1, pieces / 2)
     length = np.linalg.norm(slope, axis=1)
     inner = np.searchsorted(at, np.clip(at, end, pieces - end))
-    return slope * np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
+    return place[0] + spline(at), slope * np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
 
 
-def local_deviations(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return standard deviations of values (K, C) over time [s] from cubics through their neighbours."""
+def noise_of(time: np.ndarray, values: np.ndarray, share: float = 0.5) -> float:
+    """Return the standard deviation of values (K, C) over time [s] from cubics through their neighbours.
+
+    In motion that is not smooth everywhere, `share` is the quantile of the deviations that counts as noise.
+    """
     if len(time) < _FEWEST:
-        return np.zeros(1)
+        return 0.0
     near = sliding_window_view(time, _FEWEST)
     weight = 1 / (near[:, :, None] - near[:, None, :] + np.eye(_FEWEST)).prod(axis=2)  # of fourth divided differences
     weight /= np.linalg.norm(weight, axis=1, keepdims=True)
     rest = np.einsum("kp,kcp->kc", weight, sliding_window_view(values, _FEWEST, axis=0))
     square = sliding_window_view((rest**2).mean(axis=1), min(_FEWEST, len(rest)))
-    return np.sqrt(square.mean(axis=1))
+    return float(np.sqrt(np.quantile(square.mean(axis=1), share)))

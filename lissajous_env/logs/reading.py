@@ -65,7 +65,6 @@ class _Reading:
         self._robots = robots_of(bags, topics)
         poses = [robot.poses for robot in self._robots]
         self._blank = Log(self._name, (), labels=tuple(robot.label for robot in self._robots))
-        self._called = self._blank.called
         frames = [(k, str(frame) or "no name") for k, own in enumerate(poses) for frame in sorted(set(own.frame))]
         if len({frame for _, frame in frames}) > 1:
             got = "; ".join(self._blank.grouped(frames))
@@ -114,7 +113,7 @@ class _Reading:
         if texts is None:
             first = np.array([track.time[0] for track in tracks])
             if np.ptp(first) > _LATE:
-                late, early = (self._called([int(which(first))]) for which in (np.argmax, np.argmin))
+                late, early = (self._blank.called([int(which(first))]) for which in (np.argmax, np.argmin))
                 words = f"the episode begins with the first pose of {late}"
                 self._notes.append(f"{words}, {np.ptp(first):.3g} s after that of {early}")
             return None, None

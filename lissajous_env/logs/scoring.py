@@ -163,15 +163,12 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
 
 def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
     """Return the motion of each robot, in the plane if the scenario is flat."""
-    flat, motions = scenario.curve.half_depth == 0, []
+    axes, is_simulated = (1, 1, scenario.curve.half_depth > 0), bool((log.episode or {}).get("policy"))
     # A car whose weak motor does not drive it may begin at the formation's speed.
     speeds = np.maximum(scenario.top_speeds, scenario.robot.top_speed)
-    for track, speed in zip(log.tracks, speeds, strict=True):
-        place = track.position * (1, 1, 0) if flat else track.position
-        track = dataclasses.replace(track, position=place)
-        is_simulated = bool((log.episode or {}).get("policy"))
-        motions.append(motion_of(track, gap, speed, scenario.robot.radius, trusted=is_simulated))
-    return motions
+    tracks = [dataclasses.replace(track, position=track.position * axes) for track in log.tracks]
+    pairs, radius = zip(tracks, speeds, strict=True), scenario.robot.radius
+    return [motion_of(track, gap, speed, radius, trusted=is_simulated) for track, speed in pairs]
 
 
 def _remarks(

@@ -87,11 +87,7 @@ def paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
     step = recording.scenario.task.step
     every = max(math.ceil(min(speed / (min(fps, DENSEST) * step), len(recording)) - 1e-9), 1)
     seconds = every * step / speed
-    if seconds > LONGEST:
-        raise ValueError(
-            f"fps and speed must show a picture for at most {LONGEST} s, got fps {fps:g} and speed {speed:g}: "
-            f"{seconds:.3g} s"
-        )
+    require(seconds <= LONGEST, "fps and speed", f"must show a picture for at most {LONGEST} s", seconds)
     return every, seconds
 
 

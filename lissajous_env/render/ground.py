@@ -73,21 +73,24 @@ def draw_union(layer: pygame.Surface, middles: np.ndarray, radius: float) -> Non
             pygame.draw.circle(layer, colour, middle, reach)
 
 
+def points_of_curve(scenario: Scenario) -> np.ndarray:
+    """Return points (K, 3) of the curve of a formation [m]; none without a formation."""
+    curve = scenario.driven
+    count = min(max(90 * curve.oscillations, 600), _MOST_POINTS) if scenario.has_formation else 0
+    return closed_forms.curve_point_3d(curve, np.linspace(0.0, 2 * np.pi, count))
+
+
 def _curve(scenario: Scenario, view: View) -> pygame.Surface:
     """Draw the Lissajous curve of a formation; at crossings, the lower branch is interrupted."""
-    curve = scenario.driven
-    surface = transparent(view.fine_size)
-    if not scenario.has_formation:
-        return surface
+    surface, places = transparent(view.fine_size), points_of_curve(scenario)
+    points = view.fine(places[:, :2])
     # Dense curves are drawn fainter.
-    share = float(np.clip(16 / curve.oscillations, 0.35, 1.0)) ** 0.5
+    share = float(np.clip(16 / scenario.driven.oscillations, 0.35, 1.0)) ** 0.5
     width, colour = max(round(1.3 * share * FINE), 2), (*palette.CURVE, round(235 * share))
-    lap = np.linspace(0.0, 2 * np.pi, min(max(180 * curve.oscillations, 2000), _MOST_POINTS))
-    points = view.fine(closed_forms.curve_point(curve, lap))
-    if curve.half_depth == 0:
+    if len(points) and scenario.curve.half_depth == 0:
         pygame.draw.lines(surface, colour, True, points.tolist(), width)
         return surface
-    for k in np.argsort(np.sin(curve.c * lap[:-1])):
+    for k in np.argsort(places[:-1, 2], kind="stable"):
         pygame.draw.line(surface, (0, 0, 0, 0), points[k], points[k + 1], width + 6 * FINE)
         pygame.draw.line(surface, colour, points[k], points[k + 1], width)
     return surface

@@ -32,8 +32,7 @@ class Team:
         ring = drawn_ring(scenario)
         self._edges = [(ring[k - 1], ring[k]) for k in range(len(ring)) if len(ring) > 2 or k == 1]
         self._soft = transparent(view.fine_size)
-        shape = model_of(scenario.robot.kind).shape
-        parts = [(_drop(1.42), None)] if shape is None else shape(scenario.robot)
+        parts = parts_of_body(scenario)
         self._parts = [(self.radius * outline, getattr(palette, fill) if fill else None) for outline, fill in parts]
 
     def draw_links(self, surface: pygame.Surface, snapshot: Snapshot, steps: np.ndarray, trail: np.ndarray) -> None:
@@ -90,6 +89,12 @@ class Team:
         right, down = at - edge
         shape = 4.5 * FINE * _turned(_drop(2.2), float(np.arctan2(-down, right)))
         pygame.draw.polygon(surface, colour, (edge + shape).tolist())
+
+
+def parts_of_body(scenario: Scenario) -> list[tuple[np.ndarray, str | None]]:
+    """Return the outlines (k, 2) of the parts of a robot of radius 1, each with its colour, None for the robot's."""
+    shape = model_of(scenario.robot.kind).shape
+    return [(_drop(1.42), None)] if shape is None else shape(scenario.robot)
 
 
 def _turned(shape: np.ndarray, heading: float) -> np.ndarray:

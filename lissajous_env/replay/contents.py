@@ -1,10 +1,10 @@
 """Data of a recording for a page, thinned and quantised for display.
 
-Positions, speeds, rewards and observations are rounded to 1/65,535 of their range, angles to 1/65,536 of a turn, times
-to a control step. Long episodes are thinned in time, fine grids in space; the ground is stored every other control
-step. Arrays are encoded as text: quantised, differenced in time, compressed by zlib, in base64. A page decodes
-`value = low + scale * q`, where `q` is an unsigned integer of 8, 16 or 32 bits. Each series (the last axis) is stored
-as differences between moments modulo 2^bits, with the lower bytes of all numbers first.
+Positions, angles, speeds, rewards and observations are rounded to 1/65,535 of their range, times to a control step.
+Long episodes are thinned in time, fine grids in space; the ground is stored every other control step. Arrays are
+encoded as text: quantised, differenced in time, compressed by zlib, in base64. A page decodes `value = low +
+scale * q`, where `q` is an unsigned integer of 8, 16 or 32 bits. Each series (the last axis) is stored as
+differences between moments modulo 2^bits, with the lower bytes of all numbers first.
 """
 
 import base64
@@ -18,11 +18,9 @@ import numpy as np
 from lissajous_env.episodes.missed import MissedRogue
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.episodes.snapshot import thinned
-from lissajous_env.parameters.robot_models import model_of
-from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.render.ground import points_of_curve
 from lissajous_env.render.targets import flash_time, has_sightings
-from lissajous_env.render.team import MOST_CONTACTS, drawn_ring, trail_time
-from lissajous_env.theory import closed_forms
+from lissajous_env.render.team import MOST_CONTACTS, drawn_ring, parts_of_body, trail_time
 from lissajous_env.world.columns import task_score
 from lissajous_env.world.state import NEVER
 
@@ -61,6 +59,7 @@ def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue |
     scenario, every = recording.scenario, max(math.ceil(len(recording) / detail.moments), 1)
     moments, of_task = slice(None, None, every), task_score(scenario).name
     names = sorted(recording.score, key=lambda name: name != of_task)
+    terms = np.cumsum(recording.reward_terms.mean(axis=1), axis=0, dtype=np.float64)[::every]
     return {
         "scenario": _about(recording),
         "policy": str(recording.score.get("policy", "")),
@@ -69,7 +68,7 @@ def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue |
         "step": scenario.task.step,
         "every": every,
         "moments": len(recording.position[moments]),
-        "curve": quantised(_curve(scenario)),
+        "curve": quantised(points_of_curve(scenario)),
         "robots": _robots(recording, moments, detail.observed),
         "targets": _targets(recording, moments),
         "ground": _ground(recording, every, detail),
@@ -77,7 +76,7 @@ def contents(recording: Recording, detail: Detail = WHOLE, missed: MissedRogue |
         "collisions": counts(recording.collisions[moments], int(recording.collisions.max())),
         "reward": {
             "names": list(recording.reward_names),
-            "terms": quantised_each(_since_stored(recording.reward_terms.mean(axis=1), every)),
+            "terms": quantised_each(np.diff(terms, axis=0, prepend=0.0)),  # since the previous stored moment
         },
         "rogue": None if missed is None else _rogue(missed),
     }
@@ -88,16 +87,9 @@ def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
     return [quantised(table[..., k]) for k in range(table.shape[-1])]
 
 
-def _since_stored(values: np.ndarray, every: int) -> np.ndarray:
-    """Sum numbers (F, ...) of the steps since the previous stored moment."""
-    return np.diff(np.cumsum(values, axis=0, dtype=np.float64)[::every], axis=0, prepend=0.0)
-
-
 def _about(recording: Recording) -> dict[str, Any]:
     scenario = recording.scenario
     curve, ring = scenario.curve, drawn_ring(scenario)
-    model = model_of(scenario.robot.kind)
-    parts = model.shape(scenario.robot) if model.shape else []
     return {
         "name": scenario.name,
         "description": scenario.description,
@@ -115,17 +107,8 @@ def _about(recording: Recording) -> dict[str, Any]:
         "delay": round(scenario.noise.message_delay / scenario.task.step),
         "leave": scenario.targets.leave,
         "actions": list(scenario.action_names),
-        "shape": [[np.round(outline, 3).tolist(), fill] for outline, fill in parts],
+        "shape": [[np.round(outline, 3).tolist(), fill] for outline, fill in parts_of_body(scenario)],
     }
-
-
-def _curve(scenario: Scenario) -> np.ndarray:
-    """Return (K, 3) points of the curve of a formation [m]."""
-    curve = scenario.driven
-    if not scenario.has_formation:
-        return np.zeros((0, 3))
-    lap = np.linspace(0.0, 2 * np.pi, int(np.clip(90 * curve.oscillations, 600, 12_000)))
-    return closed_forms.curve_point_3d(curve, lap)
 
 
 def _robots(recording: Recording, moments: slice, most: int) -> dict[str, Any]:
@@ -140,9 +123,9 @@ def _robots(recording: Recording, moments: slice, most: int) -> dict[str, Any]:
         "x": quantised(recording.position[moments, :, 0]),
         "y": quantised(recording.position[moments, :, 1]),
         "z": quantised(recording.position[moments, :, 2]),
-        "heading": angles(recording.heading[moments]),
+        "heading": quantised(recording.heading[moments]),
         "speed": quantised(recording.speed[moments]),
-        "phase": angles(recording.phase[moments]),
+        "phase": quantised(recording.phase[moments]),
         "status": counts(recording.status[moments], 2),
         "silent": counts(np.where(recording.heard_at < 0, -1, now - recording.heard_at)[moments], 253),
         "watched": watched,
@@ -162,7 +145,6 @@ def _targets(recording: Recording, moments: slice) -> dict[str, Any]:
     found_at = recording.found_at[appeared]
     return {
         "count": len(appeared),
-        "total": len(every_target),
         "x": quantised(places[:, appeared, 0]),
         "y": quantised(places[:, appeared, 1]),
         "seen": counts(_in_sight(recording, moments)[:, appeared], 1),
@@ -248,13 +230,6 @@ def quantised(values: np.ndarray) -> dict[str, Any]:
     scale = (float(values.max()) - low) / LEVELS if values.size else 0.0
     whole = np.rint((values - low) / (scale or 1.0)).astype(np.uint16)
     return _packed(whole, low, scale)
-
-
-def angles(values: np.ndarray) -> dict[str, Any]:
-    """Encode angles (F, ...) [rad] to 1/65,536 of a turn; decoded they are (..., F), in [0, 2 pi)."""
-    turns = np.asarray(values, dtype=np.float64) / (2 * np.pi)
-    whole = np.rint(turns % 1.0 * 65_536).astype(np.uint32).astype(np.uint16)  # 65,536 becomes 0
-    return _packed(whole, 0.0, 2 * np.pi / 65_536)
 
 
 def counts(values: np.ndarray, most: int) -> dict[str, Any]:

@@ -29,13 +29,8 @@ def number(
     """Declare a number from `low` to `high`, both included, and on request also zero or infinity."""
     rule = "must be " + "0 or " * or_zero + f"from {low:.9g} to {high:.9g}" + " or infinite" * or_infinite
     rule += f" [{unit}]" if unit else ""
-    points = [0.0] * or_zero + [math.inf] * or_infinite
-
-    def read(value: Any) -> float | None:
-        fits = is_number(value, low, high) or any(is_number(value, point, point) for point in points)
-        return float(value) if fits else None
-
-    return _checked(default, rule, read, units=(unit,))
+    others = [0.0] * or_zero + [math.inf] * or_infinite
+    return _checked(default, rule, within(low, high, *others), units=(unit,))
 
 
 def whole(default: int | None, low: int, high: int, parity: str = "") -> Any:
@@ -173,16 +168,25 @@ def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -
     return operator.index(value)
 
 
+def within(low: float, high: float, *others: float) -> Callable[[Any], float | None]:
+    """Return a function that reads a number from `low` to `high`, or one of `others`, and returns None for another."""
+    ranges = (low, high), *((other, other) for other in others)
+    return lambda value: float(value) if any(is_number(value, *ends) for ends in ranges) else None
+
+
 def as_robot(value: Any) -> int | None:
     """Return the index of a robot, which may be given as 1.0; None for another value."""
     return int(value) if is_number(value, 0) and float(value).is_integer() else None
 
 
-def robot_and(entry: Any, low: float, high: float) -> tuple[int, float] | None:
-    """Return a pair of a robot and a number from `low` to `high`; None for another entry."""
-    robot, value = entry
-    index = as_robot(robot)
-    return (index, float(value)) if index is not None and is_number(value, low, high) else None
+def row_of(*columns: Callable[[Any], Any]) -> Callable[[Any], tuple | None]:
+    """Return a function that reads a row by a function for each of its entries, and returns None for an invalid one."""
+
+    def read(entry: Any) -> tuple | None:
+        row = tuple(column(value) for column, value in zip(columns, entry, strict=True))
+        return None if None in row else row
+
+    return read
 
 
 def _checked(
@@ -232,19 +236,20 @@ def _rule_in_words(field: dataclasses.Field, with_default: bool) -> str:
 def meanings(cls: type) -> dict[str, str]:
     """Return the string after each field in the source of a class; empty without source."""
     try:
-        tree = _parsed(inspect.getsourcefile(cls) or "")
+        return _meanings_in(inspect.getsourcefile(cls) or "").get(cls.__name__, {})
     except (OSError, TypeError, SyntaxError):
         return {}
-    body = next((node.body for node in tree.body if isinstance(node, ast.ClassDef) and node.name == cls.__name__), [])
-    texts = {}
-    for pair in pairwise(body):
-        match pair:
-            case (ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text)))):
-                texts[name] = inspect.cleandoc(text)
-    return texts
 
 
 @cache
-def _parsed(path: str) -> ast.Module:
+def _meanings_in(path: str) -> dict[str, dict[str, str]]:
+    """Return the string after each field of each class of a file; without its tree, which is large."""
     with open(path, encoding="utf-8") as source:
-        return ast.parse(source.read())
+        classes = [node for node in ast.parse(source.read()).body if isinstance(node, ast.ClassDef)]
+    texts: dict[str, dict[str, str]] = {node.name: {} for node in classes}
+    for node in classes:
+        for pair in pairwise(node.body):
+            match pair:
+                case (ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text)))):
+                    texts[node.name][name] = inspect.cleandoc(text)
+    return texts

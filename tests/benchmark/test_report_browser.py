@@ -152,7 +152,6 @@ def test_names_are_no_script(run):
 
 
 def test_it_fits_narrow_and_wide_screens(browser, run):
-    run("for (const part of document.querySelectorAll('details')) part.open = true")
     for width in (390, 1280):
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SCREEN | {"width": width})
         wait(lambda: run("return document.querySelectorAll('.figure svg').length") == 2)

@@ -22,27 +22,33 @@ def press():
 
 class Presses:
     def find_spec(self, name, path=None, target=None):
-        if name == MOMENT:
+        if name == "lissajous_env.console.cli":
             sys.meta_path.remove(self)
-            press()
+            atexit.register(press) if MOMENT == "exit" else press()
 
-if MOMENT == "exit":
-    atexit.register(press)
-sys.meta_path.insert(0, Presses())
+    def __del__(self, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
+        kill(pid, number)  # when the modules are cleared
+
+sys.presses = Presses()
+if MOMENT != "last":
+    sys.meta_path.insert(0, sys.presses)
 """
 
 
 @pytest.mark.usefixtures("ctrl_c")
-@pytest.mark.parametrize(("moment", "by_script"), [("lissajous_env.console.cli", True), ("exit", False)])
-def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, tmp_path):
-    # Story: the signal arrives in the midst of an import, where Python would print the stack of all imports.
+@pytest.mark.parametrize(("moment", "by_script", "ends"), [
+    ("import", True, (130, "interrupted\n")), ("exit", False, (130, "interrupted\n")), ("last", False, (0, "")),
+])  # fmt: skip
+def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, ends, tmp_path):
+    # Story: the signal arrives in the midst of an import, where Python would print the stack of all imports; or when
+    # Python has restored the default action, by which it would end the command in place of its exit code.
     (tmp_path / "sitecustomize.py").write_text(PRESSED)
     script = tmp_path / "lissajous"
     script.write_text("from lissajous_env.console.cli import main\nmain()\n")
     start = [str(script)] if by_script else ["-m", "lissajous_env"]
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}", "MOMENT": moment}
     done = subprocess.run([sys.executable, *start, "--version"], env=environment, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+    assert (done.returncode, done.stderr) == ends
 
 
 @pytest.mark.usefixtures("ctrl_c")

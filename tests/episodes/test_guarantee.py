@@ -95,6 +95,7 @@ def test_the_command_prints_its_radii(capsys):
         (["--radii", 1], "radii must be a whole number from 2 to 200, got 1"),
         (["--cells", 5], "cells must be a whole number from 10 to 1000, got 5"),
         (["nowhere"], "scenario must be one of"),
+        (["watch"], "task.action of watch must be control for a policy that follows the curve, got 'velocity'"),
         (["experiment", "--set", "targets.speed_limit=50"], "the speed of targets must be at most 12 m/s"),
     ],
 )

@@ -11,22 +11,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import hostile, played
 from command_line import called
 
 import baselines
 import lissajous_env
-from lissajous_env.episodes.recording import ARRAYS, Recorder, record
+from lissajous_env.episodes.recording import ARRAYS, Recorder
 from lissajous_env.replay import Replay
-from lissajous_env.replay.contents import angles, contents, counts, quantised
+from lissajous_env.replay.contents import contents, counts, quantised
 from lissajous_env.world.state import NEVER
 
 SHORT = {"task.duration": 6.0, "task.contamination": (45, 20), "targets.arrival_rate": 2.0}
 HOSTILE = "</script><img src=x onerror=alert(1)><!-- <script>alert(2)</script> &lt; \u2028 \ud800 '\""
-
-
-def played(name="evaders", policy="kuramoto-mpcc", seed=1, **overrides):
-    scenario = lissajous_env.scenario(name, **overrides)
-    return record(baselines.make(policy, scenario), scenario, seed)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +31,7 @@ def recording():
 
 
 def unpacked(packed):
-    """Return the array that a page unpacks; oracle: the format that packing.py describes, read in reverse."""
+    """Return the array that a page unpacks; oracle: the format that contents.py describes, read in reverse."""
     size = packed["bits"] // 8
     planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(size, -1)
     whole = sum(plane.astype(np.uint64) << np.uint64(8 * k) for k, plane in enumerate(planes))
@@ -53,8 +49,6 @@ def test_numbers_come_back_to_what_is_stated(shape):
     numbers = draw.normal(0, 3, shape)
     span = np.ptp(numbers) if numbers.size else 1.0
     np.testing.assert_allclose(unpacked(quantised(numbers)), numbers, atol=span / 65_535 * 0.51)
-    away = unpacked(angles(numbers)) - numbers
-    assert (np.abs(away - 2 * np.pi * np.rint(away / (2 * np.pi))) <= 2 * np.pi / 65_536 * 0.51).all()
     for most in (200, 60_000, 10**6):
         whole = draw.integers(-3, most + 4, shape)
         limited = np.where((whole < 0) | (whole > most), most + 1, whole)
@@ -171,19 +165,8 @@ def test_what_cannot_be_shown_is_said(tmp_path, monkeypatch, capsys, arguments, 
     assert not list(tmp_path.iterdir())
 
 
-def hostile(recording):
-    """The same with names that would be script, numbers that are none, and places far away."""
-    scenario = dataclasses.replace(recording.scenario, name=HOSTILE, description=HOSTILE)
-    position = recording.position.copy()
-    position[10:20] *= np.float32(1e30)
-    score = recording.score | {"policy": HOSTILE, HOSTILE: float("nan"), "return_mean": float("inf"), "x": 10**400}
-    names = (HOSTILE, *recording.observation_names[1:])
-    changes = {"position": position, "score": score, "observation_names": names, "scenario": scenario}
-    return dataclasses.replace(recording, **changes)
-
-
 def test_nothing_of_a_recording_becomes_markup(recording):
-    text = Replay(hostile(recording)).html()
+    text = Replay(hostile(recording, HOSTILE)).html()
     markup = re.sub(r'<script type="application/json" id="data">.*?</script>', "", text, flags=re.DOTALL)
     assert HOSTILE not in text
     assert markup.count(html.escape(HOSTILE.replace("\ud800", "?"))) == 2  # scenario and policy in the title

@@ -11,6 +11,7 @@ from browser import (
     click,
     complaints,
     drag,
+    hostile,
     middle,
     numbers,
     opened,
@@ -222,13 +223,7 @@ def test_the_rectangle_fills_the_picture_on_phones_and_screens(browser, folder, 
 
 def test_nothing_of_a_hostile_recording_is_run(browser, folder, recording):
     # Story: names that would be script, places beyond all bounds; the page shows the words and plays on.
-    position = recording.position.copy()
-    position[10:30] *= np.float32(1e30)
-    scenario = dataclasses.replace(recording.scenario, name=HOSTILE, description=HOSTILE)
-    names = (HOSTILE, *recording.observation_names[1:])
-    score = recording.score | {"policy": HOSTILE, "return_mean": float("nan")}
-    odd = dataclasses.replace(recording, position=position, scenario=scenario, score=score, observation_names=names)
-    run = opened(browser, folder, Replay(odd).html())
+    run = opened(browser, folder, Replay(hostile(recording, HOSTILE)).html())
     run("replay.select(1); replay.player.seek(2.05); replay.player.toggle(true)")
     wait(lambda: run("return replay.player.time") > 3)
     assert run("return document.querySelectorAll('img').length") == 0

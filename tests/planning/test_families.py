@@ -86,7 +86,8 @@ def test_a_scenario_is_the_task_as_it_is():
     assert (seven.num_robots, seven.curve.half_width, seven.robot.wheelbase) == (7, 1.8, evaders.robot.wheelbase)
     series = lissajous_env.scenario("evaders-walls").resolve()  # with a rounded curve
     assert Request(series, robots=7).scenario_of(7).curve.harmonics == () != series.curve.harmonics
-    assert Request("watch", rogue_speed=0.2).scenario_of(5).targets.speed_min == 0.2
+    watch = lissajous_env.scenario("watch", **{"task.action": "control"})
+    assert Request(watch, rogue_speed=0.2).scenario_of(5).targets.speed_min == 0.2
     grid = Request("intruders", width=30.0, height=20.0).scenario_of(5).task.contamination
     assert grid[0] / grid[1] == pytest.approx(1.5, rel=0.05)  # a benchmark has 108 x 48 for 10.8 m x 4.8 m
     with pytest.warns(UserWarning, match="evaders: plans are made without its extensions top_speed; targets of"):
@@ -115,6 +116,7 @@ def top_speed(world):
         ({**HALL, "robots": 5, "robot": "differential", "turning_radius": 1.0}, "turning_radius must be omitted"),
         ({**HALL, "robots": 5, "robot": "car"}, "turning_radius must be given for robots of kind car [m], got None"),
         ({"scenario": "evaders", "clearance": -1.0}, "clearance must be from 0 to 10000 [m], got -1.0"),
+        ({"scenario": "intercept"}, "task.action of intercept must be control for a plan: all patrols drive robots by"),
         ({"scenario": "evaders", "entry": "nowhere"}, "entry must be one of inside, boundary, unseen, got 'nowhere'"),
     ],
 )

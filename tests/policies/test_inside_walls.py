@@ -40,7 +40,7 @@ def test_a_partition_stays_inside_and_detects_as_fast_as_without_walls(scenario,
     assert distance_from_walls(scenario, places) > 0.5 * (scenario.inset - scenario.robot.radius)
     assert all(row["collisions"] == 0 and row["guarantee_open"] == 0 for row in rows)
     assert max(row["guaranteed_detection_time"] for row in rows) <= longest
-    tables = policy.tables.places(2 * policy.tables.lead_in + policy.tables.loop)
+    tables = policy.tables.places(2 * policy.tables.lead_in_steps + policy.tables.loop_steps)
     reach = np.array([scenario.driven.half_width, scenario.driven.half_height])
     assert (np.abs(tables) <= reach * 1.005).all()
 
@@ -110,10 +110,10 @@ def test_planned_paths_in_halls_stay_inside_and_apart(policy, seed):
     scenario = random_hall(seed)
     policy = baselines.make(policy, scenario)
     tables, radius = policy.tables, scenario.robot.radius
-    planned = tables.places(tables.lead_in + tables.loop)[0]
+    planned = tables.places(tables.lead_in_steps + tables.loop_steps)[0]
     assert distance_from_walls(scenario, planned) > 0
     one, other = np.triu_indices(scenario.num_robots, 1)
-    if tables.lead_in > 0:
+    if tables.lead_in_steps > 0:
         assert np.linalg.norm(planned[one] - planned[other], axis=-1).min() > 2 * radius
     places, rows = play(policy, scenario, 1, min(scenario.task.steps, 200))
     assert distance_from_walls(scenario, places) > 0

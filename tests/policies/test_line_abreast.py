@@ -12,8 +12,8 @@ from baselines.policies.line_path import (
     best_lines,
     failed_condition,
     ideal_worst_case,
+    lanes_of,
     lines_of,
-    spacing_of,
     speed_limit,
     turn_of,
 )
@@ -117,7 +117,7 @@ def test_rogues_pass_lines_that_turn_inside_only_above_the_speed_limit():
     walls = {"task.boundary": "wall", "sensing.radius": 1.5}
     scenario = lissajous_env.scenario("intruders", **walls).resolve()
     plan = lines_of(scenario, LineParameters(), 1)[0][0]
-    spacing = spacing_of(scenario, 1, plan.aside)
+    spacing = lanes_of(scenario, 1, plan.aside)[1]
     for share, words in ((0.9, "cross a line within a step"), (1.1, "")):
         rogues = speed_limit(spacing, 1.5, share * plan.speed, scenario.task.step)
         faster = lissajous_env.scenario("intruders", **walls, **{"targets.speed_limit": rogues}).resolve()
@@ -151,18 +151,18 @@ def test_uneven_cars_keep_the_line():
     scenario = lissajous_env.scenario("intruders", **uneven)
     policy, simulation = LineAbreast(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=2)
     missed = []
-    for step in range(policy.tables.lead_in + 100):
+    for step in range(policy.tables.lead_in_steps + 100):
         simulation.step(policy.act(simulation.observation))
         places = policy.tables.places(step + 1)[:, :, -1]
         missed.append(simulation.robots.position.numpy()[..., :2] - places[policy.variant.numpy(), np.arange(5)])
-    assert np.linalg.norm(missed[policy.tables.lead_in :], axis=-1).max() < 0.03
+    assert np.linalg.norm(missed[policy.tables.lead_in_steps :], axis=-1).max() < 0.03
 
 
 def test_more_lines_guarantee_more():
     """Oracle: half of the period less the time of a turn, at which two lines meet again."""
     scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
     one, two = (lines_of(scenario, LineParameters(), count)[0][0] for count in (1, 2))
-    assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * two.period * scenario.task.step, rel=0.1)
+    assert ideal_worst_case(scenario, two) == pytest.approx(0.5 * len(two.path) * scenario.task.step, rel=0.1)
     assert ideal_worst_case(scenario, two) < 0.7 * ideal_worst_case(scenario, one)
     assert best_lines(scenario, LineParameters()).line_of.max() == 1
 
@@ -173,7 +173,7 @@ def test_lines_stand_upright_in_an_upright_rectangle():
     scenarios = (lissajous_env.scenario("intruders", **known, **sides).resolve() for sides in ({}, turned))
     lying, upright = (line_tables(scenario, LineParameters(speed=1.5)) for scenario in scenarios)
     np.testing.assert_array_equal(lying[0].lanes, upright[0].lanes)
-    begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables, *_ in (lying, upright)]
+    begin = [tables.pose[0, :, 4 * tables.lead_in_steps :: 4, :2] for _, tables, *_ in (lying, upright)]
     np.testing.assert_allclose(begin[1], np.stack([-begin[0][..., 1], begin[0][..., 0]], axis=-1), atol=1e-6)
 
 

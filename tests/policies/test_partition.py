@@ -13,7 +13,7 @@ from baselines.policies.as_cars import like_cars
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.loops import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.partition import PartitionRepair, in_ring_order, loops_lie_apart
-from baselines.policies.partition_plan import PartitionParameters, partition_plans, problem_of, smallest_distance
+from baselines.policies.partition_plan import PartitionParameters, least_separation, partition_plans, problem_of
 from baselines.policies.timed_paths import plain_of
 from baselines.policies.transit import TURNS, dubins_lengths, dubins_poses, planned_transit, radius_for_all_cars
 
@@ -124,7 +124,7 @@ def test_a_plan_obeys_the_limits_of_the_cars(name, spread):
     turn = np.abs(np.diff(heading, axis=1))
     assert turn.max() <= 0.41
     assert (turn / (speed * step)).max() <= 1.02 / radius_for_all_cars(scenario)
-    assert smallest_distance(plan.loop) >= 3 * robot.radius
+    assert least_separation(plan.loop) >= 3 * robot.radius
     assert (np.abs(plan.loop) <= np.array([scenario.curve.half_width, scenario.curve.half_height]) * 1.0001).all()
 
 

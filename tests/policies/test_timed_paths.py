@@ -71,7 +71,7 @@ def test_a_lead_in_goes_over_into_the_loop():
     radius = 0.6 + 0.0004 * before**4 / 8**3
     spiral = centre + (radius * np.stack([np.cos(rate * before), np.sin(rate * before)]))[:, None].T.swapaxes(0, 1)
     tables = path_tables(EVADERS, loop, spiral)
-    assert (tables.lead_in, tables.loop) == (8, 22)
+    assert (tables.lead_in_steps, tables.loop_steps) == (8, 22)
     np.testing.assert_allclose(tables.places(7)[0], spiral, atol=1e-12)
     np.testing.assert_allclose(tables.places(30)[0, :, 8:], loop[:, np.arange(23) % 22], atol=1e-12)
     middle = FINE * 8

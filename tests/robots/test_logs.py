@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -171,16 +172,20 @@ def test_robots_that_turn_half_around_or_more_between_poses_drive_as_in_the_simu
     assert row["distance_mean"] == pytest.approx(recording.score["distance_mean"], rel=2e-3)
 
 
-def test_computed_speeds_of_noisy_poses_at_odd_times_are_precise_and_negative_in_reverse():
+def test_computed_speeds_and_ways_of_noisy_poses_at_odd_times_are_precise_and_speeds_negative_in_reverse():
     # Oracle: a circle at 0.5 m/s, with poses in bursts, then at random times, and after gaps of 0.4 s and 30 s.
     random, steps = np.random.default_rng(0), np.arange(0, 10, 0.05)
     bursts = (steps[::5, None] + 1e-4 * np.arange(5)).ravel()
     time = np.concatenate([bursts, 10 + np.sort(random.uniform(0, 10, 200)), 20.4 + steps, 60 + steps])
     place = 0.2 * np.stack([np.cos(2.5 * time), np.sin(2.5 * time), 0 * time], axis=1)
+    inside = np.arange(20.6, 29.8, 0.01)
     for noise, way, error in ((0.0, 1, 1e-4), (0.001, -1, 0.01), (0.01, 1, 0.02), (0.1, -1, 0.2)):
-        noisy = place + noise * random.normal(size=place.shape)
-        speed = motion_of(Track(time, noisy, 2.5 * time + way * np.pi / 2, np.nan * time), 1.0).track.speed
-        assert np.sqrt(((speed - way * 0.5) ** 2).mean()) < error
+        noisy, heading = place + noise * random.normal(size=place.shape), 2.5 * time + way * np.pi / 2
+        for logged in (np.nan, way * 0.5):
+            motion = motion_of(Track(time, noisy, heading, logged + 0 * time), 1.0)
+            driven = np.linalg.norm(np.diff(motion.at(inside)[0], axis=0), axis=1).sum()
+            assert driven == pytest.approx(0.5 * np.ptp(inside), rel=error + 1e-3)
+            assert np.sqrt(((motion.track.speed - way * 0.5) ** 2).mean()) < error
 
 
 @pytest.mark.parametrize(
@@ -214,3 +219,5 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert lissajous_env.scenario(cars).robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out
+    alone = f"{sys.executable} -m lissajous_env identify {path} --topics /robot_0/odom --json"
+    assert [*json.loads(os.popen(alone).read())] == ["0"]  # without a word of Warp, which starts there

@@ -183,19 +183,14 @@ def test_replacing_a_link_leaves_its_target(tmp_path):
     assert (tmp_path / "link.csv").stat().st_mode == (tmp_path / "target").stat().st_mode
 
 
-@pytest.mark.parametrize(
-    ("out", "words"),
-    [
-        ("nowhere/a.csv", "out must be in an existing folder, got"),
-        ("folder", "out must be a file, got the folder"),
-        ("file/a.csv", "out must be in an existing folder, got"),
-        ("/proc/a.csv", "out must be in a folder that can be written to, got"),
-    ],
-)
+@pytest.mark.parametrize(("out", "words"), [
+    ("nowhere/a.csv", "in an existing folder, got"), ("folder", "a file, got the folder"),
+    ("file/a.csv", "in an existing folder, got"), ("/proc/a.csv", "in a folder that can be written to, got"),
+])  # fmt: skip
 def test_a_file_that_cannot_be_written_is_found_before_any_work(tmp_path, out, words):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=f"out must be {words}"):
         check_writable_file(tmp_path / out)
     check_writable_file(tmp_path / "folder" / "a.csv")
     check_writable_file(tmp_path / "file")
@@ -205,7 +200,7 @@ def test_a_file_that_cannot_be_written_is_found_before_any_work(tmp_path, out, w
 
 @each_command
 @pytest.mark.parametrize("out", ["/proc/out", "file", "file/out"])
-def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, command, out, monkeypatch):
+def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, command, out):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(ValueError, match="out must be a folder that can be written to, got"):
         command(tmp_path / out)
@@ -243,12 +238,9 @@ def test_what_is_no_plain_file_is_not_read(tmp_path):
             read_json(tmp_path / name, 99)
 
 
-@pytest.mark.parametrize("line", ['{"a": NaN}', "[1]", "3", 500 * "["])
+@pytest.mark.parametrize("line", ['{"a": NaN}', "[1]", "3", 500 * "[" + 500 * "]"])
 def test_a_last_line_that_no_kill_can_have_left_is_refused(tmp_path, line):
     (tmp_path / "journal").write_text('{"a": 1}\n' + line + "\n")
-    if line.startswith("[["):
-        line = 500 * "[" + 500 * "]"
-        (tmp_path / "journal").write_text('{"a": 1}\n' + line + "\n")
     before = (tmp_path / "journal").read_text()
     with pytest.raises(ValueError, match=r"journal, line 2 is damaged: .*delete that line"):
         Journal(tmp_path / "journal")

@@ -9,8 +9,7 @@ export class Bodies {
   // Prepare for the current size of the stage.
   constructor(stage) {
     Object.assign(this, { stage, context: stage.context, size: stage.body });
-    const { shape } = stage.episode.about;
-    this.shapes = shape.length ? shape.map(([outline, fill]) => [pathOf(outline, this.size), fill]) : [[dropOf(this.size), null]];
+    this.shapes = stage.episode.about.shape.map(([outline, fill]) => [pathOf(outline, this.size), fill]);
   }
 
   paintTouches(places, at) {
@@ -107,16 +106,6 @@ export class Bodies {
 function pathOf(outline, size) {
   const path = new Path2D();
   for (const [x, y] of outline) path.lineTo(size * x, -size * y);
-  path.closePath();
-  return path;
-}
-
-// A disc with a tip ahead.
-function dropOf(radius) {
-  const path = new Path2D(),
-    touch = Math.acos(1 / 1.42);
-  path.moveTo(1.42 * radius, 0);
-  path.arc(0, 0, radius, touch, 2 * Math.PI - touch);
   path.closePath();
   return path;
 }

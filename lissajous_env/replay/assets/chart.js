@@ -11,7 +11,7 @@ export function placeCharts(box, template, episodes, named, onSeek) {
   const all = episodes.flatMap((episode) => chartsOf(episode).map((chart) => ({ episode, chart })));
   const ids = [...new Set(all.map(({ chart }) => chart.id))];
   return ids.flatMap((id) => {
-    const alike = all.filter((each) => each.chart.id === id);
+    const alike = all.filter(({ chart }) => chart.id === id);
     const ranges = alike.map(({ chart }) => rangeOf(chart));
     const range = [Math.min(...ranges.map(([low]) => low)), Math.max(...ranges.map(([, high]) => high))];
     return alike.map(({ episode, chart }) => {

@@ -63,8 +63,8 @@ function bindTimeline(page) {
     return timeline.nearest(event.clientX - box.left, event.clientY - box.top);
   };
   scrub.addEventListener("pointermove", (event) => {
-    const found = nearest(event);
-    scrub.title = found ? `${page.player.words(found.time)} s: ${found.words}` : "";
+    const mark = nearest(event);
+    scrub.title = mark ? `${page.player.words(mark.time)} s: ${mark.words}` : "";
   });
   scrub.addEventListener("click", (event) => event.detail > 0 && page.step(nearest(event)));
 }

@@ -14,14 +14,14 @@ const KINDS = { 8: Uint8Array, 16: Uint16Array, 32: Uint32Array };
 export async function unpackedEpisode(raw) {
   const of = async (names, decode, from) =>
     Object.fromEntries(await Promise.all(names.map(async (name) => [name, (await decode(from[name])).values])));
-  const each = (list) => Promise.all(list.map(async (packed) => (await reals(packed)).values));
+  const columns = (list) => Promise.all(list.map(async (packed) => (await reals(packed)).values));
   const pictures = async (name) => {
-    const kept = raw.ground[name];
-    return kept ? { [name]: { ...(await wholes(kept.cells)), stride: kept.stride } } : {};
+    const packed = raw.ground[name];
+    return packed ? { [name]: { ...(await wholes(packed.cells)), stride: packed.stride } } : {};
   };
   const worstAndMean = async (name) => {
     if (!raw.ground[name]) return {};
-    const [worst, mean] = await each(raw.ground[name]);
+    const [worst, mean] = await columns(raw.ground[name]);
     return { [`${name}Worst`]: worst, [`${name}Mean`]: mean };
   };
   const ground = [pictures("sensed"), pictures("unseen"), worstAndMean("idle"), worstAndMean("age")];
@@ -29,22 +29,22 @@ export async function unpackedEpisode(raw) {
     of(["x", "y", "z", "heading", "speed", "phase", "reward"], reals, raw.robots),
     of(["status", "silent"], wholes, raw.robots),
   ];
-  const found = {
+  const arrays = {
     robots: Object.assign(...(await Promise.all(robots))),
     targets: Object.assign(await of(["x", "y"], reals, raw.targets), await of(["seen"], wholes, raw.targets)),
     ground: Object.assign({}, ...(await Promise.all(ground))),
-    terms: await each(raw.reward.terms),
+    terms: await columns(raw.reward.terms),
     ...(await of(["collisions"], wholes, raw)),
     ...(await of(["curve"], reals, raw)),
   };
-  for (const name of ["observation", "action"]) found.robots[name] = await each(raw.robots[name]);
-  return new Episode(raw, found);
+  for (const name of ["observation", "action"]) arrays.robots[name] = await columns(raw.robots[name]);
+  return new Episode(raw, arrays);
 }
 
 class Episode {
-  // `found`: the decoded arrays of robots, targets, ground, curve, terms of the reward and collisions.
-  constructor(raw, found) {
-    Object.assign(this, { raw, ...found });
+  // `arrays`: the decoded arrays of robots, targets, ground, curve, terms of the reward and collisions.
+  constructor(raw, arrays) {
+    Object.assign(this, { raw, ...arrays });
     this.about = raw.scenario;
     this.moments = raw.moments;
     this.step = raw.step * raw.every;
@@ -63,17 +63,11 @@ class Episode {
     return { moment, share: Math.max(Math.min(exact - moment, 1), 0), now: exact };
   }
 
-  // Interpolate a value between two moments.
-  between(values, row, { moment, share }) {
+  // Interpolate a value between two moments; `way` leads from the first to the next, as `turned` for angles.
+  between(values, row, { moment, share }, way = (change) => change) {
     const first = row * this.moments + moment;
     const value = values[first];
-    return share > 0 && moment + 1 < this.moments ? value + share * (values[first + 1] - value) : value;
-  }
-
-  angleBetween(values, row, { moment, share }) {
-    const first = row * this.moments + moment;
-    const value = values[first];
-    return share > 0 && moment + 1 < this.moments ? value + share * turned(values[first + 1] - value) : value;
+    return share > 0 && moment + 1 < this.moments ? value + share * way(values[first + 1] - value) : value;
   }
 
   // Return whether a message of the neighbour on a side (0, 1) arrived in the step of a moment, or was due.

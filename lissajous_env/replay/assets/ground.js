@@ -31,11 +31,11 @@ export class Ground {
 
   // Return a canvas with a pixel per cell at a moment, highest row first; null if there is nothing to draw.
   picture(layer, exact) {
-    const kept = this.cells[layer];
-    if (!kept) return null;
+    const cells = this.cells[layer];
+    if (!cells) return null;
     const { raw } = this.episode,
-      [rows, columns, pictures] = kept.shape;
-    const index = Math.min(Math.floor((exact * raw.every) / kept.stride + 1e-6), pictures - 1);
+      [rows, columns, pictures] = cells.shape;
+    const index = Math.min(Math.floor((exact * raw.every) / cells.stride + 1e-6), pictures - 1);
     const key = `${layer} ${index}`;
     if (key === this.shown) return this.canvas;
     this.shown = key;
@@ -48,9 +48,9 @@ export class Ground {
       scale = ((RAMP - 1) * raw.step) / this.full(layer);
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
-        const since = kept.values[(row * columns + column) * pictures + index];
-        const shade = Math.min(Math.max(Math.ceil((index * kept.stride - since) * scale), 0), RAMP - 1);
-        pixels[(rows - 1 - row) * columns + column] = since === kept.none ? 0 : ramp[shade];
+        const since = cells.values[(row * columns + column) * pictures + index];
+        const shade = Math.min(Math.max(Math.ceil((index * cells.stride - since) * scale), 0), RAMP - 1);
+        pixels[(rows - 1 - row) * columns + column] = since === cells.none ? 0 : ramp[shade];
       }
     }
     context.putImageData(image, 0, 0);

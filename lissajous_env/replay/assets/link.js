@@ -15,9 +15,9 @@ export class Link {
 
   // Go to the moment and the robot in an address, if given.
   follow(fragment) {
-    const said = new URLSearchParams(fragment.replace(/^#/, "")),
-      time = Number(said.get("t") || NaN),
-      robot = Number(said.get("robot") || NaN);
+    const given = new URLSearchParams(fragment.replace(/^#/, "")),
+      time = Number(given.get("t") || NaN),
+      robot = Number(given.get("robot") || NaN);
     if (Number.isFinite(time)) this.page.player.seek(time);
     if (Number.isInteger(robot) && robot >= 0 && robot < this.page.episodes[0].count) this.page.select(robot);
     this.shown = this.fragment;

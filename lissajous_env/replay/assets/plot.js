@@ -64,14 +64,12 @@ export class Plot {
       const at = this.x(value),
         late = at > end - 60;
       this.add("line", { x1: at, x2: at, y1: TOP, y2: bottom, class: "limit" });
-      this.write(at + (late ? -4 : 4), TOP + 9, words, late ? "end" : "start", "limit-name");
+      this.write(at + (late ? -4 : 4), TOP + 9, words, late ? "end" : "start");
     }
   }
 
   add(kind, attributes, ...children) {
-    const made = svg(kind, attributes, ...children);
-    this.picture.append(made);
-    return made;
+    return this.picture.appendChild(svg(kind, attributes, ...children));
   }
 
   write(x, y, words, anchor, look = "tick") {

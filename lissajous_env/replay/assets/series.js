@@ -8,13 +8,13 @@ const MOST_LINES = 40;
 // The charts of an episode: [{id, title, unit, series: [{label, values, colour, ...}], bounds: [[value, words, colour]],
 // least, most, stepped, summary}].
 export function chartsOf(episode) {
-  const found = [];
-  if (episode.curve.length > 0 && episode.about.ring.length > 1) found.push(phases(episode), distances(episode));
-  if (episode.hasSightings) found.push(sightings(episode));
-  if (episode.raw.targets.count > 0) found.push(seen(episode));
-  if (episode.ground.ageWorst) found.push(ages(episode, "Undetected time", "age", "unseen"));
-  else if (episode.ground.idleWorst) found.push(ages(episode, "Idleness", "idle", "idle"));
-  return [...found, collisions(episode), rewards(episode)];
+  const charts = [];
+  if (episode.curve.length > 0 && episode.about.ring.length > 1) charts.push(phases(episode), distances(episode));
+  if (episode.hasSightings) charts.push(sightings(episode));
+  if (episode.raw.targets.count > 0) charts.push(seen(episode));
+  if (episode.ground.ageWorst) charts.push(ages(episode, "Undetected time", "age", "unseen"));
+  else if (episode.ground.idleWorst) charts.push(ages(episode, "Idleness", "idle", "idle"));
+  return [...charts, collisions(episode), rewards(episode)];
 }
 
 function phases(episode) {

@@ -3,7 +3,7 @@
 import { Bodies } from "./bodies.js";
 import { COLOURS, faded, robotPaint } from "./colours.js";
 import { edges } from "./derived.js";
-import { REMOVED, FAILED } from "./episode.js";
+import { FAILED, REMOVED, turned } from "./episode.js";
 import { Ground } from "./ground.js";
 import { paintRogue, Targets } from "./targets.js";
 import { quantile } from "./words.js";
@@ -101,7 +101,7 @@ export class Stage {
     return Array.from({ length: this.episode.count }, (_, i) => ({
       x: this.px(this.episode.between(x, i, at)),
       y: this.py(this.episode.between(y, i, at)),
-      heading: this.episode.angleBetween(heading, i, at),
+      heading: this.episode.between(heading, i, at, turned),
       status: status[i * this.episode.moments + at.moment],
     }));
   }
@@ -140,10 +140,7 @@ export class Stage {
       context.arc(place.x, place.y, this.scale * sensing, 0, 2 * Math.PI);
       context.fill();
       context.stroke();
-      if (sight <= sensing) continue;
-      context.beginPath();
-      context.arc(place.x, place.y, this.scale * sight, 0, 2 * Math.PI);
-      context.stroke();
+      if (sight > sensing) this.bodies.ring(place.x, place.y, this.scale * sight, context.strokeStyle, 1);
     }
     context.restore();
   }

@@ -5,12 +5,12 @@ import { element } from "./words.js";
 const SPACE = "http://www.w3.org/2000/svg";
 
 export function svg(kind, attributes = {}, ...children) {
-  const made = document.createElementNS(SPACE, kind);
+  const part = document.createElementNS(SPACE, kind);
   for (const [name, value] of Object.entries(attributes)) {
-    if (value !== undefined && value !== null) made.setAttribute(name, value);
+    if (value !== undefined && value !== null) part.setAttribute(name, value);
   }
-  made.append(...children);
-  return made;
+  part.append(...children);
+  return part;
 }
 
 const OUTLINES = {

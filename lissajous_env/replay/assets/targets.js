@@ -78,11 +78,7 @@ export class Targets {
     context.beginPath();
     context.arc(x, y, size, 0, 2 * Math.PI);
     context.fill();
-    context.strokeStyle = faded(COLOURS.found, 1 - age);
-    context.lineWidth = 2;
-    context.beginPath();
-    context.arc(x, y, size * (1.6 + 2.6 * age), 0, 2 * Math.PI);
-    context.stroke();
+    this.stage.bodies.ring(x, y, size * (1.6 + 2.6 * age), faded(COLOURS.found, 1 - age), 2);
   }
 }
 
@@ -94,7 +90,7 @@ export function paintRogue(stage, at) {
     step = at.now * every,
     { steps, places } = rogue;
   if (step < steps[0] || step > rogue.until + stage.episode.about.flash / stage.episode.raw.step) return;
-  const next = steps.findIndex((each) => each > step),
+  const next = steps.findIndex((later) => later > step),
     after = next < 0 ? steps.length : next;
   const share = next < 0 ? 0 : (step - steps[after - 1]) / (steps[after] - steps[after - 1]);
   const [x, y] = [0, 1].map((axis) => {

@@ -47,7 +47,7 @@ export class Timeline {
       const y = 4 + row * LANE;
       context.fillStyle = COLOURS.grid;
       context.fillRect(0, y + LANE / 2 - 0.5, width, 1);
-      for (const event of this.episodes[k].events.filter((each) => each.kind === kind)) {
+      for (const event of this.episodes[k].events.filter((event) => event.kind === kind)) {
         const x = this.x(event.time);
         context.fillStyle = faded(colour, 0.45);
         context.fillRect(x, y + 2, this.x(event.until) - x, LANE - 5);

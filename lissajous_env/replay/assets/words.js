@@ -35,15 +35,12 @@ export const byId = (name) => document.getElementById(name);
 
 // Create an element of a class with text and other elements in it.
 export function element(kind, name = "", ...content) {
-  const made = document.createElement(kind);
-  if (name) made.className = name;
-  made.append(...content.filter((each) => each !== ""));
-  return made;
+  const part = document.createElement(kind);
+  if (name) part.className = name;
+  part.append(...content.filter((child) => child !== ""));
+  return part;
 }
 
-export function button(name, words, onClick = null) {
-  const made = element("button", name, words);
-  made.type = "button";
-  if (onClick) made.addEventListener("click", onClick);
-  return made;
+export function button(name, words, onclick = null) {
+  return Object.assign(element("button", name, words), { type: "button", onclick });
 }

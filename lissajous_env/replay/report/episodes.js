@@ -23,7 +23,7 @@ export class Episodes {
   }
 
   choose(name, words) {
-    byId(name).append(new Option("all", ""), ...words.map((each, k) => new Option(each, String(k))));
+    byId(name).append(new Option("all", ""), ...words.map((name, k) => new Option(name, String(k))));
     byId(name).addEventListener("change", () => this.fill());
   }
 
@@ -43,9 +43,9 @@ export class Episodes {
       (s === "" || episodes.scenario[k] === Number(s)) &&
       (p === "" || episodes.policy[k] === Number(p)) &&
       (kind === "" || episodes.failed[k] & (1 << Number(kind)));
-    const found = [...episodes.seed.keys()].filter(wanted),
+    const places = [...episodes.seed.keys()].filter(wanted),
       values = this.order && episodes[this.order];
-    return values ? found.sort((a, b) => ordered(values[a], values[b], this.down) || a - b) : found;
+    return values ? places.sort((a, b) => ordered(values[a], values[b], this.down) || a - b) : places;
   }
 
   fill(most = FIRST) {
@@ -62,15 +62,15 @@ export class Episodes {
 
   head() {
     const sorters = this.columns.map(({ name, title }) => {
-      const made = heading(title, "number");
-      made.firstChild.dataset.column = name;
-      if (name === this.order) made.setAttribute("aria-sort", this.down ? "descending" : "ascending");
-      made.firstChild.addEventListener("click", () => {
+      const head = heading(title, "number");
+      head.firstChild.dataset.column = name;
+      if (name === this.order) head.setAttribute("aria-sort", this.down ? "descending" : "ascending");
+      head.firstChild.addEventListener("click", () => {
         this.down = name !== this.order || !this.down;
         this.order = name;
         this.fill();
       });
-      return made;
+      return head;
     });
     return [...heads("scenario", "policy", "seed", "failed"), ...sorters, ...heads("")];
   }
@@ -115,7 +115,5 @@ export class Episodes {
 
 // A kind of failure as a coloured word.
 export function chip(kind, words) {
-  const made = element("span", `kind ${kind.name}`, words);
-  made.title = kind.about;
-  return made;
+  return Object.assign(element("span", `kind ${kind.name}`, words), { title: kind.about });
 }

@@ -25,7 +25,7 @@ function matrix(report, onPick) {
   const most = Math.max(...collisions, 1);
   const rows = inOrder(report).map((p) => {
     const cells = report.scenarios.map((scenario, s) => {
-      const of = scenario.policies.find((each) => each.policy === p);
+      const of = scenario.policies.find(({ policy }) => policy === p);
       return element("td", "", of ? meters(report, of, most, () => onPick({ scenario: s, policy: p })) : "");
     });
     return element("tr", "", rowName(report.policies[p]), ...cells);
@@ -46,12 +46,12 @@ function inOrder(report) {
 
 function meters(report, of, most, onClick) {
   const box = button("meters", "", onClick),
-    said = [];
+    phrases = [];
   report.kinds.forEach((kind, k) => {
     const share = of.failed[k] / of.episodes,
       collided = kind.name === "collided",
       collisions = number(of.collisions);
-    said.push(`${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${collisions} collisions each` : ""}`);
+    phrases.push(`${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${collisions} collisions each` : ""}`);
     if (share === 0) return;
     const bar = element("i"),
       length = collided ? Math.log1p(of.collisions) / Math.log1p(most) : share;
@@ -59,8 +59,8 @@ function meters(report, of, most, onClick) {
     const words = collided ? collisions : `${of.failed[k]}/${of.episodes}`;
     box.append(element("span", `muted meter ${kind.name}`, element("i", "", bar), element("span", "", words)));
   });
-  box.title = said.join("\n");
-  box.setAttribute("aria-label", said.join("; "));
+  box.title = phrases.join("\n");
+  box.setAttribute("aria-label", phrases.join("; "));
   if (!box.childElementCount) box.append(element("span", "clean", "no failure"));
   return box;
 }

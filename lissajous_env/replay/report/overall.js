@@ -1,6 +1,6 @@
 // Estimates over all scenarios of a kind of robots.
 
-import { cell, heading, reading, rowName, scrolling, sortable, table } from "./tables.js";
+import { cell, fill, heading, reading, rowName, scrolling, sortable } from "./tables.js";
 import { byId, element } from "./words.js";
 
 export function showOverall(report) {
@@ -22,5 +22,5 @@ function tableOf(report, { measures, policies }) {
     return element("tr", "", name, ...cells);
   });
   const heads = measures.map(({ title, about }) => heading(title, "", about));
-  return sortable(table("together", [heading("policy"), ...heads], rows));
+  return sortable(fill(element("table", "together"), [heading("policy"), ...heads], rows));
 }

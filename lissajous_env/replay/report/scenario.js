@@ -1,7 +1,7 @@
 // A scenario: its policies with their distributions, the best score first, and the score against collisions.
 
 import { chip } from "./episodes.js";
-import { figure, pictures } from "./figures.js";
+import { Plot } from "./plot.js";
 import { scaleOf } from "./scales.js";
 import { episodesStrip, stripAxis } from "./strips.js";
 import { coloured, markOf, svg } from "./svg.js";
@@ -17,7 +17,8 @@ export function scenarioSection(report, scenario, s, onPick) {
   box.querySelector(".facts-row").append(...facts(scenario.facts));
   fillPolicies(report, scenario, s, box.querySelector("table"));
   box.querySelector(".scroll").after(...scenario.notes.map((words) => element("p", "muted note", words)));
-  box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
+  const shown = scenario.tradeoff.map((column) => scenario.measures.find((measure) => measure.column === column));
+  if (shown.every((measure) => measure)) box.querySelector(".plots").append(tradeoff(report, scenario, ...shown));
   box.addEventListener("click", (event) => {
     const dot = event.target.closest("[data-episode]");
     if (dot) onPick(Number(dot.dataset.episode));
@@ -48,22 +49,15 @@ function dotsOf(report, s, p, column) {
 function fillPolicies(report, scenario, s, table) {
   const columns = scenario.measures.map((measure) => {
     const values = scenario.policies.flatMap((policy) => policy.cells[measure.column].quartiles || []);
-    return {
-      measure,
-      scale: scaleOf(
-        values,
-        measure.lines.map(([value]) => value),
-        measure.whole ? 1 : 0,
-      ),
-    };
+    return { measure, scale: scaleOf(values, measure.lines, measure.whole ? 1 : 0) };
   });
   const top = columns.map(({ measure, scale }) => {
-    const made = heading(measure.title, measure.strip ? "wide" : "", measure.about);
+    const head = heading(measure.title, measure.strip ? "wide" : "", measure.about);
     const named = measure.lines
       .filter(([value]) => scale.holds(value))
       .map(([value, words]) => `${words} ${number(value)}`);
-    made.append(...(measure.strip ? [stripAxis(scale)] : []), element("small", "", named.join(" · ")));
-    return made;
+    head.append(...(measure.strip ? [stripAxis(scale)] : []), element("small", "", named.join(" · ")));
+    return head;
   });
   const body = scenario.policies.map((policy, place) => {
     const name = rowName(report.policies[policy.policy], failuresOf(report, policy)),
@@ -87,39 +81,28 @@ function failuresOf(report, policy) {
 function measured(report, s, policy, { measure, scale }) {
   const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
-  const words = reading(of.words, of.between, of.words === measure.best ? "best" : "");
+  const words = reading(of.words, of.between, of.best ? "best" : "");
   if (of.known && of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
-  const made = cell(measure.strip ? "wide" : "", value, words);
+  const part = cell(measure.strip ? "wide" : "", value, words);
   if (measure.strip) {
     const dots = dotsOf(report, s, policy.policy, measure.column);
-    made.append(episodesStrip(look, of, measure, scale, dots));
+    part.append(episodesStrip(look, of, measure, scale, dots));
   }
-  return made;
+  return part;
 }
 
-function plotsOf(report, scenario) {
-  const both = scenario.tradeoff.map((column) => scenario.measures.find((measure) => measure.column === column));
-  return both.every((measure) => measure) ? [tradeoff(report, scenario, ...both)] : [];
-}
-
+// A plot of two columns, one against the other.
 function tradeoff(report, scenario, across, up) {
   const of = (policy, measure) => policy.cells[measure.column],
     shown = scenario.policies.filter((policy) => of(policy, across).value !== null);
   const ends = (measure) => shown.flatMap((policy) => [of(policy, measure).value, ...of(policy, measure).interval]);
-  const { lines } = across;
-  const axes = {
-    x: {
-      scale: scaleOf(
-        ends(across),
-        lines.map(([value]) => value),
-      ),
-      title: across.title,
-      lines,
-    },
-    y: { scale: scaleOf(ends(up), [], 1), title: "" },
-  };
-  return figure("Score against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
+  const { lines, title } = across,
+    axes = { x: { scale: scaleOf(ends(across), lines), title, lines }, y: { scale: scaleOf(ends(up), [], 1) } };
+  const box = element("div"),
+    name = "Score against collisions",
+    about = ` ${up.title} per episode; bars: 95 % intervals`;
+  new Plot(box, name, axes, (plot) => {
     for (const policy of shown) {
       const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
@@ -128,11 +111,10 @@ function tradeoff(report, scenario, across, up) {
       const [left, top] = [plot.x(x.value), plot.y(y.value)];
       if (x.interval[0] !== null) whisker(plot.x(x.interval[0]), plot.x(x.interval[1]), top, top);
       if (y.interval[0] !== null) whisker(left, left, plot.y(y.interval[0]), plot.y(y.interval[1]));
-      group.append(
-        svg("g", { transform: `translate(${left.toFixed(1)} ${top.toFixed(1)})` }, markOf(look)),
-      );
+      group.append(svg("g", { transform: `translate(${left.toFixed(1)} ${top.toFixed(1)})` }, markOf(look)));
       plot.picture.append(group);
     }
   });
+  return element("figure", "figure", element("figcaption", "muted", element("b", "", name), about), box);
 }
 

@@ -3,39 +3,30 @@
 import { badge } from "./svg.js";
 import { button, element } from "./words.js";
 
-// A table of a class from the cells of its heading and its rows.
-export function table(name, heads, rows) {
-  const made = element("table", name);
-  fill(made, heads, rows);
-  return made;
-}
-
+// Fill a table with the cells of its heading and its rows.
 export function fill(table, heads, rows) {
   for (const cell of heads) cell.scope = "col";
   table.replaceChildren(element("thead", "", element("tr", "", ...heads)), element("tbody", "", ...rows));
+  return table;
 }
 
 export const heads = (...titles) => titles.map((words) => element("th", "", words));
 
 // A heading that sorts.
-export function heading(words, name = "", about = "") {
-  const made = element("th", name, button("sort", words));
-  if (about) made.title = about;
-  return made;
+export function heading(words, name = "", title = "") {
+  return Object.assign(element("th", name, button("sort", words)), { title });
 }
 
 // The heading of a row: the name of a policy.
 export function rowName(policy, ...more) {
-  const made = element("th", "", badge(policy), ...more);
-  made.scope = "row";
-  return made;
+  return Object.assign(element("th", "", badge(policy), ...more), { scope: "row" });
 }
 
 // A cell; sorting compares the value.
 export function cell(name, value, ...content) {
-  const made = element("td", name, ...content);
-  if (value !== undefined && value !== null) made.dataset.value = value;
-  return made;
+  const part = element("td", name, ...content);
+  if (value !== null) part.dataset.value = value;
+  return part;
 }
 
 // A number in words and its interval.

@@ -42,7 +42,7 @@ export class Viewer {
     this.shown = id;
     const ids = beside ? [id, beside] : [id];
     // The data are JSON that cannot end a script, so they are inserted unchanged.
-    const episodes = ids.map((each) => byId(each).textContent).join(",");
+    const episodes = ids.map((name) => byId(name).textContent).join(",");
     const page = JSON.parse(byId("viewer-page").textContent).replace("@at@", at.replaceAll(/[^\w.&=]/g, ""));
     byId("frame").srcdoc = page.replace("@episodes@", () => episodes);
   }
