@@ -87,8 +87,8 @@ def columns_and_rows(default: tuple[int, int] | None, most: int) -> Any:
 class Checked:
     """Base of the frozen dataclasses: checks each declared field, then calls `_check_together`.
 
-    Docstrings state the meaning and the rule of each field; its default is in the signature. `part` is the name in error
-    messages, by default that of the class, or "" for none.
+    Docstrings state the meaning and the rule of each field; the signature states the defaults. `part` is the name in
+    error messages, by default that of the class, or "" for none.
     """
 
     part: ClassVar[str]
