@@ -21,8 +21,9 @@ from pathlib import Path
 import figures
 
 from baselines.benchmark import bounds
-from baselines.benchmark.bounds import WITH_GRID, as_played, bounds_of
+from baselines.benchmark.bounds import bounds_of
 from baselines.benchmark.statistics import number
+from baselines.benchmark.types import WITH_GRID, as_played
 from baselines.planning import portfolio
 from baselines.planning.families import as_family, defaults, lines, partitions, with_parameters
 from baselines.planning.plans import Family, Figures, Plan, Planned, Variables

@@ -14,8 +14,8 @@ import numpy as np
 from limits import worst_undetected_times
 
 import baselines
-from baselines.benchmark.bounds import as_played
 from baselines.benchmark.statistics import in_words, number, summarize_largest
+from baselines.benchmark.types import as_played
 from baselines.policies.patrol import Sweep
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, Simulation

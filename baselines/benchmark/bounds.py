@@ -1,4 +1,4 @@
-"""A scenario as a benchmark plays it, with bounds on its scores and the best known plans.
+"""Bounds on the scores of a scenario, and the best known plans.
 
 The best known plans of the included scenarios are folders in `known`, whose README describes them;
 `benchmarks/known.py` writes them.
@@ -14,25 +14,16 @@ from typing import NamedTuple
 
 from baselines.benchmark.statistics import number
 from baselines.policies.settings import SCENARIO_FILE, PolicySettings
-from lissajous_env.episodes.guarantee import IdealFormation, cells
+from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.episodes.lower_bounds import mean_time_lower_bound, worst_case_lower_bound
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import DETECTION_TIME, task_score
 
-WITH_GRID = "intruders", "intruders-inside", "intruders-walls", "rough", "rough-lost"
-"""Scenarios that do not follow the guarantee by themselves, as that makes their steps slower: a benchmark has a number
-for the guarantee on all of them."""
 BEST_KNOWN = "best known"
 """Name of the best known plans as a family of plans, and of their line in a table."""
 FOLDER = Path(__file__).parent / "known"
 FOUND = "found.toml"
-
-
-def as_played(scenario: str) -> Scenario:
-    """Make a scenario as a benchmark plays it: with a grid for the guarantee if it is one of `WITH_GRID`."""
-    original = named.build(scenario)
-    return named.build(original, **{"task.contamination": cells(original)}) if scenario in WITH_GRID else original
 
 
 @dataclass(frozen=True)

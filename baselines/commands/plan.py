@@ -17,8 +17,8 @@ from lissajous_env.wording import counted
 
 
 @dataclass(frozen=True)
-class Options(Request, with_defaults=False, part=""):
-    """The options of the command."""
+class Options(Request, part=""):
+    """The request as options of the command, whose library is not imported with `baselines`."""
 
     scenario: Annotated[
         str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")

@@ -22,27 +22,12 @@ from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import counted, require
 
-PARTS: dict[str, Callable[[Player], Part]] = {
-    "fig2": detection.fig2,
-    "fig3": detection.fig3,
-    "fig4": resilience.fig4,
-    "fig5": three_dimensions.fig5,
-    "fig6": resilience.fig6,
-    "fig7": experiment.fig7,
-    "fig8": experiment.fig8,
-    "fig9": tracking.fig9,
-    "theorem1": theorems.theorem1,
-    "theorem2": theorems.theorem2,
-    "theorem3": resilience.theorem3,
-    "theorem4": resilience.theorem4,
-    "lemmas": theorems.lemmas,
-    "bounds": theorems.bounds,
-    "rogues": theorems.rogues,
-    "knot": three_dimensions.knot,
-    "experiment1": tracking.experiment1,
-    "printed": tracking.printed,
-    "window": tracking.window,
-}
+PARTS: dict[str, Callable[[Player], Part]] = {part.__name__: part for part in (
+    detection.fig2, detection.fig3, resilience.fig4, three_dimensions.fig5, resilience.fig6, experiment.fig7,
+    experiment.fig8, tracking.fig9, theorems.theorem1, theorems.theorem2, resilience.theorem3, resilience.theorem4,
+    theorems.lemmas, theorems.bounds, theorems.rogues, three_dimensions.knot, tracking.experiment1, tracking.printed,
+    tracking.window,
+)}  # fmt: skip
 """Parts of the paper by name, in the order of the table."""
 
 _PAGE = "README.md"

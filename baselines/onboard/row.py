@@ -19,8 +19,7 @@ from lissajous_env.wording import require
 from lissajous_env.world.observation import layout
 from lissajous_env.world.observing import observe
 from lissajous_env.world.robots.nearby import Bins
-from lissajous_env.world.robots.placing import follow_curve
-from lissajous_env.world.robots.signals import measure
+from lissajous_env.world.robots.signals import follow_curve, measure
 from lissajous_env.world.state import FAILED, NOWHERE, REMOVED, WORKING, Robots, Targets
 from lissajous_env.world.values import constants_of, state_of
 

@@ -14,7 +14,7 @@ from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, named_struct, stage
 from lissajous_env.device.structs import allocate
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.robots.placing import follow_curve
+from lissajous_env.world.robots.signals import follow_curve
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import FAILED, NOWHERE, REMOVED, WORKING
 

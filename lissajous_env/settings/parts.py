@@ -18,13 +18,13 @@ from lissajous_env.settings.checks import (
     Checked,
     as_robot,
     choice,
-    is_number,
     is_whole,
     number,
-    robot_and,
+    row_of,
     rows,
     whole,
     whole_number,
+    within,
     word,
 )
 
@@ -34,21 +34,13 @@ POINT_RATE_FACTOR = 3.0
 """Default phase rate of a point at action 1, as a multiple of that of the formation."""
 FULL_THROTTLE = 0.25
 """Throttle of a car at action 1 where neither `robot.throttle_max` nor `robot.speed_max` is given, as in the paper."""
-_LONGEST = 1e9
-"""Limit on the times of a schedule [s]."""
+
+_as_time = within(0, 1e9)
 
 
-def _as_fault(entry: Any) -> tuple[int, float, float] | None:
-    robot, start, end = entry
-    index = as_robot(robot)
-    ends = is_number(end, 0, _LONGEST) or end == math.inf
-    fits = is_number(start, 0, _LONGEST) and ends and start < end
-    return (index, float(start), float(end)) if index is not None and fits else None
-
-
-def _as_harmonic(entry: Any) -> tuple[float, ...] | None:
-    fits = len(entry) == 4 and all(is_number(value, -1e4, 1e4) for value in entry)
-    return tuple(map(float, entry)) if fits else None
+def _as_fault(entry: Any) -> tuple | None:
+    fault = row_of(as_robot, _as_time, within(0, 1e9, math.inf))(entry)
+    return fault if fault is not None and fault[1] < fault[2] else None
 
 
 @dataclass(frozen=True)
@@ -68,7 +60,11 @@ class Curve(Checked):
     c: int = whole(1, 1, 1023)
     """Oscillations along z in one lap, c of (10)."""
     harmonics: tuple[tuple[float, float, float, float], ...] = rows(
-        (), "must contain at most 64 rows of four numbers from -10000 to 10000 [m]", _as_harmonic, ("m",) * 4, most=64
+        (),
+        "must contain at most 64 rows of four numbers from -10000 to 10000 [m]",
+        row_of(*[within(-1e4, 1e4)] * 4),
+        units=("m",) * 4,
+        most=64,
     )
     """Fourier coefficients of another closed curve in place of (3): row k contains the factors of cos(k gamma) and
     sin(k gamma) in x, then in y [m]. The curve must stay in the rectangle. A circle of radius R is ((R, 0, 0, R),)."""
@@ -155,7 +151,7 @@ class Formation(Checked):
     displaced: tuple[tuple[int, float], ...] = rows(
         (),
         "must contain pairs of a robot and an angle from -100 to 100 [rad]",
-        lambda entry: robot_and(entry, -100, 100),
+        row_of(as_robot, within(-100, 100)),
         units=("", "rad"),
     )
     """Robots displaced along the phase at reset, each as (robot, angle [rad])."""
@@ -232,7 +228,7 @@ class Robot(Checked):
     lateral_acceleration_max: float = number(math.inf, 1e-6, 1e6, "m/s^2", or_infinite=True)
     """Largest lateral acceleration (grip) [m/s^2]; the yaw rate is limited to it divided by the speed."""
     drive_factors: tuple[tuple[int, float], ...] = rows(
-        (), "must contain pairs of a robot and a factor from 0.01 to 10", lambda entry: robot_and(entry, 0.01, 10)
+        (), "must contain pairs of a robot and a factor from 0.01 to 10", row_of(as_robot, within(0.01, 10))
     )
     """Cars with a weaker or stronger motor, each as (robot, factor on `drive`), or differential drives with another
     `acceleration_max`; model-based controllers ignore it."""
@@ -349,7 +345,7 @@ class Faults(Checked):
     removed: tuple[tuple[int, float], ...] = rows(
         (),
         "must contain pairs of a robot and a time from 0 to 1000000000 [s]",
-        lambda entry: robot_and(entry, 0, _LONGEST),
+        row_of(as_robot, _as_time),
         units=("", "s"),
     )
     """Robots that are removed, each as (robot, time [s])."""

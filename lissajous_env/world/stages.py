@@ -26,8 +26,16 @@ from lissajous_env.world.robots.deviations import compute_deviations
 from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.inside import drive_inside, has_room, walls_of
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
-from lissajous_env.world.robots.placing import follow_curve, redraw_colliding_starts, reset_robots, turn_from_walls
-from lissajous_env.world.robots.signals import hear, hear_messages, limit_actions, measure, send, send_messages
+from lissajous_env.world.robots.placing import redraw_colliding_starts, reset_robots, turn_from_walls
+from lissajous_env.world.robots.signals import (
+    follow_curve,
+    hear,
+    hear_messages,
+    limit_actions,
+    measure,
+    send,
+    send_messages,
+)
 from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
 from lissajous_env.world.tally import compute_reward, update_totals
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen

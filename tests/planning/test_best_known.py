@@ -9,9 +9,10 @@ from test_plan import planned
 import baselines
 import lissajous_env
 from baselines.benchmark import bounds
-from baselines.benchmark.bounds import Bounds, as_played, bounds_in_words, bounds_of
+from baselines.benchmark.bounds import Bounds, bounds_in_words, bounds_of
 from baselines.benchmark.statistics import number
 from baselines.benchmark.table import Table
+from baselines.benchmark.types import as_played
 from baselines.benchmark.written import latex, table_of
 from baselines.planning.families import as_family
 from baselines.planning.plans import Plan

@@ -33,7 +33,7 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
 from lissajous_env.theory.geometry import lap_phases
-from lissajous_env.world.robots.placing import positions_and_phases
+from lissajous_env.world.robots.signals import positions_and_phases
 
 wp.set_module_options(OPTIONS)
 

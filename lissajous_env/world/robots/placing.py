@@ -1,4 +1,4 @@
-"""Starts of robots: their phases and positions on the curve, and their headings within walls; phases while they move.
+"""Starts of robots: their phases and positions on the curve, and their headings within walls.
 
 A car that cannot reverse needs room for one of its tightest circles, to the left or to the right, at once or after it
 has driven straight on. If all of them leave the hall, it collides with a wall whatever it does. On a curve with bends
@@ -8,16 +8,13 @@ that are tighter than cars turn, some would begin like that; they begin turned a
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import abreast, randomness
-from lissajous_env.device.abreast import Doubles, Floats
+from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION, OPTIONS, module_apart
 from lissajous_env.device.curve import (
     CurveStruct,
     curve_parameter,
     curve_struct,
     point,
-    project,
-    project_lissajous,
     tangent2,
     wrap,
     wrap_phase,
@@ -29,14 +26,10 @@ from lissajous_env.device.trig import TWO_PI, cos_sin
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import SPREAD_MAX, Formation
 from lissajous_env.world.robots.contacts import closest_approach
-from lissajous_env.world.robots.faults import is_coasting
 from lissajous_env.world.state import REMOVED, WORKING, planar
 
 wp.set_module_options(MOTION)
 _STARTS = module_apart(f"{__name__}.starts", OPTIONS)
-
-LARGEST_CORRECTION = wp.constant(0.1)
-"""Limit of a correction of a robot's parameter on the curve [rad]: it may slide along its branch, not jump."""
 
 ROTATED = wp.constant(code_of(Formation, "start", "rotated"))
 RANDOM = wp.constant(code_of(Formation, "start", "random"))
@@ -81,34 +74,6 @@ def begin_on_curve(w, i, phase: wp.float64, curve, formation, top_speeds, robots
     robots.speed[w, i] = wp.max(wp.min(robots.speed[w, i], top_speeds[i]), 0.0)
     for s in range(robots.path.shape[2]):
         robots.path[w, i, s] = robots.position[w, i]
-
-
-@part
-def positions_and_phases(block, robots) -> tuple[Floats, Floats, Doubles]:
-    """Return x, y [m] and phase [rad] of the robots of a block."""
-    x = abreast.coordinates(block, robots.position, 0)
-    y = abreast.coordinates(block, robots.position, 1)
-    return x, y, abreast.doubles(block, robots.phase)
-
-
-@stage(ROBOT, writes="robots: phase")
-def follow_curve(block, curve, formation, faults, clock, robots):
-    """Update the phase of each robot that is not bound to the curve: that of the nearest point on its branch."""
-    alpha = float(formation.alpha)
-    x, y, phase = positions_and_phases(block, robots)
-    if curve.harmonics.shape[0] == 0:
-        for k in range(abreast.ABREAST):
-            if k < abreast.width():
-                start = curve_parameter(alpha, phase[k])
-                gamma = project_lissajous(curve, x[k], y[k], start, LARGEST_CORRECTION)
-                phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
-    else:
-        for k in range(block.count):
-            start = curve_parameter(alpha, phase[k])
-            gamma = project(curve, wp.vec2(x[k], y[k]), start, LARGEST_CORRECTION)
-            phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
-    moving = abreast.where_equal(block, robots.status, WORKING) | is_coasting(block, faults, robots)
-    abreast.put_doubles(block, block.active_mask & moving, phase, robots.phase)
 
 
 @stage(

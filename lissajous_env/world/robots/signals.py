@@ -1,4 +1,4 @@
-"""Signals of robots: limits and noise of their actions, measurements of themselves, and messages.
+"""Signals of robots: limits and noise of their actions, their phases, measurements of themselves, and messages.
 
 On the ring, robots send their measured phase and position, and receive those of their two neighbours. Policies may add
 a message of their own, the last components of an action, which arrives with the phase message.
@@ -8,16 +8,18 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device import abreast, randomness
-from lissajous_env.device.abreast import Floats
+from lissajous_env.device.abreast import Doubles, Floats
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import curve_parameter, project, wrap_phase
+from lissajous_env.device.curve import curve_parameter, project, project_lissajous, wrap_phase
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.robots.placing import LARGEST_CORRECTION, positions_and_phases
+from lissajous_env.world.robots.faults import is_coasting
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING
 
 wp.set_module_options(MOTION)
 
+LARGEST_CORRECTION = wp.constant(0.1)
+"""Limit of a correction of a robot's parameter on the curve [rad]: it may slide along its branch, not jump."""
 _LARGEST = wp.constant(float(np.finfo(np.float32).max))
 """Largest number of float32; NaN and infinity are not at most as large."""
 
@@ -86,6 +88,34 @@ def limit_actions(block, noise, action, clock, robots, latest, limited_action, c
         for k in range(block.count):
             if abreast.is_in(k, block.active_mask):
                 disturb_command((block.start + k) / n, (block.start + k) % n, noise, clock, command)
+
+
+@part
+def positions_and_phases(block, robots) -> tuple[Floats, Floats, Doubles]:
+    """Return x, y [m] and phase [rad] of the robots of a block."""
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    return x, y, abreast.doubles(block, robots.phase)
+
+
+@stage(ROBOT, writes="robots: phase")
+def follow_curve(block, curve, formation, faults, clock, robots):
+    """Update the phase of each robot that is not bound to the curve: that of the nearest point on its branch."""
+    alpha = float(formation.alpha)
+    x, y, phase = positions_and_phases(block, robots)
+    if curve.harmonics.shape[0] == 0:
+        for k in range(abreast.ABREAST):
+            if k < abreast.width():
+                start = curve_parameter(alpha, phase[k])
+                gamma = project_lissajous(curve, x[k], y[k], start, LARGEST_CORRECTION)
+                phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
+    else:
+        for k in range(block.count):
+            start = curve_parameter(alpha, phase[k])
+            gamma = project(curve, wp.vec2(x[k], y[k]), start, LARGEST_CORRECTION)
+            phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
+    moving = abreast.where_equal(block, robots.status, WORKING) | is_coasting(block, faults, robots)
+    abreast.put_doubles(block, block.active_mask & moving, phase, robots.phase)
 
 
 @part
