@@ -51,7 +51,7 @@ _MOST_EPISODES = 1_000_000
 
 
 @dataclass(frozen=True)
-class Benchmark(Checked, with_defaults=False, part=""):
+class Benchmark(Checked, part=""):
     """Episodes to play, and the folder of the results."""
 
     scenarios: tuple[str, ...] = SCENARIOS

@@ -22,6 +22,7 @@ from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
+from lissajous_env.wording import require
 
 _PAPER = "experiment", "ideal"
 """The paper's two curves."""
@@ -54,6 +55,8 @@ def guarantee(
     changed = parse_overrides(overrides)
     guarantees = {}
     for scenario in require_distinct_names([named.scenario(name, **changed) for name in scenarios]):
+        rule = "must be empty: the radii are multiples of that of Eq. (8), which is for Lissajous curves"
+        require(scenario.detection_radius > 0, f"curve.harmonics of {scenario.name}", rule, scenario.curve.harmonics)
         guarantees[scenario.name] = formation_guarantees(scenario, radii, cells)
         _print(output.console(), scenario, guarantees[scenario.name], cells)
     output.print_json(guarantees)

@@ -51,7 +51,7 @@ _NEEDED = {"width": " [m]", "height": " [m]", "robots": "", "robot_radius": " [m
 
 
 @dataclass(frozen=True)
-class Request(Checked, with_defaults=False, part=""):
+class Request(Checked, part=""):
     """Subject and extent of a search for plans: a scenario, a rectangle and robots, or a scenario with changes.
 
     Raises:
