@@ -138,7 +138,7 @@ class Request(Checked, part=""):
         if base is not None and base.extensions:
             names = few_of([extension.name for extension in base.extensions])
             words = f"scenario {base.name}: plans are made without its extensions {names}"
-            laws = "targets of their laws appear anywhere and do not move"
+            laws = "targets whose law is one of them appear anywhere and do not move"
             warnings.warn(f"{words}; {laws}", AssumptionWarning, stacklevel=outside())
         return base
 
