@@ -1,5 +1,6 @@
 """Ctrl-C at every moment of a command: exit code 130 and one line, without a traceback."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -58,7 +59,8 @@ def test_a_program_of_a_user_has_ctrl_c_as_it_is(monkeypatch):
     for arguments, is_ours in ((["program.py"], False), (["/usr/bin/lissajous", "scenarios"], True)):
         monkeypatch.setattr(sys, "argv", arguments)
         interrupts._watch()
-        assert (signal.getsignal(signal.SIGINT) is interrupts._end) == is_ours
+        assert (signal.getsignal(signal.SIGINT) is interrupts._end) == is_ours == (not gc.isenabled())
+        gc.enable()
     with interrupts.raised():
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert signal.getsignal(signal.SIGINT) is interrupts._end
