@@ -18,17 +18,15 @@ import atexit, os, signal, sys
 
 MOMENT = os.environ["MOMENT"]
 
-def press():
-    os.kill(os.getpid(), signal.SIGINT)
+def press(*_, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
+    kill(pid, number)  # also when the modules are cleared
 
 class Presses:
+    __del__ = press
     def find_spec(self, name, path=None, target=None):
         if name == "lissajous_env.console.cli":
             sys.meta_path.remove(self)
             atexit.register(press) if MOMENT == "exit" else press()
-
-    def __del__(self, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
-        kill(pid, number)  # when the modules are cleared
 
 sys.presses = Presses()
 if MOMENT != "last":
@@ -41,8 +39,7 @@ if MOMENT != "last":
     ("import", True, (130, "interrupted\n")), ("exit", False, (130, "interrupted\n")), ("last", False, (0, "")),
 ])  # fmt: skip
 def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, ends, tmp_path):
-    # Story: the signal arrives in the midst of an import, where Python would print the stack of all imports; or when
-    # Python has restored the default action, by which it would end the command in place of its exit code.
+    # Story: Python would print the stack of an import; at the end, the signal would end the process by its default action.
     (tmp_path / "sitecustomize.py").write_text(PRESSED)
     script = tmp_path / "lissajous"
     script.write_text("from lissajous_env.console.cli import main\nmain()\n")
