@@ -39,7 +39,7 @@ if MOMENT != "last":
     ("import", True, (130, "interrupted\n")), ("exit", False, (130, "interrupted\n")), ("last", False, (0, "")),
 ])  # fmt: skip
 def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, ends, tmp_path):
-    # Story: Python would print the stack of an import; at the end, the signal would end the process by its default action.
+    # Story: Python would print the stack of an import; at the end, the default action of the signal would end it.
     (tmp_path / "sitecustomize.py").write_text(PRESSED)
     script = tmp_path / "lissajous"
     script.write_text("from lissajous_env.console.cli import main\nmain()\n")
