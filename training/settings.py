@@ -32,7 +32,7 @@ MAX_VALIDATION_SCENARIOS = 16
 
 
 @dataclass(frozen=True)
-class SharedSettings(Checked, with_defaults=False):
+class SharedSettings(Checked):
     """Settings of every training, of robots or of rogues."""
 
     scenario: str = "watch"
@@ -56,7 +56,7 @@ class SharedSettings(Checked, with_defaults=False):
 
 
 @dataclass(frozen=True)
-class TrainingSettings(SharedSettings, with_defaults=False, part="training"):
+class TrainingSettings(SharedSettings, part="training"):
     """Settings of a training of one policy, which all robots share."""
 
     steps: int = whole(4_000_000, 1, 10**15)

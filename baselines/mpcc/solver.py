@@ -15,6 +15,7 @@ Differs from the paper: gamma replaces the arc length s; this is the same model 
 summed up to M - 1, since those of stage M have no effect.
 """
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores, is_torch
 from lissajous_env.device.structs import to_struct
-from lissajous_env.device.work import Work, shared_launch
+from lissajous_env.device.work import Work, load, task_count
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.settings.checks import whole_number
 
@@ -154,9 +155,13 @@ class Mpcc(Copyable):
             curve, kernel = harmonics, solve_series
         table, scratch = tabulate(self.curve, self.device), self._scratch()
         outputs = [self.control, self.trajectory, self.cost, self.iterations]
+        tasks = task_count(count // SMALLEST_SHARE, self.device, self.threads)
+        edges = [first + count * task // tasks for task in range(tasks + 1)]
 
-        def inputs(low: int) -> list[Any]:
-            return [p, curve, table, first + low, self.state, self.phase_rate, scratch, self._begin]
+        def launch(low: int, high: int) -> Any:
+            inputs = [p, curve, table, low, self.state, self.phase_rate, scratch, self._begin]
+            return wp.launch(kernel, high - low, inputs, outputs, device=self.device, record_cmd=True)
 
         with compile_quietly():
-            return shared_launch(kernel, count, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)
+            load([kernel], self.device)
+            return Work([[launch(*problems)] for problems in pairwise(edges)], self.device, self.threads)

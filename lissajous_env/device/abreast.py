@@ -88,23 +88,19 @@ def is_in(k: int, mask: int) -> bool:
     return ((mask >> k) & 1) == 1
 
 
-_LOAD = """
-    wp::vec_t<{length}, {type}> loaded;
-    const {type}* const from = ({type}*)values.data + {offset};
-    if (block.count == {length})  // of constant length, so that it becomes SIMD
-        for (int k = 0; k < {length}; ++k)
-            loaded[k] = from[{each} * k];
-    else
-        for (int k = 0; k < block.count; ++k)
-            loaded[k] = from[{each} * k];
-    return loaded;
-"""
-
-
 def _load(type: str, stride: str = "1", offset: str = "0") -> str:
     """Return C++ that loads one of `stride` numbers per robot, at an offset from those of the block's first robot."""
-    offset = f"{stride} * (long long)block.start + {offset}"
-    return _LOAD.format(type=f"wp::{type}", length=_LENGTH, each=stride, offset=offset)
+    return f"""
+    wp::vec_t<{_LENGTH}, wp::{type}> loaded;
+    const wp::{type}* const from = (wp::{type}*)values.data + {stride} * (long long)block.start + {offset};
+    if (block.count == {_LENGTH})  // of constant length, so that it becomes SIMD
+        for (int k = 0; k < {_LENGTH}; ++k)
+            loaded[k] = from[{stride} * k];
+    else
+        for (int k = 0; k < block.count; ++k)
+            loaded[k] = from[{stride} * k];
+    return loaded;
+"""
 
 
 @wp.func_native(_load("float32"))
@@ -131,15 +127,11 @@ def entries(block: Block, values: wp.array3d(dtype=wp.float32), entry: int) -> F
     ...
 
 
-@wp.func_native(f"""
+@wp.func_native("""
     int bits = 0;
     const wp::int32* const from = values.data + block.start;
-    if (block.count == {_LENGTH})
-        for (int k = 0; k < {_LENGTH}; ++k)
-            bits |= (from[k] == value) << k;
-    else
-        for (int k = 0; k < block.count; ++k)
-            bits |= (from[k] == value) << k;
+    for (int k = 0; k < block.count; ++k)
+        bits |= (from[k] == value) << k;
     return bits;
 """)
 def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) -> int:
@@ -158,25 +150,16 @@ def where_above(block: Block, values: Floats, least: float) -> int:
     ...
 
 
-_STORE = """
-    {type}* const to = ({type}*)values.data + {offset};
-    if (block.count == {length} && mask == {full})
-        for (int k = 0; k < {length}; ++k) {{
-            {store}
-        }}
-    else
-        for (int k = 0; k < block.count; ++k)
-            if (mask >> k & 1) {{
-                {store}
-            }}
-"""
-
-
 def _store(type: str, parts: tuple[str, ...], stride: str, offset: str = "0") -> str:
     """Return C++ that stores parts of `stride` numbers per robot, at an offset from those of the first robot."""
     store = " ".join(f"to[{stride} * k + {place}] = {part};" for place, part in enumerate(parts))
-    offset = f"{stride} * (long long)block.start + {offset}"
-    return _STORE.format(type=f"wp::{type}", length=_LENGTH, full=(1 << _LENGTH) - 1, store=store, offset=offset)
+    return f"""
+    wp::{type}* const to = (wp::{type}*)values.data + {stride} * (long long)block.start + {offset};
+    for (int k = 0; k < block.count; ++k)
+        if (mask >> k & 1) {{
+            {store}
+        }}
+"""
 
 
 @wp.func_native(_store("float32", ("given[k]",), "1"))

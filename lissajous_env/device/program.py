@@ -66,10 +66,7 @@ class Stage:
 
 
 class Program:
-    """Stages in their order, ready to run.
-
-    On a GPU, consecutive kernels are one graph. On a CPU they are `Work`, because the lookups of Warp's own graph take
-    longer than many of the kernels.
+    """Stages in their order, ready to run; consecutive kernels are `Work`.
 
     Args:
         stages: Stages to run; those whose `when` is False, and those without entities, are left out.
@@ -98,19 +95,16 @@ class Program:
         self._values, self._sizes, self._device = values, sizes, device
         load([stage.run for stage in self.stages if stage.is_kernel], device)
         edges = np.linspace(0, num_worlds, num_tasks + 1).astype(int).tolist()
-        self.work: Work | None = None
-        """All of it, where it is kernels alone, on a CPU."""
-        self._calls: list[Callable[[], None]] = []
+        parts: list[Any] = []
         for is_kernel, run in groupby(self.stages, key=lambda stage: stage.is_kernel):
+            part = list(run)
             if is_kernel:
-                kernels = list(run)
-                tasks = [[self._launch(stage, *worlds) for stage in kernels] for worlds in pairwise(edges)]
-                self.work = Work(tasks, device, threads) if device.is_cpu else None
-                self._calls.append(self.work.lead if self.work else _Graph(tasks, device))
-            else:
-                self._calls += [stage.run for stage in run]
-        if len(self._calls) != 1:
-            self.work = None
+                tasks = [[self._launch(stage, *worlds) for stage in part] for worlds in pairwise(edges)]
+                part = [Work(tasks, device, threads)]
+            parts += part
+        self.work: Work | None = parts[0] if len(parts) == 1 and isinstance(parts[0], Work) else None
+        """All of it, where it is kernels alone."""
+        self._calls = [part.lead if isinstance(part, Work) else part.run for part in parts]
 
     def __call__(self) -> None:
         """Run all stages once."""
@@ -171,24 +165,3 @@ def launcher(device: Any) -> Callable[..., None]:
         known[0]()
 
     return launch
-
-
-class _Graph:
-    """Launches on a GPU that are replayed together."""
-
-    def __init__(self, tasks: Sequence[Sequence[Any]], device: Any):
-        self._device = device
-        self._launches = [launch for task in tasks for launch in task]
-        with wp.ScopedCapture(device) as capture:
-            self._launch_all()
-        self._graph: Any = capture.graph
-
-    def __call__(self) -> None:
-        if self._device.is_capturing:
-            self._launch_all()
-        else:
-            wp.capture_launch(self._graph)
-
-    def _launch_all(self) -> None:
-        for launch in self._launches:
-            launch.launch()

@@ -44,17 +44,11 @@ def code_of(dataclass: type, name: str, option: str) -> int:
 @functools.cache
 def _kernel_fields(dataclass: type) -> list[tuple[str, type]]:
     hints = typing.get_type_hints(dataclass)
-    kinds = [
-        (field.name, int if field.metadata.get("options") else _without_none(hints[field.name]))
-        for field in dataclasses.fields(dataclass)
-    ]
+    kinds = []
+    for field in dataclasses.fields(dataclass):
+        hint = int if field.metadata.get("options") else hints[field.name]
+        kinds.append((field.name, typing.get_args(hint)[0] if isinstance(hint, types.UnionType) else hint))
     return [(name, kind) for name, kind in kinds if kind in _KERNEL_TYPE]
-
-
-def _without_none(hint: Any) -> Any:
-    if isinstance(hint, types.UnionType):
-        return next(kind for kind in typing.get_args(hint) if kind is not type(None))
-    return hint
 
 
 def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:

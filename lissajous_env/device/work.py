@@ -9,9 +9,9 @@ import contextlib
 import ctypes
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
-from itertools import chain, pairwise
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -101,7 +101,9 @@ def task_count(most: int, device: Any, threads: int) -> int:
 
 
 class Work:
-    """Launches that CPU threads share; on a GPU they are made in their order.
+    """Launches that CPU threads share; on a GPU they are one graph.
+
+    Threads share them as described above, because the lookups of Warp's graph on a CPU take longer than many kernels.
 
     Args:
         tasks: Launches that were recorded, of each task.
@@ -125,6 +127,10 @@ class Work:
             self._lead, self.help = (
                 Call(wp.launch(take_part, 1, [queue, leads], device=device, record_cmd=True)) for leads in (1, 0)
             )
+        else:
+            with wp.ScopedCapture(device) as capture:
+                self._launch_all()
+            self._graph: Any = capture.graph
 
     @in_turn
     def __call__(self) -> None:
@@ -133,36 +139,18 @@ class Work:
 
     def lead(self) -> None:
         """Do all of it without taking a turn: the simulation has a turn of its own."""
-        if self._device.is_cpu and not self._device.is_capturing:
+        if self._device.is_capturing:  # by a user, whose graph is made of launches
+            self._launch_all()
+        elif self._device.is_cpu:
             for helper in _helpers(self._helpers):
                 helper.wake(self)
             self._lead()
         else:
-            for launch in self._launches:
-                launch.launch()
+            wp.capture_launch(self._graph)
 
-
-def shared_launch(
-    kernel: Any,
-    size: int,
-    inputs: Callable[[int], list[Any]],
-    outputs: list[Any],
-    device: Any,
-    threads: int,
-    smallest: int,
-) -> Work:
-    """Record the launch of a kernel over `size` threads, on a CPU as tasks of at least `smallest` threads.
-
-    `inputs` returns the kernel's inputs for the task that begins with the given thread.
-    """
-    count = task_count(size // smallest, device, threads)
-    edges = [size * task // count for task in range(count + 1)]
-    load([kernel], device)
-    launches = [
-        wp.launch(kernel, high - low, inputs(low), outputs=outputs, device=device, record_cmd=True)
-        for low, high in pairwise(edges)
-    ]
-    return Work([[launch] for launch in launches], device, threads)
+    def _launch_all(self) -> None:
+        for launch in self._launches:
+            launch.launch()
 
 
 class _Helper:

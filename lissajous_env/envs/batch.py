@@ -104,20 +104,19 @@ class Batch(Stateful):
             self.space, self.split = None, None
             require(num_groups == 1, "num_groups", "must be 1 without a space of scenarios", num_groups)
             given = {"rogues": AGENTS} | dict(overrides) if roles == "rogues" else overrides
-            first = largest = self._resolved(named.scenario(scenario, **given))  # type: ignore[arg-type]
-            self._most_targets = first.target_capacity
+            samples = [self._resolved(named.scenario(scenario, **given))]  # type: ignore[arg-type]
         else:
             self.space, self.split = space[0].overridden(overrides), space[1]
-            samples = itertools.islice(self.space.scenarios(self.split), FIRST_SCENARIOS)
-            samples = [self._resolved(sample) for sample in samples]
-            first, largest = samples[0], max(samples, key=lambda sample: sample.num_robots)
-            self._first, self._most_targets = first, max(sample.target_capacity for sample in samples)
+            first_of_split = itertools.islice(self.space.scenarios(self.split), FIRST_SCENARIOS)
+            samples = [self._resolved(sample) for sample in first_of_split]
             for sample in samples:
-                self._check(sample)
-        self._most_robots = largest.num_robots
-        self.sides = sides_of(first, largest.num_robots, discrete_actions, roles)
+                self._check(sample, samples[0])
         # Until the first reset, a space is represented by the first scenario of its split.
-        self.simulations = [self._simulation(first)] * num_groups
+        self._first = samples[0]
+        self._most_robots = max(sample.num_robots for sample in samples)
+        self._most_targets = max(sample.target_capacity for sample in samples)
+        self.sides = sides_of(self._first, self._most_robots, discrete_actions, roles)
+        self.simulations = [self._simulation(self._first)] * num_groups
         self.robot_policy: ActingPolicy | None = None
         if robots is not None:
             registry = import_module("baselines.policies.registry")  # not at the top, because it imports this package
@@ -207,7 +206,7 @@ class Batch(Stateful):
             of_group = chosen[self.worlds_of(group)]
             if of_group.all():
                 scenario, seed = self._draws.next(group)
-                self._check(scenario)
+                self._check(scenario, self._first)
                 self.simulations[group] = self._simulation(scenario, seed)
                 self._views, self._statuses, self._joined = {}, [], None
             elif of_group.any():
@@ -237,10 +236,10 @@ class Batch(Stateful):
 
     def _advance(self) -> None:
         """Advance all groups: many of them in parallel, except on a GPU or with a user's Python functions."""
-        works = [simulation.stages.work for simulation in self.simulations]
-        if self._joined is None and len(works) > 1 and self._threads == 1 and None not in works:
+        works, device = [simulation.stages.work for simulation in self.simulations], self.simulation.device
+        if self._joined is None and len(works) > 1 and self._threads == 1 and device.is_cpu and None not in works:
             tasks = [[launch for task in work.tasks for launch in task] for work in works if work is not None]
-            self._joined = Work(tasks, self.simulation.device, self._cores)
+            self._joined = Work(tasks, device, self._cores)
         if self._joined is not None:
             self._joined()
         else:
@@ -318,12 +317,11 @@ class Batch(Stateful):
     def _fits(self, scenario: Scenario) -> bool:
         return scenario.num_robots <= self._most_robots and scenario.target_capacity <= self._most_targets
 
-    def _check(self, scenario: Scenario) -> None:
-        """Raise ValueError for a scenario of a space whose rows or actions differ in size from those of the others."""
+    def _check(self, scenario: Scenario, first: Scenario) -> None:
+        """Raise ValueError for a scenario of a space whose rows or actions differ from those of the first one."""
         if scenario.targets.rogues == AGENTS:
             rule = "must be None or a scripted rogue in an environment of a space"
             raise ValueError(f"targets.rogues {rule}, got {AGENTS} in {scenario.name}")
-        sizes = [(layout(other).names, other.action_names) for other in (self._first, scenario)]
-        if sizes[0] != sizes[1]:
+        if (layout(scenario).names, scenario.action_names) != (layout(first).names, first.action_names):
             rule = "must have rows and actions of one size"
-            raise ValueError(f"scenarios of a space {rule}, got others in {self._first.name} and {scenario.name}")
+            raise ValueError(f"scenarios of a space {rule}, got others in {first.name} and {scenario.name}")

@@ -103,7 +103,7 @@ class Side:
         Args:
             actions: Actions of all slots of W worlds: numbers or, with a table, indices, in an array of any library.
             shape: Shape that they must have; any that can be reshaped to W, N and the rest.
-            finite: True if every number must be finite; otherwise numbers that are not become NaN.
+            finite: True if every number must be finite; False to convert actions alone, without clipping them.
 
         Raises:
             ValueError: another shape, an index outside the table, or a number that is not finite.
@@ -117,11 +117,11 @@ class Side:
             self._require(((given >= 0) & (given <= last)).reshape(-1), f"a whole number from 0 to {last}", given)
             return self.table[given].reshape(-1, self.slots, self.action_size)
         rows = given.reshape(-1, self.slots, self.action_size)
+        if not finite:  # the simulation clips them, and reports those that are not finite
+            with np.errstate(over="ignore"):
+                return rows.astype(np.float32, copy=False)
         if not np.vdot(rows, rows) < LARGE:
-            is_finite = np.isfinite(rows)
-            if finite:
-                self._require(is_finite.all(axis=2).reshape(-1), "finite", rows)
-            rows = np.where(is_finite, rows, np.nan)  # an infinite number would be clipped to 1
+            self._require(np.isfinite(rows).all(axis=2).reshape(-1), "finite", rows)
         return np.clip(rows, -1.0, 1.0).astype(np.float32, copy=False)
 
     def _require(self, right: np.ndarray, rule: str, actions: np.ndarray) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from lissajous_env.logs.bags import Samples
 from lissajous_env.logs.log import Log
+from lissajous_env.logs.motion import noise_of
 from lissajous_env.wording import counted
 
 SAME_STAMP = 1e-4
@@ -28,6 +29,8 @@ _LEAP = 10.0
 """Least time by which stamps jump ahead of the recorder's times if the clock was set [s]."""
 _DETOUR = 1.5
 """Factor by which the way in the order of the stamps must exceed that in the order of the recording."""
+_NOISES = 6.0
+"""Standard deviations of a pose that do not count as such a way."""
 
 
 class Clock:
@@ -137,6 +140,7 @@ def _converted(given: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.n
 def _first_break(poses: Samples) -> int | None:
     """Return the first row of a robot's poses, as recorded, at which its clock was set; None if it was not."""
     stamp, place = poses.stamp, poses.values[:, :2]
+    noise = noise_of(np.arange(len(stamp)), place)
     leaps = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1
     top = np.maximum.accumulate(stamp)
     late = np.flatnonzero(stamp < top - SAME_STAMP)
@@ -146,7 +150,8 @@ def _first_break(poses: Samples) -> int | None:
         earlier = earlier[stamp[earlier] >= stamp[begin]]
         recorded = np.concatenate([earlier, run])
         in_order = recorded[np.argsort(stamp[recorded], kind="stable")]
-        if len(run) > 1 and len(earlier) > 1 and _way(place[in_order]) > _DETOUR * _way(place[recorded]):
+        least = _DETOUR * (_way(place[recorded]) + _NOISES * noise)
+        if len(run) > 1 and len(earlier) > 1 and _way(place[in_order]) > least:
             return min([begin, *leaps.tolist()])
     return int(leaps[0]) if len(leaps) else None
 

@@ -287,7 +287,8 @@ class _Fit:
 
     def _fit(self, constants: np.ndarray, evaluations: int = 40) -> tuple[np.ndarray, float]:
         """Fit the smooth constants and the starts together; return the constants and the cost."""
-        unit, free, before = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._free, self._starts
+        self._unit = unit = np.maximum(np.abs(constants[:5]), _LEAST_UNITS)
+        free, before = self._free, self._starts
         start_unit = _START_UNITS * np.append(self._scale, _YAW_RATE_UNIT)[:free]
 
         def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -315,12 +316,12 @@ class _Fit:
 
     def _errors(self, constants: np.ndarray) -> np.ndarray:
         """Return the standard errors (5,) of the smooth constants; NaN for those that change nothing."""
-        unit, square = np.maximum(np.abs(constants[:5]), _LEAST_UNITS), self._slopes.T @ self._slopes
+        square = self._slopes.T @ self._slopes
         cost = float((self._residuals(constants, self._starts) ** 2).sum())
         degrees = max(len(self._time) * int(self._is_known.sum()) - len(square), 1)
         variance = np.diag(np.linalg.pinv(square))[:5] * cost / degrees
         # Rounding can make a variance that is not determined negative.
-        errors = np.sqrt(np.where((np.diag(square)[:5] < 1e-16) | (variance < 0), np.nan, variance)) * unit
+        errors = np.sqrt(np.where((np.diag(square)[:5] < 1e-16) | (variance < 0), np.nan, variance)) * self._unit
         return np.maximum(errors, _ROUNDING * np.abs(constants[:5]))
 
     def _with_dead_zone(self, constants: np.ndarray) -> tuple[np.ndarray, float]:

@@ -68,7 +68,7 @@ class Motion:
     known: np.ndarray
     """(K - 1,) True where the motion from a pose to the next is known."""
     jumps: np.ndarray
-    """(J,) first poses of jumps."""
+    """(K - 1,) True where a pose and the next are a jump."""
     why_derived: str = ""
     """Reason for which speeds are derived from the poses; "" if they are those of the log."""
     has_headings: bool = True
@@ -98,7 +98,7 @@ class Motion:
 
     def unknown(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Return True for the intervals between two times each that are not wholly known."""
-        time, is_jump = self.track.time, np.isin(np.arange(len(self.track) + 1), self.jumps + 1)
+        time, is_jump = self.track.time, np.concatenate([[False], self.jumps, [False]])
         is_outlier = is_jump[:-1] & is_jump[1:]  # between two jumps
         first = np.concatenate([[-np.inf], time[:-1][~self.known & ~is_outlier[:-1]], time[-1:]])
         last = np.concatenate([time[:1], time[1:][~self.known & ~is_outlier[1:]], [np.inf]])
@@ -108,11 +108,10 @@ class Motion:
     def remarks(self, first: float, last: float, was_removed: bool) -> list[str]:
         """Return remarks for readers of a score from a first to a last time [s]: what is not known, and what is odd."""
         time, words = self.track.time, []
-        unknown = np.flatnonzero(~self.known & (time[:-1] < last) & (time[1:] > first))
-        jumps = np.intersect1d(self.jumps, unknown)
-        gaps = [(max(float(time[k]), first), min(float(time[k + 1]), last)) for k in np.setdiff1d(unknown, jumps)]
-        if gaps:
-            total, (begin, end) = sum(end - begin for begin, end in gaps), gaps[0]
+        unknown, limits = ~self.known & (time[:-1] < last) & (time[1:] > first), np.clip(time, first, last)
+        gaps, jumps = np.flatnonzero(unknown & ~self.jumps), np.flatnonzero(unknown & self.jumps)
+        if len(gaps):
+            total, begin, end = np.diff(limits)[gaps].sum(), *limits[gaps[0] : gaps[0] + 2]
             words.append(f"gaps of {total:.3g} s in all, the first from {begin:.3f} to {end:.3f} s, count as failures")
         if len(jumps):
             way, at = np.linalg.norm(np.diff(self.track.position, axis=0)[jumps[0]]), time[jumps[0]]
@@ -162,7 +161,7 @@ def motion_of(
         else:
             position, speed, velocity = reckoned + rest, track.speed, logged
     whole = Track(track.time, position, heading, speed)
-    return Motion(whole, velocity, known, np.flatnonzero(jumps), reason, has_headings)
+    return Motion(whole, velocity, known, jumps, reason, has_headings)
 
 
 def _driven(begin: np.ndarray, end: np.ndarray, turn: np.ndarray, share: Any = 1.0) -> np.ndarray:

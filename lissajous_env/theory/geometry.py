@@ -46,19 +46,16 @@ def top_speed(curve: Curve, phase_rate: float) -> float:
     return phase_rate * float(curve_speed(curve, np.linspace(0, 2 * np.pi, 4096)).max())
 
 
-def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
-    """Return the radius of curvature ||r'||^3 / |x' y'' - y' x''| [m] at gamma [rad]; infinite where straight."""
-    gamma = np.asarray(curve_phase, dtype=float)
-    (dx, dy), (ddx, ddy) = (np.moveaxis(array, -1, 0) for array in curve_derivatives(curve, gamma))
-    with np.errstate(divide="ignore"):
-        return np.hypot(dx, dy) ** 3 / np.abs(dx * ddy - dy * ddx)
-
-
 @lru_cache(maxsize=64)
 def along_lap(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
-    """Return ||r'|| [m/rad] and the radius of curvature [m] along a lap of the plane curve."""
-    gamma = lap_phases(curve)
-    return curve_speed(curve, gamma), curvature_radius(curve, gamma)
+    """Return ||r'|| [m/rad] and the radius of curvature [m] along a lap of the plane curve.
+
+    The radius is ||r'||^3 / |x' y'' - y' x''|, infinite where the curve is straight.
+    """
+    (dx, dy), (ddx, ddy) = (derivative.T for derivative in curve_derivatives(curve, lap_phases(curve)))
+    speed = np.hypot(dx, dy)
+    with np.errstate(divide="ignore"):
+        return speed, speed**3 / np.abs(dx * ddy - dy * ddx)
 
 
 def needed_acceleration(curve: Curve, turning_radius: float = 0.0) -> float:

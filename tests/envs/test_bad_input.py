@@ -150,14 +150,6 @@ def test_actions_of_agents(name):
     assert str(agents.step(good_actions(agents))) == str(other.step(good_actions(other)))
 
 
-def test_actions_that_are_no_dict():
-    agents = parallel_env("experiment")
-    agents.reset(seed=1)
-    words = "actions must be a dict of agents and their actions, got"
-    for actions in (None, np.zeros((5, 2)), [np.zeros(2)] * 5):
-        assert_refused(agents.simulation, lambda actions=actions: agents.step(actions), words)
-
-
 def test_an_agent_that_was_removed():
     crashing = {"task.on_collision": "remove", "robot.radius": 0.3, "formation.start": "random"}
     agents = parallel_env("experiment", **crashing)
@@ -190,6 +182,8 @@ TEAM, MASK = r"actions must be numbers of shape \(5, 1\), got", r"reset_mask mus
 DISCRETE = r"whole numbers? (of shape \(3, 5\)|from 0 to 6), got"
 CALLS = [
     *(("parallel", "reset", {"seed": seed}, "seed must be a whole number") for seed in (-1, 1.5, "1", [3])),
+    *(("parallel", "step", {"actions": actions}, "actions must be a dict of agents and their actions, got")
+      for actions in (None, np.zeros((5, 1)), [np.zeros(1)] * 5)),
     *(("team", "step", {"action": action}, TEAM) for action in (np.zeros((4, 1)), np.zeros(1), 0.0, None)),
     ("team", "step", {"action": np.array([[0.0], [np.nan], [0.0], [0.0], [0.0]])},
      "action of robot_1 in world 0 must be finite"),

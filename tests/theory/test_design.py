@@ -75,8 +75,10 @@ def test_the_phase_rate_is_the_largest_that_robots_can_drive(grip):
     gamma = np.linspace(0, 2 * np.pi, 200_001)
     for a, b in ((1, 4), (3, 2), (5, 8)):
         curve = Curve(2.4, 1.5, a, b)
-        speed = largest_phase_rate(curve, 3.0, TURNING, grip) * closed_forms.curve_speed(curve, gamma)
-        radius = np.maximum(geometry.curvature_radius(curve, gamma), TURNING)
+        first, second = closed_forms.curve_derivatives(curve, gamma)
+        per_radian = np.linalg.norm(first, axis=1)
+        bend = per_radian**3 / np.abs(np.linalg.det(np.stack([first, second], axis=1)))
+        speed, radius = largest_phase_rate(curve, 3.0, TURNING, grip) * per_radian, np.maximum(bend, TURNING)
         used = max(speed.max() / 3.0, math.sqrt(np.max(speed**2 / radius) / grip))
         assert used == pytest.approx(0.9, rel=1e-2)
 
