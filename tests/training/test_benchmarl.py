@@ -154,7 +154,6 @@ def test_the_config_of_a_task(tmp_path):
     assert list(task.observation_spec(env).keys(True, True)) == [("robot", "observation")]
     own = lissajous_env.scenario("rough", **{"robot.radius": 0.1})
     assert LissajousTaskClass("mine", {"scenario": own}).scenario == own
-    # A name is used as it is: that of a file may have capitals and underscores.
     (tmp_path / "My_Team.toml").write_text('base = "rough"\n[robot]\nradius = 0.1\n')
     assert LissajousTaskClass(str(tmp_path / "My_Team.toml")).scenario.robot == own.robot
     with pytest.raises(ValueError, match=r"did you mean"):

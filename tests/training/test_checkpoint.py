@@ -98,16 +98,10 @@ def changed(text, place, value=None, removed=False):
     return text
 
 
-def test_the_checkpoint_plays_as_it_is(folder):
-    assert np.isfinite(play(folder)).all()
-
-
 def test_any_entry_may_be_missing_or_wrong(folder):
-    text = text_of(folder)
-    # A few of the many inputs stand for all.
-    everywhere = [place for place in places(text) if not (place[:2] == ("policy", "inputs") and place[2:] > (2,))]
-    refused = 0
-    for place in everywhere:
+    assert np.isfinite(play(folder)).all(), "as it is, it is a policy"
+    text, refused = text_of(folder), 0
+    for place in places(text):
         variants = [changed(text, place, value) for value in HOSTILE]
         variants += [changed(text, place, removed=True)] if place else []
         for variant in variants:
