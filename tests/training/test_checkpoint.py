@@ -16,8 +16,6 @@ from lissajous_env import Simulation
 from training.learned import checkpoint
 from training.learned.card import Card
 
-SCORES = {"detection_time": 1.0, "collisions": 0.0, "return": -1.0, "detected_fraction": None}
-POINT = {"steps": 10, "seconds": 0.5} | SCORES
 HOSTILE = (
     None, True, -1, 3, 0.5, 10**400, 1e300, -1e300, "", "x", "../x", "/etc/passwd", "a\0b", "\ud800", "sweep", [], [[]],
     ["x"] * 3, {}, {"a": 1}, 99 * [0], float("nan"), float("inf"), json.loads(90 * "[" + 90 * "]"), [{"name": "x"}],
@@ -28,11 +26,9 @@ HOSTILE = (
 @pytest.fixture
 def folder(tmp_path):
     """A checkpoint that was trained, with a curve and a best policy."""
-    network = make_team()
-    settings = {"algorithm": "ppo", "seed": 0}
-    card = Card.of(lissajous_env.scenario("intruders"), settings=settings)
-    notes = {"counters": {"steps": 10, "seconds": 0.5}, "curve": [POINT], "rivals": {"sweep": SCORES}, "best": POINT}
-    checkpoint.save(tmp_path / "x", network, card, state={"a": np.arange(3)}, notes=notes)
+    card = Card.of(lissajous_env.scenario("intruders"), settings={"algorithm": "ppo", "seed": 0})
+    notes = {"curve": [{"steps": 10, "seconds": 0.5}], "rivals": {"sweep": None}}
+    checkpoint.save(tmp_path / "x", make_team(), card, state={"a": np.arange(3)}, notes=notes)
     return tmp_path / "x"
 
 
