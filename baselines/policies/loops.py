@@ -183,8 +183,8 @@ class SweepParameters(Checked):
     """Parameters of a patrol, besides the scenario; None is derived from it."""
 
     cruise: float | None = number(None, 1e-3, 1e4, "m/s")
-    """Speed of the patrol [m/s]; None is `cruising_speed`, or with `laps` the speed of the formation where it is fastest,
-    if a car of this speed can turn round in half of the rectangle."""
+    """Speed of the patrol [m/s]; None is `cruising_speed`, or with `laps` the smaller one of `fastest_speed` and
+    `speed_to_turn`."""
     inset: float | None = number(None, 0, 1e4, "m")
     """Distance of the loop from the boundary [m]; None is 0.1 sensing radii where targets enter at the
     boundary, else 0.7, or less if the corners would not fit."""
