@@ -167,9 +167,9 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
     models = [MODELS[kind] for kind in sorted({cell.scenario.robot.kind for cell in cells})]
     added = {_ROBOTS + model.name: fingerprint(model.move) for model in models if not MODELS.is_included(model)}
     adversaries = sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""})
-    folders = {name: folder for name in adversaries if (folder := folder_of(name)) is not None}
-    learned = {_ROGUES + name: registry.policy_fingerprint(str(folder)) for name, folder in folders.items()}
-    return {cell.policy: registry.factory_fingerprint(cell.factory) for cell in cells} | added | learned
+    folders = {name: str(folder) for name in adversaries if (folder := folder_of(name)) is not None}
+    learned = {_ROGUES + name: registry.fingerprint_of(registry.resolve(path)) for name, path in folders.items()}
+    return {cell.policy: registry.fingerprint_of(cell.factory) for cell in cells} | added | learned
 
 
 def score_versions() -> dict[str, str]:

@@ -51,7 +51,7 @@ _MOST_EPISODES = 1_000_000
 
 
 @dataclass(frozen=True)
-class Benchmark(Checked, with_defaults=False, part=""):
+class Benchmark(Checked, part=""):
     """Episodes to play, and the folder of the results."""
 
     scenarios: tuple[str, ...] = SCENARIOS
@@ -175,7 +175,8 @@ def require_distinct_names(scenarios: list[Scenario]) -> list[Scenario]:
     """
     for name, count in Counter(scenario.name for scenario in scenarios).items():
         if count > 1:
-            raise ValueError(f"scenarios must differ in name, got {count} of {name}; set `name` in the file of one")
+            words = f"scenarios must differ in name, got {count} of {name}"
+            raise ValueError(f"{words}; set `name` in the file of one, or by `dataclasses.replace`")
     return scenarios
 
 

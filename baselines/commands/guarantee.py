@@ -22,6 +22,7 @@ from lissajous_env.episodes.guarantee import IdealFormation
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
+from lissajous_env.wording import require
 
 _PAPER = "experiment", "ideal"
 """The paper's two curves."""
@@ -54,6 +55,8 @@ def guarantee(
     changed = parse_overrides(overrides)
     guarantees = {}
     for scenario in require_distinct_names([named.scenario(name, **changed) for name in scenarios]):
+        rule = "must be empty: the radii are multiples of that of Eq. (8), which is for Lissajous curves"
+        require(scenario.detection_radius > 0, f"curve.harmonics of {scenario.name}", rule, scenario.curve.harmonics)
         guarantees[scenario.name] = formation_guarantees(scenario, radii, cells)
         _print(output.console(), scenario, guarantees[scenario.name], cells)
     output.print_json(guarantees)
@@ -73,14 +76,9 @@ def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[dic
 
 def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]], cells: int) -> None:
     """Print a row for each sensing radius, computed with this number of cells along the longer side."""
-    speed = scenario.rogue_speed
-    console.print(
-        Text.assemble(
-            (scenario.name, "bold"),
-            f"  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, "
-            f"Eq. (8) requires {scenario.detection_radius:.3g} m",
-        )
-    )
+    speed, required = scenario.rogue_speed, scenario.detection_radius
+    words = f"N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, Eq. (8) requires"
+    console.print(Text.assemble((scenario.name, "bold"), f"  {words} {required:.3g} m"))
     columns = [
         "sensing\nradius [m]",
         "over that\nof Eq. (8)",
@@ -88,14 +86,13 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]
         f"at {speed:g} m/s undetected\nfor at most [s]",
     ]
     highest = IdealFormation(scenario, cells=cells).fastest_rogue
-    shown = [
+    print_table(console, columns, [
         [
             f"{row['radius']:.3g}",
-            f"{row['radius'] / scenario.detection_radius:.2f}",
+            f"{row['radius'] / required:.2f}",
             f"{row['critical_speed']:.3g}" if row["critical_speed"] < math.inf else f"> {highest:.3g}",
             f"{row['guaranteed_time']:.1f}" if row["guaranteed_time"] < math.inf else "for ever",
         ]
         for row in rows
-    ]
-    print_table(console, columns, shown)
+    ])  # fmt: skip
     console.print()

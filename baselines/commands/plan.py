@@ -17,7 +17,7 @@ from lissajous_env.wording import counted
 
 
 @dataclass(frozen=True)
-class Options(Request, with_defaults=False, part=""):
+class Options(Request, part=""):
     """The request as options of the command, whose library is not imported with `baselines`."""
 
     scenario: Annotated[

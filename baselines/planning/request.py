@@ -51,7 +51,7 @@ _NEEDED = {"width": " [m]", "height": " [m]", "robots": "", "robot_radius": " [m
 
 
 @dataclass(frozen=True)
-class Request(Checked, with_defaults=False, part=""):
+class Request(Checked, part=""):
     """Subject and extent of a search for plans: a scenario, a rectangle and robots, or a scenario with changes.
 
     Raises:
@@ -138,7 +138,7 @@ class Request(Checked, with_defaults=False, part=""):
         if base is not None and base.extensions:
             names = few_of([extension.name for extension in base.extensions])
             words = f"scenario {base.name}: plans are made without its extensions {names}"
-            laws = "targets of their laws appear anywhere and do not move"
+            laws = "targets whose law is one of them appear anywhere and do not move"
             warnings.warn(f"{words}; {laws}", AssumptionWarning, stacklevel=outside())
         return base
 

@@ -9,12 +9,14 @@ from baselines.similarity import motion_scale
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, flag, number, whole
 from lissajous_env.theory import closed_forms
-from lissajous_env.theory.geometry import top_speed, turning_radius
+from lissajous_env.theory.geometry import top_speed
 
 _FINE = 79
 """Points of an arc, at most 0.02 rad apart."""
-_POINTS = 2048
-"""Points of a loop."""
+_POINTS, _MOST_POINTS = 2048, 2**20
+"""Fewest and most points of a loop."""
+_SPACING = 0.125
+"""Largest distance of two points of a loop, over the distance of the goal ahead of a car."""
 _CRUISE = 0.85
 """Speed of a patrol as a share of the limit, so that a car that fell behind can catch up."""
 _ROOM = 1.15
@@ -181,7 +183,8 @@ class SweepParameters(Checked):
     """Parameters of a patrol, besides the scenario; None is derived from it."""
 
     cruise: float | None = number(None, 1e-3, 1e4, "m/s")
-    """Speed of the patrol [m/s]; None is `cruising_speed`."""
+    """Speed of the patrol [m/s]; None is `cruising_speed`, or with `laps` the smaller one of `fastest_speed` and
+    `speed_to_turn`."""
     inset: float | None = number(None, 0, 1e4, "m")
     """Distance of the loop from the boundary [m]; None is 0.1 sensing radii where targets enter at the
     boundary, else 0.7, or less if the corners would not fit."""
@@ -215,7 +218,7 @@ def speed_to_turn(scenario: Scenario) -> float:
 def fastest_speed(scenario: Scenario) -> float:
     """Return the formation's speed where the curve is fastest, or less where top speed or grip limits cars [m/s].
 
-    Grip lets cars turn at cruising speed.
+    Where grip limits it, cars can turn round in half of the rectangle at cruising speed.
     """
     formation = top_speed(scenario.driven, scenario.formation.phase_rate)
     return min(scenario.robot.top_speed, formation, speed_to_turn(scenario) / _CRUISE)
@@ -228,10 +231,8 @@ def cruising_speed(scenario: Scenario) -> float:
 
 def corner_radius(scenario: Scenario, cruise: float | None = None) -> float:
     """Return the radius of the loop's corners [m], which steering and, at cruising speed, grip allow with some room."""
-    robot = scenario.robot
-    by_steering = turning_radius(robot.wheelbase, robot.steering_max)
-    by_grip = (cruise or cruising_speed(scenario)) ** 2 / robot.lateral_acceleration_max
-    return _ROOM * max(by_steering, by_grip)
+    by_grip = (cruise or cruising_speed(scenario)) ** 2 / scenario.robot.lateral_acceleration_max
+    return _ROOM * max(scenario.turning_radius, by_grip)
 
 
 def lookahead(scenario: Scenario, cruise: float, parameters: SweepParameters) -> float:
@@ -280,9 +281,12 @@ def patrol_loop(scenario: Scenario, parameters: SweepParameters | None = None) -
     if long - inset < 2 * corner:
         lanes = 2
     corners = lane_corners(long - inset, short - inset, corner, lanes)
-    path = resampled(rounded(corners, corner, 16), _POINTS)
+    path = rounded(corners, corner, 16)
+    ahead = lookahead(scenario, parameters.cruise or cruising_speed(scenario), SweepParameters())
+    count = min(max(math.ceil(length_of(path) / (_SPACING * ahead)), _POINTS), _MOST_POINTS)
+    path = resampled(path, count)
     if lanes == 2 and parameters.bow > 0:
-        path = resampled(_bowed(path, np.array([long - inset, short - inset]), corner, parameters.bow), _POINTS)
+        path = resampled(_bowed(path, np.array([long - inset, short - inset]), corner, parameters.bow), count)
     return path[::-1, ::-1] if curve.half_height > curve.half_width else path
 
 

@@ -124,7 +124,7 @@ def follow_loop(
         turns = (place - float(here)) / float(size)
         ahead = (turns - wp.floor(turns + 0.5)) * float(size) * spacing
         wanted = wp.max(cruise * ahead / lookahead, slowest)
-        goal = loop[(here + int(lookahead / spacing)) % size]
+        goal = loop[(here + wp.max(int(lookahead / spacing), 1)) % size]
     drive_towards(w, i, curve, robot, speed_gain, goal, wanted, observation, action_out)
 
 
@@ -253,7 +253,7 @@ class Laps(_Patrol):
         super().__init__(scenario, num_worlds, device, parameters)
         cruise = self.parameters.cruise or min(fastest_speed(self.scenario), speed_to_turn(self.scenario))
         loop = patrol_loop(self.scenario, parameters=dataclasses.replace(self.parameters, cruise=cruise))
-        ahead = round(lookahead(self.scenario, cruise, self.parameters) / (length_of(loop) / len(loop)))
+        ahead = max(round(lookahead(self.scenario, cruise, self.parameters) / (length_of(loop) / len(loop))), 1)
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._inputs += [wp.array(loop, dtype=wp.vec2, device=self.device), cruise, ahead]
 

@@ -145,7 +145,7 @@ def _fingerprint(folder: str) -> dict[str, str]:
     """Return a digest of the policy's file and the fingerprint of the named policy."""
     settings = PolicySettings.read(folder)
     own = {f"policy of {POLICY_FILE}": digest_of(settings.as_toml().encode())}
-    return own | registry.policy_fingerprint(settings.policy)
+    return own | registry.fingerprint_of(registry.resolve(settings.policy))
 
 
 registry.LOADERS[POLICY_FILE] = registry.Loader(

@@ -20,7 +20,7 @@ from baselines.policies.driving import slowest_top_speed, weakest_top_speed
 from baselines.policies.loops import speed_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
-from lissajous_env.theory.geometry import largest_speed, turning_radius
+from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.world.robots.placing import start_headings
 
 TURNS = np.array([[1.0, 0, 1], [-1, 0, -1], [1, 0, -1], [-1, 0, 1], [-1, 1, -1], [1, -1, 1]])
@@ -54,8 +54,7 @@ _LONGEST = 6.0
 
 def radius_for_all_cars(scenario: Scenario) -> float:
     """Return the radius of a turn that every car of a scenario can drive, also the one of the longest wheelbase [m]."""
-    spread = scenario.noise.wheelbase_range[1]
-    return _RADIUS_FACTOR * spread * turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
+    return _RADIUS_FACTOR * scenario.noise.wheelbase_range[1] * scenario.turning_radius
 
 
 def planned_limits(scenario: Scenario) -> tuple[float, float]:

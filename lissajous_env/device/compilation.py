@@ -74,7 +74,7 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
             tempfile.TemporaryFile(dir=cache).close()
         except OSError as error:
             use_temporary_cache(str(error.strerror))
-        _report("compiling kernels, once: about 10 s")
+        _report("compiling kernels, once: 10 to 30 s")
     if new:
         wp.force_load(device, new, max_workers=threads)
     _loaded.update((module, str(device)) for module in new)

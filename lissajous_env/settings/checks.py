@@ -87,17 +87,17 @@ def columns_and_rows(default: tuple[int, int] | None, most: int) -> Any:
 class Checked:
     """Base of the frozen dataclasses: checks each declared field, then calls `_check_together`.
 
-    Docstrings state the default of each field, except with `with_defaults=False`, for options of a command, whose
-    `--help` states them by itself. `part` is the name in error messages, by default that of the class, or "" for none.
+    Docstrings state the meaning and the rule of each field; the signature states the defaults. `part` is the name in
+    error messages, by default that of the class, or "" for none.
     """
 
     part: ClassVar[str]
     """Name of this part in overrides and error messages, as `curve` in `curve.half_width`."""
 
-    def __init_subclass__(cls, with_defaults: bool = True, part: str | None = None, **settings: Any) -> None:
+    def __init_subclass__(cls, part: str | None = None, **settings: Any) -> None:
         super().__init_subclass__(**settings)
         cls.part = cls.__name__.removesuffix("Parameters").lower() if part is None else part
-        cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{_fields_in_words(cls, with_defaults)}".strip()
+        cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{_fields_in_words(cls)}".strip()
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
@@ -216,21 +216,16 @@ def _plain(value: Any) -> Any:
     return tuple(_plain(entry) for entry in value) if isinstance(value, (list, tuple)) else value
 
 
-def _fields_in_words(cls: type, with_defaults: bool) -> str:
-    """Return the docstring's section on the fields: the string after each field, its rule and perhaps its default."""
+def _fields_in_words(cls: type) -> str:
+    """Return the docstring's section on the fields: the string after each field, and its rule."""
     words = {name: text for base in reversed(cls.__mro__) for name, text in meanings(base).items()}
     inherited, lines = getattr(cls, "__dataclass_fields__", {}), []  # those of `cls` are not made yet
     for name, field in {**inherited, **vars(cls)}.items():
         if isinstance(field, dataclasses.Field) and "rule" in field.metadata:
-            text = "\n".join(part for part in (words.get(name, ""), _rule_in_words(field, with_defaults)) if part)
+            rule = field.metadata["rule"].removeprefix("must be ") + ", or None" * field.metadata["optional"]
+            text = f"{words[name]}\n({rule})" if name in words else f"({rule})"
             lines.append(f"{name}: {text}".replace("\n", "\n        "))
     return "\n    ".join(["Attributes:", *lines]) if lines else ""
-
-
-def _rule_in_words(field: dataclasses.Field, with_default: bool) -> str:
-    rule = str(field.metadata["rule"]).removeprefix("must be ")
-    default = f"; default {field.default!r}" if with_default else ""
-    return f"({rule}{', or None' if field.metadata['optional'] else ''}{default})"
 
 
 def meanings(cls: type) -> dict[str, str]:

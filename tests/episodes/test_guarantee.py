@@ -89,16 +89,14 @@ def test_the_command_prints_its_radii(capsys):
     assert re.search(words, table)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--radii", 1], "radii must be a whole number from 2 to 200, got 1"),
-        (["--cells", 5], "cells must be a whole number from 10 to 1000, got 5"),
-        (["nowhere"], "scenario must be one of"),
-        (["watch"], "task.action of watch must be control for a policy that follows the curve, got 'velocity'"),
-        (["experiment", "--set", "targets.speed_limit=50"], "the speed of targets must be at most 12 m/s"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--radii", 1], "radii must be a whole number from 2 to 200, got 1"),
+    (["--cells", 5], "cells must be a whole number from 10 to 1000, got 5"),
+    (["nowhere"], "scenario must be one of"),
+    (["watch"], "task.action of watch must be control for a policy that follows the curve, got 'velocity'"),
+    (["experiment", "--set", "targets.speed_limit=50"], "the speed of targets must be at most 12 m/s"),
+    (["experiment", "--set", "curve.harmonics=((.7,0,0,.7),)", "robot.count=5", "sensing.radius=.5"], "must be empty"),
+])  # fmt: skip
 def test_the_command_refuses_by_name(arguments, words, capsys):
     code, _, said = called(capsys, "guarantee", *arguments)
     assert code == 2

@@ -90,7 +90,7 @@ def test_a_scenario_is_the_task_as_it_is():
     assert Request(watch, rogue_speed=0.2).scenario_of(5).targets.speed_min == 0.2
     grid = Request("intruders", width=30.0, height=20.0).scenario_of(5).task.contamination
     assert grid[0] / grid[1] == pytest.approx(1.5, rel=0.05)  # a benchmark has 108 x 48 for 10.8 m x 4.8 m
-    with pytest.warns(UserWarning, match="evaders: plans are made without its extensions top_speed; targets of"):
+    with pytest.warns(UserWarning, match="evaders: plans are made without its extensions top_speed; targets whose law"):
         assert Request(lissajous_env.scenario(evaders, extensions=(top_speed,))).scenario_of(5) == evaders
 
 

@@ -83,11 +83,13 @@ def test_the_experiment_is_the_papers():
     assert np.mean([r["collisions"] for r in without]) > 5 * np.mean([r["collisions"] for r in rows])
 
 
-def test_laps_are_driven_as_fast_as_the_formation():
+@pytest.mark.parametrize(("size", "steps"), [(1, 200), (100, 4000)])
+def test_laps_are_driven_as_fast_as_the_formation(size, steps):
     """Oracle: the loop itself, and the formation's top speed less what corners and chords cost."""
-    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
+    large = {"curve.half_width": 5.4 * size, "curve.half_height": 2.4 * size, "task.duration": 1e3}
+    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0, "task.grid": None}, **large)
     simulation, policy = lissajous_env.Simulation(scenario), baselines.make("laps", scenario)
-    played(policy, simulation, 200)
+    played(policy, simulation, steps)
     before = simulation.robots.position.numpy()[0, :, :2].copy()
     played(policy, simulation, 10)
     after = simulation.robots.position.numpy()[0, :, :2]
@@ -150,13 +152,11 @@ def test_cars_with_a_lowest_speed_reach_their_places_along_the_loop():
     length = np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()
     farthest, uneven = [], []
     for slowest, by_phase in ((None, False), (0.3, False), (None, True)):
-        parameters = SweepParameters(gather=2.0, slowest=slowest, by_phase=by_phase)
-        policy = Sweep(scenario, 12, parameters=parameters)
+        policy = Sweep(scenario, 12, "cpu", SweepParameters(gather=2.0, slowest=slowest, by_phase=by_phase))
         simulation, away = lissajous_env.Simulation(scenario, 12, seed=1), []
         for steps in (60, *[5] * 12, 80):
             played(policy, simulation, steps)
-            offsets = simulation.robots.position.numpy()[:, :, None, :2] - loop
-            distances = np.linalg.norm(offsets, axis=3)
+            distances = np.linalg.norm(simulation.robots.position.numpy()[:, :, None, :2] - loop, axis=3)
             away.append(distances.min(axis=2).max())
         farthest.append(max(away[:-1]))
         along = np.sort(distances.argmin(axis=2), axis=1) * length / len(loop)

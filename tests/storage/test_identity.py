@@ -97,12 +97,13 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
     scenario = lissajous_env.scenario("failure")
     policies = Still(scenario, 1, "cpu"), Still, functools.partial(Still, speed=0.5), lambda observation: observation
     for policy in policies:
-        parts = registry.factory_fingerprint(registry.as_factory(policy, "mine"))
+        parts = registry.fingerprint_of(registry.as_factory(policy, "mine"))
         assert parts["code"].startswith(f"{__name__}:")
-        assert set(parts) - {"speed"} == {"code", f"module {__name__}"}
-    assert fingerprint(functools.partial(Still, speed=0.5)) != fingerprint(functools.partial(Still, speed=0.4))
+        assert set(parts) - {"argument speed"} == {"code", f"module {__name__}"}
+    variants = policies[2], functools.partial(Still, speed=0.4), policies[0].act, policies[0].reset
+    assert len({str(fingerprint(value)) for value in variants}) == 4
     # Code of this distribution is identified by its version.
-    assert set(registry.factory_fingerprint(registry.as_factory("kuramoto"))) == {"code"}
+    assert set(registry.fingerprint_of(registry.as_factory("kuramoto"))) == {"code", "argument 0 code"}
 
 
 def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):
