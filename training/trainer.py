@@ -68,11 +68,11 @@ def train(
     torch.set_num_threads(settings.threads or 1)
     with checkpoint.locked(settings.out) as folder, settings.without_warnings():
         training, began, diagnostics = Training(settings), time.monotonic(), {}
-        card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
+        card = Card.of(settings.make_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
         history = _resume_or_begin(settings, training, card, say)
         curve, rivals, numbers = history["curve"], history["rivals"], training.numbers
         began -= curve[-1]["seconds"] if curve else 0.0
-        training.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
+        limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
         while True:
             steps, every, done = numbers["steps"], settings.evaluate_every, numbers["steps"] >= settings.steps
             last = curve[-1]["steps"] if curve else -every
@@ -83,7 +83,7 @@ def train(
                 point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
                 curve.append(point)
                 say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
-                limit, best = training.limit, history["best"]
+                best = history["best"]
                 if best is None or rating_of(point, limit) > rating_of(best, limit):
                     history["best"] = point
                     checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
@@ -92,7 +92,7 @@ def train(
             if done:
                 say(f"{settings.out / checkpoint.BEST}: {described(history['best'], against)}")
                 return history
-            diagnostics = training.update(training.collect())
+            diagnostics = training.update(training.collect(), limit)
 
 
 def _resume_or_begin(
@@ -108,7 +108,7 @@ def _resume_or_begin(
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
         say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
-    if unread := unread_entries(settings.make_checkpoint_scenario()):
+    if unread := unread_entries(settings.make_scenario()):
         say(f"warning: the network does not read the entries that {', '.join(unread)} add to the observation")
     first = _WARM_UP * settings.rollout * training.worlds.count
     if training.actor.corrects and settings.steps <= first:
@@ -133,7 +133,6 @@ class Training:
         """`steps` of robots and `rollouts` so far; `penalty`, the factor of the costs of collisions; `variance` of the
         returns over the last `counted` steps, at most 300; `collided`, a team's collisions per episode with the noise
         of exploration, averaged over about 200 steps."""
-        self.limit = 0.0  # collisions per episode above which their cost rises: `train` replaces it by `limit_of`
         self._returns = np.zeros(self.worlds.count)
         self._noise = torch.randn(self.worlds.count, size)
         self._perception, self._truth = self.worlds.perception(), self.worlds.truth()
@@ -218,8 +217,13 @@ class Training:
             advantages[t] = later
         return torch.from_numpy(advantages)
 
-    def update(self, rollout: Rollout) -> dict[str, float]:
-        """Update the critic, and the actor until its policy differs too much from the rollout's; return diagnostics."""
+    def update(self, rollout: Rollout, limit: float = 0.0) -> dict[str, float]:
+        """Update the critic, and the actor until its policy differs too much from the rollout's; return diagnostics.
+
+        Args:
+            rollout: Steps with the present policy.
+            limit: Collisions per episode above which their cost rises.
+        """
         settings, numbers = self.settings, self.numbers
         self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
         updates_actor, divergence = numbers["rollouts"] >= _WARM_UP * self.actor.corrects, 0.0
@@ -240,7 +244,7 @@ class Training:
                 # A network on which the loss does not depend has no gradient, so that its momentum does not change it.
                 self.optimizer.step()
         numbers["rollouts"] += 1
-        excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
+        excess = np.clip(numbers["collided"] / max(limit, 0.05) - 1, -1, 1)
         numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
         explained = 1 - (rollout.advantages.var() / rollout.returns.var().clamp(min=1e-12)).item()
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
