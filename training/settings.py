@@ -54,6 +54,10 @@ class SharedSettings(Checked):
     may_change: ClassVar[tuple[str, ...]] = ("out", "threads", "episodes")
     """Settings that may change when a training is resumed."""
 
+    def _check_together(self) -> None:
+        as_device(self.device)
+        object.__setattr__(self, "out", Path(self.out))
+
 
 @dataclass(frozen=True)
 class TrainingSettings(SharedSettings, part="training"):
@@ -115,7 +119,7 @@ class TrainingSettings(SharedSettings, part="training"):
     may_change = (*SharedSettings.may_change, "steps", "evaluate_every")
 
     def _check_together(self) -> None:
-        as_device(self.device)
+        super()._check_together()
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
@@ -211,7 +215,7 @@ class RogueTraining(SharedSettings, part="training"):
     def _check_together(self) -> None:
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:
             raise ValueError("targets.rogues must be omitted if rogues are trained")
-        as_device(self.device)
+        super()._check_together()
         as_factory(self.against)(self.make_scenario(), 1, self.device)  # raises for an unknown or unfit policy
 
     @classmethod

@@ -33,7 +33,7 @@ from training.learned.perception import BASE, OWN, TOKEN, unread_entries
 from training.learned.policy import LearnedTeam
 from training.settings import TrainingSettings
 from training.validation import described, limit_of, mean_of, rating_of, validate
-from training.worlds import TRUTH, Rollout, StepResult, Worlds
+from training.worlds import TRUTH, Rollout, StepResult, Truth, Worlds
 
 FIRST_SEED = 1_000_000
 """Seed of the first world of a training with seed 0, and difference between the first seeds of two trainings."""
@@ -160,7 +160,7 @@ class Training:
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
             transitions.append((perception, critic_inputs, action, likelihood, torch.from_numpy(step.acted)))
-            steps.append((self._reward(step, *self._truth[2:]), step))
+            steps.append((self._reward(step, self._truth), step))
             worlds.begin(step.over)
             if step.over.any():
                 self._truth = worlds.truth()
@@ -174,17 +174,11 @@ class Training:
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
         return Rollout(perception, critic_inputs, actions, likelihood, acted, advantages, returns, deviation)
 
-    def _reward(self, step: StepResult, alone: np.ndarray, nearness: np.ndarray) -> np.ndarray:
-        """Return the rewards (B,) of a step, and update the running numbers.
-
-        Args:
-            step: Results of the step.
-            alone: (B,) number of targets that a robot has in sight and no other robot has.
-            nearness: (B,) nearness to other robots.
-        """
+    def _reward(self, step: StepResult, truth: Truth) -> np.ndarray:
+        """Return the rewards (B,) of a step that led to a true state, and update the running numbers."""
         settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
-        own = task.reward_observation * task.step * alone
-        cost = step.collided + _NEAR * task.reward_collision * nearness * step.acted
+        own = task.reward_observation * task.step * truth.alone
+        cost = step.collided + _NEAR * task.reward_collision * truth.nearness * step.acted
         reward = step.reward + numbers["penalty"] * cost
         reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
         # Two robots take part in a collision.
@@ -199,8 +193,9 @@ class Training:
 
     def _valued(self) -> tuple[list[Tensor], np.ndarray]:
         """Return tokens and presence, which the critic reads besides the robots' own numbers, and its values (B,)."""
-        parts = self._truth[:2] if self.settings.critic == "central" else self._perception[1:]
-        own, *critic_inputs = [torch.from_numpy(part) for part in (self._perception[0], *parts)]
+        perceived, truth = self._perception, self._truth
+        parts = (truth.tokens, truth.present) if self.settings.critic == "central" else perceived[1:]
+        own, *critic_inputs = [torch.from_numpy(part) for part in (perceived[0], *parts)]
         with torch.no_grad():
             return critic_inputs, self.critic([own, *critic_inputs])[:, 0].numpy()
 

@@ -168,7 +168,8 @@ def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[s
     Raises:
         ValueError: the settings or the scenario differ, with all differences; or the block raises an error.
     """
-    folder, (_, stored, description) = settings.out, read(settings.out)
+    folder, description = settings.out, read_description(settings.out)
+    stored = description["card"]
     differences = [
         f"{name} = {stored.settings.get(name)!r} there, {value!r} here"
         for name, value in card.settings.items()
