@@ -16,6 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import warp as wp
+
 from lissajous_env.device.compilation import OWN_PACKAGES
 from lissajous_env.device.devices import as_device, memory
 
@@ -41,10 +43,10 @@ def fingerprint(value: Any) -> dict[str, str]:
         return parts
     if isinstance(value, types.MethodType):
         return fingerprint(value.__self__) | {"method": value.__name__}
-    definition = getattr(value, "func", value)  # that of a Warp kernel
+    definition = value.func if isinstance(value, (wp.Kernel, wp.Function)) else value
     if not hasattr(definition, "__qualname__"):
         definition = type(definition)
-    module = str(definition.__module__)
+    module = str(getattr(definition, "__module__", "builtins"))
     parts = {"code": f"{module}:{definition.__qualname__}"}
     return parts if module.partition(".")[0] in OWN_PACKAGES else parts | _source(definition, module)
 

@@ -229,8 +229,8 @@ def resolve(name: str) -> Entry:
         return entry
     plain, suffix = split_suffix(name)
     if is_folder(name):
-        kind = "car" if suffix else None
-        return Entry(str(name), kind, partial(_loader_of(plain).make, plain), filter=_FILTERS.get(suffix))
+        entry = Entry(plain, None, partial(_loader_of(plain).make, plain))
+        return entry.filtered(suffix) if suffix else entry
     if os.sep in plain:
         raise ValueError(f"folder of a policy must exist, got {plain}")
     raise POLICIES.unknown(name, "policies", names())
