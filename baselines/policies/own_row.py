@@ -133,15 +133,17 @@ def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: Observ
 
 
 def _quantity(kind: str, *names: str, unit: str = "") -> cached_property[np.ndarray]:
-    """Return a property of `Rows`: entries of the K things of a kind, times a unit of `_decoded`, else True above 0.5.
+    """Return a property of `Rows`: entries times a unit of `_decoded`; without a unit, True for those above 0.5.
 
-    It is (W, N, K) for one name of an entry, and (W, N, K, len(names)) for several.
+    They are those of the K things of a kind, (W, N, K) for one name and (W, N, K, len(names)) for several, or, for the
+    kind "own", those of the robot itself, without the axis K.
     """
 
     def values(rows: "Rows") -> np.ndarray:
-        entries = rows.entries_of(kind, *names)
+        own = kind == "own"
+        entries = np.stack([*map(rows.entry, names)], axis=-1) if own else rows.entries_of(kind, *names)
         entries = entries if len(names) > 1 else entries[..., 0]
-        return entries * rows.units[unit] if unit else entries > 0.5
+        return entries * rows._units[unit] if unit else entries > 0.5
 
     return cached_property(values)
 
@@ -157,6 +159,9 @@ class Rows:
         scenario: Scenario of the observation.
 
     Attributes:
+        position: (W, N, 2) measured x, y [m].
+        speed: (W, N) measured speed [m/s].
+        works: (W, N) True for a robot that works itself.
         age: (W, N, 2) time since each neighbour's message was sent [s].
         neighbour_offset: (W, N, 2, 2) relative x, y of each neighbour's message [m].
         robots_seen: (W, N, R) True for a robot in sight; the nearest is the first.
@@ -177,16 +182,19 @@ class Rows:
         ValueError: the rows are not as long as those of the scenario.
     """
 
+    position = _quantity("own", "x", "y", unit="half sides")
+    speed = _quantity("own", "speed", unit="speed")
+    works = _quantity("own", "works")
     age = _quantity("neighbour", "age", unit="time")
     neighbour_offset = _quantity("neighbour", "x", "y", unit="sides")
     robots_seen = _quantity("robot", "present")
     robot_offset = _quantity("robot", "x", "y", unit="sight")
-    robot_velocity = _quantity("robot", "x_velocity", "y_velocity", unit="speeds")
+    robot_velocity = _quantity("robot", "x_velocity", "y_velocity", unit="relative speed")
     targets_seen = _quantity("target", "present")
     target_offset = _quantity("target", "x", "y", unit="sight")
     tracks = _quantity("track", "present")
     track_offset = _quantity("track", "x", "y", unit="sides")
-    track_velocity = _quantity("track", "x_velocity", "y_velocity", unit="speeds")
+    track_velocity = _quantity("track", "x_velocity", "y_velocity", unit="relative speed")
     track_age = _quantity("track", "age", unit="memory")
     track_of_other = _quantity("track", "other")
     track_leaves = _quantity("track", "leaves")
@@ -194,7 +202,7 @@ class Rows:
     teammate_offset = _quantity("teammate", "x", "y", unit="sides")
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario, self._indices, self._columns, self.units = _decoded(named.build(scenario))
+        self.scenario, self._indices, self._columns, self._units = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
         if self.values.shape[-1:] != (len(self._indices),):
             rule = f"observation must have rows of {len(self._indices)} numbers for {self.scenario.name}"
@@ -215,29 +223,14 @@ class Rows:
         return self.values.take(self._columns[kind, names], axis=-1)
 
     @cached_property
-    def position(self) -> np.ndarray:
-        """Return the measured x, y (W, N, 2) [m]."""
-        return np.stack([self.entry("x"), self.entry("y")], axis=-1) * self.units["half sides"]
-
-    @cached_property
     def heading(self) -> np.ndarray:
         """Return the measured heading (W, N) [rad]."""
         return self._angle("heading")
 
     @cached_property
-    def speed(self) -> np.ndarray:
-        """Return the measured speed (W, N) [m/s]."""
-        return self.entry("speed") * self.scenario.speed_unit
-
-    @cached_property
     def phase(self) -> np.ndarray:
         """Return the measured phase theta (W, N) in [-pi, pi] [rad]."""
         return self._angle("phase")
-
-    @cached_property
-    def works(self) -> np.ndarray:
-        """Return whether each robot itself works (W, N)."""
-        return self.entry("works") > 0.5
 
     @cached_property
     def heard(self) -> np.ndarray:
@@ -281,7 +274,8 @@ def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int], dict[tuple, 
         "half sides": half,
         "sides": 2 * half,
         "sight": scenario.sight,
-        "speeds": 2 * scenario.speed_unit,
+        "speed": scenario.speed_unit,
+        "relative speed": 2 * scenario.speed_unit,
         "memory": scenario.sensing.memory,
     }
     return scenario, {name: k for k, name in enumerate(layout(scenario).names)}, {}, units

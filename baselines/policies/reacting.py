@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.base import Policy, UnsuitableScenarioError
+from baselines.policies.base import Policy
 from baselines.policies.loops import lane_corners
 from baselines.policies.memory import Remembering
 from baselines.policies.own_row import Rows
@@ -144,8 +144,6 @@ class Reacting(Policy):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device)
-        if self.scenario.task.action != "velocity":
-            raise UnsuitableScenarioError(f"task.action must be velocity, got {self.scenario.task.action}")
         for name, value in settings.items():
             if not hasattr(type(self), name):
                 raise ValueError(f"setting of {self.name} must be an attribute of the class, got {name}")
