@@ -56,7 +56,7 @@ def main() -> None:
         print(f"iteration {k + 1}: return of the team {'-' if returns is None else f'{returns:.2f}'}")
     scenario = lissajous_env.scenario(options.scenario)
     for row in lissajous_env.evaluate(policy_of(algorithm), scenario, seeds=range(16)):
-        print(row["seed"], row["detection_time_mean"], row["collisions"])
+        print(*(f"{name} {row[name]:.3g}" for name in ("seed", "detection_time_mean", "collisions")))
     algorithm.stop()
 
 

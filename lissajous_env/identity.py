@@ -16,6 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import warp as wp
+
 from lissajous_env.device.compilation import OWN_PACKAGES
 from lissajous_env.device.devices import as_device, memory
 
@@ -26,19 +28,25 @@ MODULE = "module "
 def fingerprint(value: Any) -> dict[str, str]:
     """Return what identifies a function, class, partial, Warp kernel or object, the same in every process, by name.
 
-    Its parts are the name of the definition, the plain arguments of a partial, and a digest of the file of the module;
-    in a script or at a prompt, of its own source. Values in closures and attributes are not compared.
+    Its parts are the name of the definition and a digest of the file of the module; in a script or at a prompt, of its
+    own source. A partial also has the parts of its arguments that are plain values, functions or classes. Other values,
+    and those in closures and attributes, are not compared.
     """
     if isinstance(value, functools.partial):
-        arguments = {f"argument {k}": argument for k, argument in enumerate(value.args)} | value.keywords
-        plain = {name: repr(entry) for name, entry in arguments.items() if isinstance(entry, (str, int, float))}
-        return fingerprint(value.func) | {name: digest_of(text.encode()) for name, text in plain.items()}
+        parts = fingerprint(value.func)
+        for name, argument in (dict(enumerate(value.args)) | value.keywords).items():
+            if isinstance(argument, (str, int, float)):
+                parts[f"argument {name}"] = digest_of(repr(argument).encode())
+            elif callable(argument):
+                for part, text in fingerprint(argument).items():
+                    parts[part if part.startswith(MODULE) else f"argument {name} {part}"] = text
+        return parts
     if isinstance(value, types.MethodType):
-        return fingerprint(value.__self__)
-    definition = getattr(value, "func", value)  # that of a Warp kernel
+        return fingerprint(value.__self__) | {"method": value.__name__}
+    definition = value.func if isinstance(value, (wp.Kernel, wp.Function)) else value
     if not hasattr(definition, "__qualname__"):
         definition = type(definition)
-    module = str(definition.__module__)
+    module = str(getattr(definition, "__module__", "builtins"))
     parts = {"code": f"{module}:{definition.__qualname__}"}
     return parts if module.partition(".")[0] in OWN_PACKAGES else parts | _source(definition, module)
 

@@ -54,6 +54,10 @@ class SharedSettings(Checked):
     may_change: ClassVar[tuple[str, ...]] = ("out", "threads", "episodes")
     """Settings that may change when a training is resumed."""
 
+    def _check_together(self) -> None:
+        as_device(self.device)
+        object.__setattr__(self, "out", Path(self.out))
+
 
 @dataclass(frozen=True)
 class TrainingSettings(SharedSettings, part="training"):
@@ -115,7 +119,7 @@ class TrainingSettings(SharedSettings, part="training"):
     may_change = (*SharedSettings.may_change, "steps", "evaluate_every")
 
     def _check_together(self) -> None:
-        as_device(self.device)
+        super()._check_together()
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
@@ -158,20 +162,18 @@ class TrainingSettings(SharedSettings, part="training"):
         return {"car": car, "differential": car, "curve": "kuramoto"}.get(scenario.robot.kind)
 
     def make_scenario(self) -> Scenario:
-        """Return the first scenario of the validations: without a space, the only one."""
-        return self.make_validation_scenarios()[0]
-
-    def make_checkpoint_scenario(self) -> Scenario:
-        """Return the scenario that a checkpoint contains, without `lean_overrides`; of a space, `make_scenario`."""
-        return self.make_scenario() if self.space is not None else named.scenario(self.scenario, **self.overrides)
+        """Return the scenario that a checkpoint contains: of a space, the first one of the validations."""
+        return self._make_scenarios(self.overrides, 1)[0]
 
     def make_validation_scenarios(self) -> list[Scenario]:
         """Return the scenarios of the validations, with `lean_overrides`."""
+        return self._make_scenarios(self.lean_overrides, MAX_VALIDATION_SCENARIOS)
+
+    def _make_scenarios(self, overrides: Mapping[str, Any], count: int) -> list[Scenario]:
         if self.space is None:
-            return [named.scenario(self.scenario, **self.lean_overrides)]
+            return [named.scenario(self.scenario, **overrides)]
         with self.without_warnings():
-            scenarios = self.space.overridden(self.lean_overrides).scenarios(VALIDATION_SPLIT)
-            return list(itertools.islice(scenarios, MAX_VALIDATION_SCENARIOS))
+            return list(itertools.islice(self.space.overridden(overrides).scenarios(VALIDATION_SPLIT), count))
 
     @cached_property
     def lean_overrides(self) -> dict[str, Any]:
@@ -180,13 +182,13 @@ class TrainingSettings(SharedSettings, part="training"):
         These are the grids that neither the reward nor the targets use and, if the reward is for targets in sight, the
         rewards for first detections, which would outweigh it.
         """
-        base = named.scenario(self.scenario, **self.overrides) if self.space is None else self.space.base
-        task, fields = base.task, dict(self.overrides)
+        scenario, fields = self.make_scenario(), dict(self.overrides)
+        task = scenario.task
         if task.reward_observation > 0:
             fields |= {"task.reward_detection": 0.0, "task.reward_waiting": 0.0}
         if task.reward_idleness == 0:
             fields["task.grid"] = None
-        if task.reward_contamination == 0 and not task.conservative and base.targets.rogues is None:
+        if task.reward_contamination == 0 and not task.conservative and scenario.targets.rogues is None:
             fields["task.contamination"] = None
         return fields
 
@@ -213,7 +215,7 @@ class RogueTraining(SharedSettings, part="training"):
     def _check_together(self) -> None:
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:
             raise ValueError("targets.rogues must be omitted if rogues are trained")
-        as_device(self.device)
+        super()._check_together()
         as_factory(self.against)(self.make_scenario(), 1, self.device)  # raises for an unknown or unfit policy
 
     @classmethod

@@ -33,7 +33,7 @@ from training.learned.perception import BASE, OWN, TOKEN, unread_entries
 from training.learned.policy import LearnedTeam
 from training.settings import TrainingSettings
 from training.validation import described, limit_of, mean_of, rating_of, validate
-from training.worlds import TRUTH, Rollout, StepResult, Worlds
+from training.worlds import TRUTH, Rollout, StepResult, Truth, Worlds
 
 FIRST_SEED = 1_000_000
 """Seed of the first world of a training with seed 0, and difference between the first seeds of two trainings."""
@@ -68,11 +68,11 @@ def train(
     torch.set_num_threads(settings.threads or 1)
     with checkpoint.locked(settings.out) as folder, settings.without_warnings():
         training, began, diagnostics = Training(settings), time.monotonic(), {}
-        card = Card.of(settings.make_checkpoint_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
+        card = Card.of(settings.make_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
         history = _resume_or_begin(settings, training, card, say)
         curve, rivals, numbers = history["curve"], history["rivals"], training.numbers
         began -= curve[-1]["seconds"] if curve else 0.0
-        training.limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
+        limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
         while True:
             steps, every, done = numbers["steps"], settings.evaluate_every, numbers["steps"] >= settings.steps
             last = curve[-1]["steps"] if curve else -every
@@ -83,7 +83,7 @@ def train(
                 point = {"steps": steps, "seconds": round(time.monotonic() - began, 1)} | means | diagnostics
                 curve.append(point)
                 say(f"{point['steps']:,.0f} steps, {point['seconds']:.0f} s: {described(point, against)}")
-                limit, best = training.limit, history["best"]
+                best = history["best"]
                 if best is None or rating_of(point, limit) > rating_of(best, limit):
                     history["best"] = point
                     checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
@@ -92,7 +92,7 @@ def train(
             if done:
                 say(f"{settings.out / checkpoint.BEST}: {described(history['best'], against)}")
                 return history
-            diagnostics = training.update(training.collect())
+            diagnostics = training.update(training.collect(), limit)
 
 
 def _resume_or_begin(
@@ -100,15 +100,15 @@ def _resume_or_begin(
 ) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
-        with checkpoint.resuming(settings, card) as (contents, arrays):
+        with checkpoint.resuming(settings, card) as (description, arrays):
             training.load_state(arrays)
             say(f"{settings.out} has {training.numbers['steps']:,.0f} of {settings.steps:,} steps")
-            return contents["training"]
+            return description["training"]
     history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
         say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
-    if unread := unread_entries(settings.make_checkpoint_scenario()):
+    if unread := unread_entries(settings.make_scenario()):
         say(f"warning: the network does not read the entries that {', '.join(unread)} add to the observation")
     first = _WARM_UP * settings.rollout * training.worlds.count
     if training.actor.corrects and settings.steps <= first:
@@ -133,7 +133,6 @@ class Training:
         """`steps` of robots and `rollouts` so far; `penalty`, the factor of the costs of collisions; `variance` of the
         returns over the last `counted` steps, at most 300; `collided`, a team's collisions per episode with the noise
         of exploration, averaged over about 200 steps."""
-        self.limit = 0.0  # collisions per episode above which their cost rises: `train` replaces it by `limit_of`
         self._returns = np.zeros(self.worlds.count)
         self._noise = torch.randn(self.worlds.count, size)
         self._perception, self._truth = self.worlds.perception(), self.worlds.truth()
@@ -161,7 +160,7 @@ class Training:
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
             transitions.append((perception, critic_inputs, action, likelihood, torch.from_numpy(step.acted)))
-            steps.append((self._reward(step, *self._truth[2:]), step))
+            steps.append((self._reward(step, self._truth), step))
             worlds.begin(step.over)
             if step.over.any():
                 self._truth = worlds.truth()
@@ -175,17 +174,11 @@ class Training:
         returns = advantages + torch.from_numpy(np.stack(values[:-1]))
         return Rollout(perception, critic_inputs, actions, likelihood, acted, advantages, returns, deviation)
 
-    def _reward(self, step: StepResult, alone: np.ndarray, nearness: np.ndarray) -> np.ndarray:
-        """Return the rewards (B,) of a step, and update the running numbers.
-
-        Args:
-            step: Results of the step.
-            alone: (B,) number of targets that a robot has in sight and no other robot has.
-            nearness: (B,) nearness to other robots.
-        """
+    def _reward(self, step: StepResult, truth: Truth) -> np.ndarray:
+        """Return the rewards (B,) of a step that led to a true state, and update the running numbers."""
         settings, task, numbers = self.settings, self.worlds.batch.scenario.task, self.numbers
-        own = task.reward_observation * task.step * alone
-        cost = step.collided + _NEAR * task.reward_collision * nearness * step.acted
+        own = task.reward_observation * task.step * truth.alone
+        cost = step.collided + _NEAR * task.reward_collision * truth.nearness * step.acted
         reward = step.reward + numbers["penalty"] * cost
         reward = reward + settings.credit * own + (1 - settings.credit) * step.observed
         # Two robots take part in a collision.
@@ -200,8 +193,9 @@ class Training:
 
     def _valued(self) -> tuple[list[Tensor], np.ndarray]:
         """Return tokens and presence, which the critic reads besides the robots' own numbers, and its values (B,)."""
-        parts = self._truth[:2] if self.settings.critic == "central" else self._perception[1:]
-        own, *critic_inputs = [torch.from_numpy(part) for part in (self._perception[0], *parts)]
+        perceived, truth = self._perception, self._truth
+        parts = (truth.tokens, truth.present) if self.settings.critic == "central" else perceived[1:]
+        own, *critic_inputs = [torch.from_numpy(part) for part in (perceived[0], *parts)]
         with torch.no_grad():
             return critic_inputs, self.critic([own, *critic_inputs])[:, 0].numpy()
 
@@ -218,8 +212,13 @@ class Training:
             advantages[t] = later
         return torch.from_numpy(advantages)
 
-    def update(self, rollout: Rollout) -> dict[str, float]:
-        """Update the critic, and the actor until its policy differs too much from the rollout's; return diagnostics."""
+    def update(self, rollout: Rollout, limit: float = 0.0) -> dict[str, float]:
+        """Update the critic, and the actor until its policy differs too much from the rollout's; return diagnostics.
+
+        Args:
+            rollout: Steps with the present policy.
+            limit: Collisions per episode above which their cost rises.
+        """
         settings, numbers = self.settings, self.numbers
         self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
         updates_actor, divergence = numbers["rollouts"] >= _WARM_UP * self.actor.corrects, 0.0
@@ -240,7 +239,7 @@ class Training:
                 # A network on which the loss does not depend has no gradient, so that its momentum does not change it.
                 self.optimizer.step()
         numbers["rollouts"] += 1
-        excess = np.clip(numbers["collided"] / max(self.limit, 0.05) - 1, -1, 1)
+        excess = np.clip(numbers["collided"] / max(limit, 0.05) - 1, -1, 1)
         numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
         explained = 1 - (rollout.advantages.var() / rollout.returns.var().clamp(min=1e-12)).item()
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}

@@ -51,6 +51,19 @@ class StepResult(NamedTuple):
     """(W,) True for worlds whose episode has ended."""
 
 
+class Truth(NamedTuple):
+    """True state relative to each robot: the inputs of a central critic, and two numbers for the rewards."""
+
+    tokens: np.ndarray
+    """(W, N, K, F) numbers `TRUTH` of each target and each other robot."""
+    present: np.ndarray
+    """(W, N, K) 1 where there is a token, else 0."""
+    alone: np.ndarray
+    """(W, N) number of targets that the robot has in sight and no other robot has."""
+    nearness: np.ndarray
+    """(W, N) sum over other robots: 1 for one that it touches, and less down to 0 for a gap of a body's diameter."""
+
+
 class Rollout(NamedTuple):
     """T steps of B robots, as tensors.
 
@@ -113,18 +126,15 @@ class Worlds:
         parts = [perceive(*group) for group in zip(self._observations(), scenarios, base_actions, strict=True)]
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
-    def truth(self) -> list[np.ndarray]:
-        """Return the inputs of the critic, tokens (B, K, F) and presence (B, K), and two numbers (B,).
-
-        They are those of `true_view`; the two numbers, of which rewards are computed, are not for the critic.
-        """
+    def truth(self) -> Truth:
+        """Return the true state, with rows (B, ...) instead of (W, N, ...)."""
         parts = []
         for tokens, present, *numbers in map(true_view, self.batch.simulations):
             # Scenarios of a space have different numbers of targets and robots.
             more = 0 if self.batch.space is None else MOST_TARGETS + self.side.slots - present.shape[2]
             wider = (0, 0), (0, 0), (0, more)
             parts.append((np.pad(tokens, (*wider, (0, 0))), np.pad(present, wider), *numbers))
-        return [self._flat(part) for part in zip(*parts, strict=True)]
+        return Truth(*(self._flat(part) for part in zip(*parts, strict=True)))
 
     def step(self, actions: np.ndarray) -> StepResult:
         """Advance all worlds with outputs (B, A) of the network; `begin` must follow."""
@@ -189,14 +199,8 @@ class Worlds:
         return joined.reshape(self.count, *joined.shape[2:])
 
 
-def true_view(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the true state relative to each robot, as a critic reads it.
-
-    Returns:
-        Tokens (W, N, K, F) with the numbers `TRUTH`; presence (W, N, K), 1 where there is a token, else 0; the number
-        of targets (W, N) that the robot has in sight and no other robot has; and its nearness (W, N) to others, the
-        sum of 1 for each that it touches, and less down to 0 for a gap of a body's diameter.
-    """
+def true_view(simulation: Simulation) -> Truth:
+    """Return the true state relative to each robot, as a critic reads it."""
     sight = np.float32(simulation.scenario.sight)
     axes = axes_of(simulation.observation.numpy(), simulation.scenario)
     robots = simulation.robots.position.numpy()[..., :2] / sight
@@ -222,7 +226,7 @@ def true_view(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarra
     alone = (sighted & (observers == 0)).sum(axis=-1).astype(np.float32)
     gap = distance[..., count:] / np.float32(2 * simulation.scenario.robot.radius / sight) - 1
     nearness = np.where(others & works[..., None], np.clip(1 - gap, 0, 1), 0).sum(axis=-1)
-    return tokens * present[..., None], present.astype(np.float32), alone, nearness.astype(np.float32)
+    return Truth(tokens * present[..., None], present.astype(np.float32), alone, nearness.astype(np.float32))
 
 
 def _true_targets(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import score_versions
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
-from baselines.policies.registry import factory_fingerprint
+from baselines.policies.registry import fingerprint_of
 from lissajous_env.identity import MODULE
 from lissajous_env.plugins import of_extra
 from lissajous_env.wording import shown, where_raised
@@ -134,7 +134,7 @@ def _play_batch(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Ro
 
 def _sources(cell: Cell) -> dict[str, str]:
     """Return digests of the code that a cell needs: the policy's modules, and the scenario with extensions."""
-    modules = {name: digest for name, digest in factory_fingerprint(cell.factory).items() if name.startswith(MODULE)}
+    modules = {name: digest for name, digest in fingerprint_of(cell.factory).items() if name.startswith(MODULE)}
     return modules | {f"scenario {cell.scenario.name}": cell.scenario.digest()}
 
 

@@ -18,7 +18,7 @@ from baselines.policies import registry
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import fingerprint
 from lissajous_env.parameters.robot_models import MODELS
-from lissajous_env.parameters.rogues import folder_of
+from lissajous_env.parameters.rogues import ROGUES, folder_of
 from lissajous_env.parameters.scenario_file import scenario_of_json
 from lissajous_env.storage.files import read_json, undamaged
 from lissajous_env.storage.folder import Folder, read_lines
@@ -163,13 +163,15 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
 
 
 def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
-    """Return digests of the code of each policy, each model of robots that is not included, and learned rogues."""
+    """Return digests of the code of policies, of models of robots and of rogues; the included ones have the version."""
     models = [MODELS[kind] for kind in sorted({cell.scenario.robot.kind for cell in cells})]
-    added = {_ROBOTS + model.name: fingerprint(model.move) for model in models if not MODELS.is_included(model)}
-    adversaries = sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""})
-    folders = {name: folder for name in adversaries if (folder := folder_of(name)) is not None}
-    learned = {_ROGUES + name: registry.policy_fingerprint(str(folder)) for name, folder in folders.items()}
-    return {cell.policy: registry.factory_fingerprint(cell.factory) for cell in cells} | added | learned
+    code = {_ROBOTS + model.name: fingerprint(model.move) for model in models if not MODELS.is_included(model)}
+    for name in sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""}):
+        if (folder := folder_of(name)) is not None:
+            code[_ROGUES + name] = registry.fingerprint_of(registry.resolve(str(folder)))
+        elif name in ROGUES and not ROGUES.is_included(ROGUES[name]):
+            code[_ROGUES + name] = fingerprint(ROGUES[name].decide)
+    return {cell.policy: registry.fingerprint_of(cell.factory) for cell in cells} | code
 
 
 def score_versions() -> dict[str, str]:

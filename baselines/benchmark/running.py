@@ -92,7 +92,7 @@ def _cells_of(results: Results, outcome: BenchmarkOutcome) -> Iterator[Cell]:
                 continue
             with suppress(ValueError):  # an object of an earlier call, or a folder that is gone
                 factory = registry.as_factory(policy)
-                if registry.factory_fingerprint(factory) == results.stored["played"][policy]:
+                if registry.fingerprint_of(factory) == results.stored["played"][policy]:
                     yield Cell(results.scenarios[name], policy, factory)
 
 

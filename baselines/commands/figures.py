@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from baselines.benchmark import results_folder
+from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import latex
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, Output
@@ -44,9 +44,7 @@ def figures(
     """
     from baselines.benchmark import paper_figures  # the import of matplotlib takes a second
 
-    if not (folder / results_folder.SETTINGS).is_file():
-        raise ValueError(f"folder must contain the results of a benchmark (settings.json), got {folder}")
-    results = results_folder.Results(folder)
+    results = Results(folder)
     if not (rows := results.rows()):
         raise ValueError(f"folder must contain at least one episode, got {folder}")
     table = Table.of(rows, results.scenarios)

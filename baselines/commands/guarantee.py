@@ -76,14 +76,9 @@ def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[dic
 
 def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]], cells: int) -> None:
     """Print a row for each sensing radius, computed with this number of cells along the longer side."""
-    speed = scenario.rogue_speed
-    console.print(
-        Text.assemble(
-            (scenario.name, "bold"),
-            f"  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, "
-            f"Eq. (8) requires {scenario.detection_radius:.3g} m",
-        )
-    )
+    speed, required = scenario.rogue_speed, scenario.detection_radius
+    words = f"N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, Eq. (8) requires"
+    console.print(Text.assemble((scenario.name, "bold"), f"  {words} {required:.3g} m"))
     columns = [
         "sensing\nradius [m]",
         "over that\nof Eq. (8)",
@@ -91,14 +86,13 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]
         f"at {speed:g} m/s undetected\nfor at most [s]",
     ]
     highest = IdealFormation(scenario, cells=cells).fastest_rogue
-    shown = [
+    print_table(console, columns, [
         [
             f"{row['radius']:.3g}",
-            f"{row['radius'] / scenario.detection_radius:.2f}",
+            f"{row['radius'] / required:.2f}",
             f"{row['critical_speed']:.3g}" if row["critical_speed"] < math.inf else f"> {highest:.3g}",
             f"{row['guaranteed_time']:.1f}" if row["guaranteed_time"] < math.inf else "for ever",
         ]
         for row in rows
-    ]
-    print_table(console, columns, shown)
+    ])  # fmt: skip
     console.print()

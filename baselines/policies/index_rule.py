@@ -6,7 +6,7 @@ import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.own_row import Rows
-from baselines.policies.reacting import Reacting, SentPlaces, greedy_division, towards
+from baselines.policies.reacting import Reacting, greedy_division, towards
 from lissajous_env.parameters.scenario import Scenario
 
 _NOWHERE = 1e6
@@ -44,7 +44,6 @@ class Index(Reacting):
         self._near, self._beyond = (apart < radius).astype(float), (apart >= 1.2 * radius).astype(float)
         shape = (*self.shape, len(self.cells))
         self._idle, self._detections, self._watched_time = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-        self._sent = SentPlaces(self.scenario, self.num_worlds)
         self.forget(np.ones(self.num_worlds, bool))
 
     def forget(self, mask: np.ndarray) -> None:
@@ -65,7 +64,7 @@ class Index(Reacting):
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Update the robots' estimates, divide the cells among the team, and drive to the robot's own cell."""
-        places = self._sent.next(rows)
+        places = self.sent.next(rows)
         far = np.nan_to_num(np.linalg.norm(places[:, :, :, None] - self.cells, axis=-1), nan=_NOWHERE * self.radius)
         covered = (far < self.radius).any(axis=2)
         waited = self._idle + self.step

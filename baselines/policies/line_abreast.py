@@ -42,9 +42,8 @@ def choose_ways(
         turned = wrap(own_phase(w, i, observation) - starts[i]) / 6.283185307179586
         nearest = int(wp.floor(turned * float(angles) + 0.5)) - first
         if variants == angles:
-            variant_out[w, i] = (nearest + angles) % angles
-        else:
-            variant_out[w, i] = wp.clamp(nearest, 0, variants - 1)
+            nearest = (nearest + angles) % angles
+        variant_out[w, i] = wp.clamp(nearest, 0, variants - 1)
 
 
 @lru_cache(maxsize=16)

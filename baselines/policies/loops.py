@@ -183,7 +183,8 @@ class SweepParameters(Checked):
     """Parameters of a patrol, besides the scenario; None is derived from it."""
 
     cruise: float | None = number(None, 1e-3, 1e4, "m/s")
-    """Speed of the patrol [m/s]; None is `cruising_speed`."""
+    """Speed of the patrol [m/s]; None is `cruising_speed`, or with `laps` the smaller one of `fastest_speed` and
+    `speed_to_turn`."""
     inset: float | None = number(None, 0, 1e4, "m")
     """Distance of the loop from the boundary [m]; None is 0.1 sensing radii where targets enter at the
     boundary, else 0.7, or less if the corners would not fit."""
@@ -217,7 +218,7 @@ def speed_to_turn(scenario: Scenario) -> float:
 def fastest_speed(scenario: Scenario) -> float:
     """Return the formation's speed where the curve is fastest, or less where top speed or grip limits cars [m/s].
 
-    Grip lets cars turn at cruising speed.
+    Where grip limits it, cars can turn round in half of the rectangle at cruising speed.
     """
     formation = top_speed(scenario.driven, scenario.formation.phase_rate)
     return min(scenario.robot.top_speed, formation, speed_to_turn(scenario) / _CRUISE)

@@ -1,6 +1,7 @@
 """The entries of a robot's observation row, decoded: in kernels, and in NumPy and SI units by `Rows`."""
 
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -131,6 +132,22 @@ def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: Observ
     return relative * (2.0 * speed_unit)
 
 
+def _quantity(kind: str, *names: str, unit: str = "") -> cached_property[np.ndarray]:
+    """Return a property of `Rows`: entries times a unit of `_decoded`; without a unit, True for those above 0.5.
+
+    They are those of the K things of a kind, (W, N, K) for one name and (W, N, K, len(names)) for several, or, for the
+    kind "own", those of the robot itself, without the axis K.
+    """
+
+    def values(rows: "Rows") -> np.ndarray:
+        own = kind == "own"
+        entries = np.stack([*map(rows.entry, names)], axis=-1) if own else rows.entries_of(kind, *names)
+        entries = entries if len(names) > 1 else entries[..., 0]
+        return entries * rows._units[unit] if unit else entries > 0.5
+
+    return cached_property(values)
+
+
 class Rows:
     """The observation (W, N, D) of W worlds of N robots as named quantities in SI units.
 
@@ -141,17 +158,55 @@ class Rows:
         observation: Observation as a policy receives it, of float32.
         scenario: Scenario of the observation.
 
+    Attributes:
+        position: (W, N, 2) measured x, y [m].
+        speed: (W, N) measured speed [m/s].
+        works: (W, N) True for a robot that works itself.
+        age: (W, N, 2) time since each neighbour's message was sent [s].
+        neighbour_offset: (W, N, 2, 2) relative x, y of each neighbour's message [m].
+        robots_seen: (W, N, R) True for a robot in sight; the nearest is the first.
+        robot_offset: (W, N, R, 2) relative x, y of the robots in sight [m].
+        robot_velocity: (W, N, R, 2) relative velocity of the robots in sight [m/s].
+        targets_seen: (W, N, T) True for a target in sight; the nearest is the first.
+        target_offset: (W, N, T, 2) relative x, y of the targets in sight [m].
+        tracks: (W, N, K) True for a track; the nearest is the first.
+        track_offset: (W, N, K, 2) relative x, y of the tracks when they were last in sight [m].
+        track_velocity: (W, N, K, 2) velocity of the tracks then [m/s]; 0 if unknown.
+        track_age: (W, N, K) time since the tracks were last in sight [s].
+        track_of_other: (W, N, K) True if another robot had the track in sight according to the latest messages.
+        track_leaves: (W, N, K) True for the track of a target that was detected and leaves.
+        teammates: (W, N, M) True for a teammate whose place is known; the nearest is the first.
+        teammate_offset: (W, N, M, 2) relative x, y of the teammates in their last messages [m].
+
     Raises:
         ValueError: the rows are not as long as those of the scenario.
     """
 
+    position = _quantity("own", "x", "y", unit="half sides")
+    speed = _quantity("own", "speed", unit="speed")
+    works = _quantity("own", "works")
+    age = _quantity("neighbour", "age", unit="time")
+    neighbour_offset = _quantity("neighbour", "x", "y", unit="sides")
+    robots_seen = _quantity("robot", "present")
+    robot_offset = _quantity("robot", "x", "y", unit="sight")
+    robot_velocity = _quantity("robot", "x_velocity", "y_velocity", unit="relative speed")
+    targets_seen = _quantity("target", "present")
+    target_offset = _quantity("target", "x", "y", unit="sight")
+    tracks = _quantity("track", "present")
+    track_offset = _quantity("track", "x", "y", unit="sides")
+    track_velocity = _quantity("track", "x_velocity", "y_velocity", unit="relative speed")
+    track_age = _quantity("track", "age", unit="memory")
+    track_of_other = _quantity("track", "other")
+    track_leaves = _quantity("track", "leaves")
+    teammates = _quantity("teammate", "present")
+    teammate_offset = _quantity("teammate", "x", "y", unit="sides")
+
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):
-        self.scenario, self._indices, self._columns = _decoded(named.build(scenario))
+        self.scenario, self._indices, self._columns, self._units = _decoded(named.build(scenario))
         self.values = np.asarray(observation)
         if self.values.shape[-1:] != (len(self._indices),):
             rule = f"observation must have rows of {len(self._indices)} numbers for {self.scenario.name}"
             raise ValueError(f"{rule}, got shape {self.values.shape}")
-        self._half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
 
     def entry(self, name: str) -> np.ndarray:
         """Return the raw values (W, N) of an entry, by its name in the layout of the observation."""
@@ -168,19 +223,9 @@ class Rows:
         return self.values.take(self._columns[kind, names], axis=-1)
 
     @cached_property
-    def position(self) -> np.ndarray:
-        """Return the measured x, y (W, N, 2) [m]."""
-        return np.stack([self.entry("x"), self.entry("y")], axis=-1) * self._half
-
-    @cached_property
     def heading(self) -> np.ndarray:
         """Return the measured heading (W, N) [rad]."""
         return self._angle("heading")
-
-    @cached_property
-    def speed(self) -> np.ndarray:
-        """Return the measured speed (W, N) [m/s]."""
-        return self.entry("speed") * self.scenario.speed_unit
 
     @cached_property
     def phase(self) -> np.ndarray:
@@ -188,100 +233,21 @@ class Rows:
         return self._angle("phase")
 
     @cached_property
-    def works(self) -> np.ndarray:
-        """Return whether each robot itself works (W, N)."""
-        return self.entry("works") > 0.5
-
-    @cached_property
     def heard(self) -> np.ndarray:
         """Return whether each neighbour's latest message is recent enough (W, N, 2)."""
-        return (self._of("neighbour", "heard") > 0.5) & (self._of("neighbour", "age") < 1)
-
-    @cached_property
-    def age(self) -> np.ndarray:
-        """Return the time since each neighbour's message was sent (W, N, 2) [s]."""
-        return self._of("neighbour", "age") * self.scenario.time_unit
+        ever, age = np.moveaxis(self.entries_of("neighbour", "heard", "age"), -1, 0)
+        return (ever > 0.5) & (age < 1)
 
     @cached_property
     def lead(self) -> np.ndarray:
         """Return the relative phase of each neighbour's message (W, N, 2), theta_j - theta_i in [-pi, pi] [rad]."""
-        angle = np.arctan2(self._of("neighbour", "sin_phase"), self._of("neighbour", "cos_phase"))
-        return np.where(self.heard, angle, 0.0)
-
-    @cached_property
-    def neighbour_offset(self) -> np.ndarray:
-        """Return the relative x, y of each neighbour's message (W, N, 2, 2) [m]."""
-        return self.entries_of("neighbour", "x", "y") * 2 * self._half
+        sine, cosine = (self.entries_of("neighbour", f"{part}_phase")[..., 0] for part in ("sin", "cos"))
+        return np.where(self.heard, np.arctan2(sine, cosine), 0.0)
 
     @cached_property
     def message(self) -> np.ndarray:
         """Return the last message of each neighbour's policy (W, N, 2, k), k = `messages.size`; zeros if none."""
         return self.entries_of("neighbour", *(f"message_{m}" for m in range(self.scenario.messages.size)))
-
-    @cached_property
-    def robots_seen(self) -> np.ndarray:
-        """Return whether there is a robot in sight (W, N, R); the nearest is the first."""
-        return self._of("robot", "present") > 0.5
-
-    @cached_property
-    def robot_offset(self) -> np.ndarray:
-        """Return the relative x, y of the robots in sight (W, N, R, 2) [m]."""
-        return self.entries_of("robot", "x", "y") * self.scenario.sight
-
-    @cached_property
-    def robot_velocity(self) -> np.ndarray:
-        """Return the relative velocity of the robots in sight (W, N, R, 2) [m/s]."""
-        return self.entries_of("robot", "x_velocity", "y_velocity") * 2 * self.scenario.speed_unit
-
-    @cached_property
-    def targets_seen(self) -> np.ndarray:
-        """Return whether there is a target in sight (W, N, T); the nearest is the first."""
-        return self._of("target", "present") > 0.5
-
-    @cached_property
-    def target_offset(self) -> np.ndarray:
-        """Return the relative x, y of the targets in sight (W, N, T, 2) [m]."""
-        return self.entries_of("target", "x", "y") * self.scenario.sight
-
-    @cached_property
-    def tracks(self) -> np.ndarray:
-        """Return whether there is a track (W, N, K); the nearest is the first."""
-        return self._of("track", "present") > 0.5
-
-    @cached_property
-    def track_offset(self) -> np.ndarray:
-        """Return the relative x, y of the tracks when they were last in sight (W, N, K, 2) [m]."""
-        return self.entries_of("track", "x", "y") * 2 * self._half
-
-    @cached_property
-    def track_velocity(self) -> np.ndarray:
-        """Return the velocity of the tracks then (W, N, K, 2) [m/s]; 0 if unknown."""
-        return self.entries_of("track", "x_velocity", "y_velocity") * 2 * self.scenario.speed_unit
-
-    @cached_property
-    def track_age(self) -> np.ndarray:
-        """Return the time since the tracks were last in sight (W, N, K) [s]."""
-        return self._of("track", "age") * self.scenario.sensing.memory
-
-    @cached_property
-    def track_of_other(self) -> np.ndarray:
-        """Return whether another robot had the track in sight according to the latest messages (W, N, K)."""
-        return self._of("track", "other") > 0.5
-
-    @cached_property
-    def track_leaves(self) -> np.ndarray:
-        """Return whether the track is of a target that was detected and leaves (W, N, K)."""
-        return self._of("track", "leaves") > 0.5
-
-    @cached_property
-    def teammates(self) -> np.ndarray:
-        """Return whether there is a teammate whose place is known (W, N, M); the nearest is the first."""
-        return self._of("teammate", "present") > 0.5
-
-    @cached_property
-    def teammate_offset(self) -> np.ndarray:
-        """Return the relative x, y of the teammates in their last messages (W, N, M, 2) [m]."""
-        return self.entries_of("teammate", "x", "y") * 2 * self._half
 
     @cached_property
     def cell_age(self) -> np.ndarray:
@@ -297,12 +263,19 @@ class Rows:
     def _angle(self, name: str) -> np.ndarray:
         return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))
 
-    def _of(self, kind: str, name: str) -> np.ndarray:
-        return self.entries_of(kind, name)[..., 0]
-
 
 @lru_cache(maxsize=64)
-def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int], dict[tuple, np.ndarray]]:
-    """Return a scenario with every field filled in, the indices of the entries by name, and those that were read."""
+def _decoded(scenario: Scenario) -> tuple[Scenario, dict[str, int], dict[tuple, np.ndarray], dict[str, Any]]:
+    """Return a scenario with every field filled in, indices of entries by name, those that were read, and units."""
     scenario = scenario.resolve()
-    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}, {}
+    half = np.array([scenario.curve.half_width, scenario.curve.half_height])
+    units = {
+        "time": scenario.time_unit,
+        "half sides": half,
+        "sides": 2 * half,
+        "sight": scenario.sight,
+        "speed": scenario.speed_unit,
+        "relative speed": 2 * scenario.speed_unit,
+        "memory": scenario.sensing.memory,
+    }
+    return scenario, {name: k for k, name in enumerate(layout(scenario).names)}, {}, units

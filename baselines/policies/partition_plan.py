@@ -223,8 +223,8 @@ def partition_plans(scenario: Scenario, parameters: PartitionParameters | None =
     # A drive, also as the car that stands for it, gains its yaw rate in some time.
     is_drive = math.isfinite(scenario.robot.top_yaw_acceleration) and parameters.turning is None
     widths = [w for w in (_WIDER if is_drive else _WIDER[:1]) if w == 1 or w * turning <= smallest]
-    relative = replace(parameters, speed=None, clearance=None, turning=None)
-    ranked = [plan for width in widths for plan in _ranked(replace(problem, turning=width * problem.turning), relative)]
+    problems = [replace(problem, turning=width * problem.turning) for width in widths]
+    ranked = [plan for problem in problems for plan in _ranked(problem, parameters)]
     if not ranked:
         rule = f"partition requires room for {scenario.num_robots} loops of radius {turning:.3g} m"
         rule = f"{rule}, in phase at least {problem.apart * unit:.3g} m from one another"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.base import Policy, UnsuitableScenarioError
+from baselines.policies.base import Policy
 from baselines.policies.loops import lane_corners
 from baselines.policies.memory import Remembering
 from baselines.policies.own_row import Rows
@@ -144,8 +144,6 @@ class Reacting(Policy):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device)
-        if self.scenario.task.action != "velocity":
-            raise UnsuitableScenarioError(f"task.action must be velocity, got {self.scenario.task.action}")
         for name, value in settings.items():
             if not hasattr(type(self), name):
                 raise ValueError(f"setting of {self.name} must be an attribute of the class, got {name}")
@@ -153,6 +151,7 @@ class Reacting(Policy):
         curve, self.sight = self.scenario.curve, self.scenario.sight
         self.half = np.array([curve.half_width, curve.half_height])
         self.top, self.step = self.scenario.robot.top_speed, self.scenario.task.step
+        self.sent = SentPlaces(self.scenario, self.num_worlds)
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Return the wished velocities (W, N, 2) in units of the top speed."""
@@ -202,7 +201,6 @@ class Lanes(Reacting):
         self._spacing = self._along[-1] / self.num_robots
         longest = math.ceil(1.25 * self._spacing / (self.top * self.step))  # until robots are apart in their places
         self._delay, self._last_choice = delay, delay + (longest if noise.message_loss > 0 else 0)
-        self._sent = SentPlaces(self.scenario, self.num_worlds)
 
     def forget(self, mask: np.ndarray) -> None:
         """Begin the tour anew."""
@@ -214,7 +212,7 @@ class Lanes(Reacting):
 
     def wish(self, rows: Rows) -> np.ndarray:
         """Follow the robot's place on the tour."""
-        chooses, places = self._steps <= self._last_choice, self._sent.next(rows)
+        chooses, places = self._steps <= self._last_choice, self.sent.next(rows)
         if chooses.any():
             then = self._way(np.maximum(self._steps - self._delay, 0))
             self._slot[chooses] = self._nearest_slots(places[chooses], then[chooses])
@@ -252,7 +250,6 @@ class Searching(Reacting):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device, **settings)
         self.patrol = Lanes(scenario, num_worlds, device, reach=self.scenario.sight)
-        self.sent = SentPlaces(self.scenario, self.num_worlds)
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Return the wished velocities (W, N, 2) [top speed], and whether a robot reacts to a target (W, N)."""

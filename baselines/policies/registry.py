@@ -102,13 +102,13 @@ class Loader(NamedTuple):
     own_scenario: Callable[[str], Scenario]
     """`own_scenario(folder)` returns the scenario of the policy."""
     fingerprint: Callable[[str], dict[str, str]]
-    """`fingerprint(folder)` returns what identifies the policy, as `policy_fingerprint` does."""
+    """`fingerprint(folder)` returns what identifies the policy, as `fingerprint_of` does."""
 
 
 POLICIES = Registry(
     "policy",
     (r"(?s).+", "a word"),
-    lambda entry: getattr(_origin(entry.factory)[0], "__module__", "").partition(".")[0] in OWN_PACKAGES,
+    lambda entry: _is_own(entry.factory),
     "lissajous_env.policies",
 )
 _FILTERS: dict[str, type[Filter]] = {kind.suffix: kind for kind in (Safe, Proved)}
@@ -178,6 +178,13 @@ def _origin(factory: Any) -> tuple:
     return (factory.func, *factory.args, *factory.keywords.items()) if isinstance(factory, partial) else (factory,)
 
 
+def _is_own(factory: Any) -> bool:
+    """Return whether this distribution defines a factory and, of a partial one, all functions and classes in it."""
+    if isinstance(factory, partial):
+        return all(map(_is_own, filter(callable, (factory.func, *factory.args, *factory.keywords.values()))))
+    return getattr(factory, "__module__", "").partition(".")[0] in OWN_PACKAGES
+
+
 def split_suffix(name: str) -> tuple[str, str]:
     """Split the name or the folder of a policy into the part before the suffix of a filter, and the suffix or ""."""
     name = str(name)
@@ -222,8 +229,8 @@ def resolve(name: str) -> Entry:
         return entry
     plain, suffix = split_suffix(name)
     if is_folder(name):
-        kind = "car" if suffix else None
-        return Entry(str(name), kind, partial(_loader_of(plain).make, plain), filter=_FILTERS.get(suffix))
+        entry = Entry(plain, None, partial(_loader_of(plain).make, plain))
+        return entry.filtered(suffix) if suffix else entry
     if os.sep in plain:
         raise ValueError(f"folder of a policy must exist, got {plain}")
     raise POLICIES.unknown(name, "policies", names())
@@ -253,13 +260,15 @@ def own_scenario(folder: str) -> Scenario:
     return _loader_of(plain).own_scenario(plain)
 
 
-def policy_fingerprint(name: str) -> dict[str, str]:
-    """Return the fingerprint of a policy's code, or of its file, as `lissajous_env.identity.fingerprint` does."""
-    plain, suffix = split_suffix(name)
-    in_folder = is_folder(name)
-    of_policy = _loader_of(plain).fingerprint(plain) if in_folder else identity.fingerprint(POLICIES[plain].factory)
-    of_filter = identity.fingerprint(_FILTERS[suffix]) if suffix else {}
-    return of_policy | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
+def fingerprint_of(factory: Factory) -> dict[str, str]:
+    """Return what identifies the code, or the folder, of the policies of a factory, as `identity.fingerprint` does."""
+    factory = getattr(factory, "__wrapped__", factory)
+    if not isinstance(factory, Entry):
+        return identity.fingerprint(factory)
+    plain, suffix = split_suffix(factory.name)
+    parts = _loader_of(plain).fingerprint(plain) if is_folder(factory.name) else identity.fingerprint(factory.factory)
+    of_filter = {} if factory.filter is None else identity.fingerprint(factory.filter)
+    return parts | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
 
 
 def as_factory(policy: Any, name: str = "") -> Factory:
@@ -278,39 +287,29 @@ def as_factory(policy: Any, name: str = "") -> Factory:
         if not is_imported(name):
             return resolve(name)
         policy = import_attribute(name, "policy must be module:factory")
-    if not isinstance(policy, type) and _acts(policy):
-        instance = cast(ActingPolicy, policy)
+    is_policy = _acts(policy) and not isinstance(policy, type)
+    if is_policy:
         with contextlib.suppress(Exception):  # playing the policy raises the error again
-            instance.reset()  # so that memory of earlier episodes does not change its identity
-        return _identified_by(policy, lambda *_: instance)
+            policy.reset()  # so that memory of earlier episodes does not change its identity
     rule = "must be a policy or factory(scenario, num_worlds, device)"
-    require(callable(policy), f"policy {name}", rule, policy)
-    if inspect.isfunction(policy) and _takes_one(policy):
-        return _identified_by(policy, lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds))
+    require(is_policy or callable(policy), f"policy {name}", rule, policy)
+    decides = inspect.isfunction(policy) and _takes_one(policy)
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
+        if is_policy:
+            return cast(ActingPolicy, policy)
+        if decides:
+            return FunctionPolicy(policy, num_worlds)
         kind = kind_of(policy)
         others = kind not in (None, scenario.actuation)  # refused, or driven as cars
         factory = Entry(name or getattr(policy, "__name__", str(policy)), kind, policy) if others else policy
-        acting: Any = factory(scenario, num_worlds, device)
+        acting = factory(scenario, num_worlds, device)
         acts = _acts(acting) and not isinstance(acting, type)
         require(acts, f"policy {name}", "must be made with reset, act and num_worlds", acting)
         return cast(ActingPolicy, acting)
 
-    return _identified_by(policy, make)
-
-
-def _identified_by(policy: Any, factory: Factory) -> Factory:
-    """Return a factory with the fingerprint of the object of a user."""
-    factory.__wrapped__ = policy  # type: ignore[attr-defined]
-    return factory
-
-
-def factory_fingerprint(factory: Factory) -> dict[str, str]:
-    """Return the fingerprint of what a factory makes, as `lissajous_env.identity.fingerprint` does."""
-    if isinstance(factory, Entry):
-        return policy_fingerprint(factory.name)
-    return identity.fingerprint(getattr(factory, "__wrapped__", factory))
+    make.__wrapped__ = policy  # type: ignore[attr-defined]
+    return make
 
 
 def is_imported(name: str) -> bool:

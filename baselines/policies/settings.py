@@ -17,7 +17,7 @@ accepted wherever a policy is named, like the folder of a checkpoint. Nothing in
 import dataclasses
 import inspect
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,6 @@ from lissajous_env.identity import digest_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import check_keys, read_toml, toml_value
-from lissajous_env.settings.checks import Checked
 from lissajous_env.wording import few_of, require
 
 ARGUMENT = "parameters"
@@ -64,10 +63,14 @@ class PolicySettings:
         entry = registry.resolve(self.policy)
         factory = entry.factory
         if self.coordinator:
-            factory = _with_coordinator(self, factory, scenario)
+            tracker: Any = factory.func if isinstance(factory, partial) else None
+            rule = f"must be empty for {self.policy}, which has none"
+            require(inspect.isclass(tracker) and issubclass(tracker, Coordinated), _TABLES[1], rule, self.coordinator)
+            coordinator, *others = factory.args
+            coordinator = _with_parameters(self.policy, _TABLES[1], coordinator, self.coordinator, scenario)
+            factory = partial(tracker, coordinator, *others, **factory.keywords)
         if self.parameters:
-            parameters = _parameters_of(self.policy, ARGUMENT, factory, self.parameters, scenario)
-            factory = partial(factory, **{ARGUMENT: parameters})
+            factory = _with_parameters(self.policy, ARGUMENT, factory, self.parameters, scenario)
         return dataclasses.replace(entry, factory=factory)(scenario, num_worlds, device)
 
     @classmethod
@@ -99,31 +102,22 @@ class PolicySettings:
         return "\n".join(lines) + "\n"
 
 
-def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario) -> Callable[..., Policy]:
-    """Return the factory of a tracker whose coordinator has the parameters of the settings."""
-    if not (isinstance(factory, partial) and inspect.isclass(factory.func) and issubclass(factory.func, Coordinated)):
-        raise ValueError(f"coordinator must be empty for {settings.policy}, which has none, got {settings.coordinator}")
-    coordinator, *others = factory.args
-    parameters = _parameters_of(settings.policy, "coordinator", coordinator, settings.coordinator, scenario)
-    return partial(factory.func, partial(coordinator, **{ARGUMENT: parameters}), *others, **factory.keywords)
-
-
-def _parameters_of(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario) -> Checked:
-    """Return the parameters of a factory's class: the given ones, and the others scaled to a scenario.
+def _with_parameters(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario) -> partial:
+    """Return a factory with the parameters of a table; the others are its own, or those of its class for a scenario.
 
     Raises:
         ValueError: the factory has none, or a parameter is unknown or invalid.
     """
-    kind = getattr(factory.func if isinstance(factory, partial) else factory, "Parameters", None)
+    function, before = (factory.func, factory.keywords) if isinstance(factory, partial) else (factory, {})
+    kind = getattr(function, "Parameters", None)
     if kind is None:
         raise ValueError(f"{table} must be empty for {policy}, which has none, got {few_of(given)}")
     known = [field.name for field in dataclasses.fields(kind)]
     for name in given:
         require(name in known, f"{table} of {policy}", f"must be of {few_of(known, name)}", name, known)
-    before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
-    if before is not None:
-        return dataclasses.replace(before, **given)
-    return parameters_for(kind, scenario, **given)
+    own = before.get(ARGUMENT)
+    parameters = parameters_for(kind, scenario, **given) if own is None else dataclasses.replace(own, **given)
+    return partial(factory, **{ARGUMENT: parameters})
 
 
 def _make(folder: str, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -145,7 +139,7 @@ def _fingerprint(folder: str) -> dict[str, str]:
     """Return a digest of the policy's file and the fingerprint of the named policy."""
     settings = PolicySettings.read(folder)
     own = {f"policy of {POLICY_FILE}": digest_of(settings.as_toml().encode())}
-    return own | registry.policy_fingerprint(settings.policy)
+    return own | registry.fingerprint_of(registry.resolve(settings.policy))
 
 
 registry.LOADERS[POLICY_FILE] = registry.Loader(

@@ -173,12 +173,6 @@ def room_after(
 
 
 @wp.func
-def is_safe_after(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, action: wp.vec2) -> bool:
-    """Return whether a drive of any motor and wheels stays in a rectangle during an action, and can stop after it."""
-    return room_after(limits, robot, half, drive, action, -limits.rounding, -limits.rounding) >= -limits.rounding
-
-
-@wp.func
 def turn_to_stop(limits: Limits, robot: RobotStruct, half: wp.vec2, drive: Drive, want: float) -> float:
     """Return the action of the yaw rate of a way to stop: to the wanted side, straight on, or to the other one.
 
@@ -202,14 +196,15 @@ def stopping(limits: Limits, robot: RobotStruct, drive: Drive, want: wp.vec2) ->
     goes back.
     """
     half = wp.vec2(wp.max(limits.half[0], wp.abs(drive.pose[0])), wp.max(limits.half[1], wp.abs(drive.pose[1])))
-    if is_safe_after(limits, robot, half, drive, want):
+    enough = -limits.rounding
+    if room_after(limits, robot, half, drive, want, enough, enough) >= enough:
         return want
     turning = turn_to_stop(limits, robot, half, drive, want[1])
     for k in range(SPEEDS):
         for n in range(BLENDS + 1):
             share = float(n) / float(BLENDS)
             action = wp.vec2(want[0] * (1.0 - float(k) / float(SPEEDS)), want[1] + share * (turning - want[1]))
-            if is_safe_after(limits, robot, half, drive, action):
+            if room_after(limits, robot, half, drive, action, enough, enough) >= enough:
                 return action
     best = wp.vec2(0.0, turning)
     most = room_after(limits, robot, limits.half, drive, best, -wp.inf, wp.inf)

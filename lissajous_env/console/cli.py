@@ -122,15 +122,14 @@ def _run(arguments: list[str]) -> int:
     if quiet:
         warnings.simplefilter("ignore")  # warnings of libraries
     search_current_folder()
-    gc.disable()  # for the time of the imports, whose many objects stay
     try:
         function = known[name].load()
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
     finally:
-        if not gc.get_freeze_count():
+        if not gc.isenabled():  # since the import of `interrupts`
             gc.freeze()
-        gc.enable()
+            gc.enable()
     description = (inspect.getdoc(function) or "").partition("\nArgs:")[0]
     with interrupts.raised():
         result = tyro.cli(function, prog=f"lissajous {name}", description=description, args=options, config=_OPTIONS)

@@ -184,13 +184,15 @@ def print_table(
     indices = list(range(len(columns)))
     while len(indices) > 2 and _width(least, indices) > console.width:
         indices.remove(max(indices[1:], key=lambda k: (columns[k].rank, k)))
+    widths = list(line_widths)
+    while _width(widths, indices) > console.width and (wide := [k for k in indices if widths[k] > least[k]]):
+        widths[max(wide, key=widths.__getitem__)] -= 1
     table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    table.width = max(_width(least, indices), min(_width(line_widths, indices), console.width))
+    table.width = _width(widths, indices)
     for k in indices:
         column = columns[k]
         justify = "left" if column.left or column.prose else "right"
-        width = None if column.prose else least[k]
-        table.add_column(Text(column.title), justify=justify, style=column.style, width=width, min_width=least[k])
+        table.add_column(Text(column.title), justify=justify, style=column.style, width=widths[k])
     for number, row in enumerate(rows):
         shown = [Text(cell) if isinstance(cell, str) else cell for cell in row]
         table.add_row(*(shown[k] for k in indices), end_section=number in sections)

@@ -54,35 +54,20 @@ def disc_run(place: wp.vec2, radius: float, y: float) -> wp.vec2:
 @wp.func
 def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
     """Return the least and the greatest x [m] at a height y of the area that a disc covers on its way from a to b."""
-    first = disc_run(a, radius, y)
-    last = disc_run(b, radius, y)
-    low = wp.min(first[0], last[0])
-    high = wp.max(first[1], last[1])
-    way = wp.length(b - a)
-    if way > 1.0e-6 * radius and radius > 0.0:
-        # The rectangle between the two discs: within the radius of the line, and between the ends of the way.
-        u = (b - a) / way
-        above = y - a[1]
-        least = float(-1.0e30)
-        most = float(1.0e30)
-        if wp.abs(u[1]) > 1.0e-6:
-            middle = a[0] + above * u[0] / u[1]
-            reach = radius / wp.abs(u[1])
-            least = middle - reach
-            most = middle + reach
-        elif wp.abs(above) > radius:
-            return wp.vec2(low, high)
-        if wp.abs(u[0]) > 1.0e-6:
-            start = a[0] - above * u[1] / u[0]
-            end = start + way / u[0]
-            least = wp.max(least, wp.min(start, end))
-            most = wp.min(most, wp.max(start, end))
-        elif above * u[1] < 0.0 or above * u[1] > way:
-            return wp.vec2(low, high)
-        if least <= most:
-            low = wp.min(low, least)
-            high = wp.max(high, most)
-    return wp.vec2(low, high)
+    way = b - a
+    climb = wp.where(wp.abs(way[1]) > 1.0e-6 * radius, way[1], 1.0e-6 * radius)
+    above = y - a[1]
+    # Shares of the way between which the disc reaches the height, and at which its ends there are outermost.
+    enters = wp.max(wp.min((above - radius) / climb, (above + radius) / climb), 0.0)
+    leaves = wp.min(wp.max((above - radius) / climb, (above + radius) / climb), 1.0)
+    if enters > leaves or radius <= 0.0:
+        return wp.vec2(1.0e30, -1.0e30)
+    lean = wp.sign(climb) * radius * way[0] / wp.max(wp.length(way), 1.0e-6 * radius)
+    left = a + wp.clamp((above - lean) / climb, enters, leaves) * way - wp.vec2(0.0, y)
+    right = a + wp.clamp((above + lean) / climb, enters, leaves) * way - wp.vec2(0.0, y)
+    square = radius * radius
+    low = left[0] - wp.sqrt(wp.max(square - left[1] * left[1], 0.0))
+    return wp.vec2(low, right[0] + wp.sqrt(wp.max(square - right[1] * right[1], 0.0)))
 
 
 @wp.func
@@ -135,9 +120,9 @@ _VISIT = """
         const float most = right < columns - 1.0f ? right : columns - 1.0f;
         return (int)(most > -1.0f ? most : -1.0f);
     };
+    const int first_word = first_column(radius) / 64, last_word = last_column(radius) / 64;
     int added = 0;
-    const auto mark_rows = [&](const int lane, const int lanes, const int first_word, const int last_word,
-                               Word* __restrict mark, Word* __restrict covered) {
+    const auto mark_rows = [&](const int lane, const int lanes, Word* __restrict mark, Word* __restrict covered) {
         // Whole blocks, so that those of all discs are the same.
         const int skipped = top > lane ? (top - lane + lanes - 1) / lanes / together * together : 0;
         for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {
@@ -165,13 +150,11 @@ _VISIT = """
         }
     };
     Word *const mark = &wp::index(marks, 0, 0), *const covered = &wp::index(covered_before, 0, 0);
-    // On a CPU, where the rows of a lane stand side by side, this becomes SIMD; a single word is faster still.
-    if (lanes == 1 && marks.shape[0] == 1)
-        mark_rows(0, 1, 0, 0, mark, covered);
-    else if (lanes == 1)
-        mark_rows(0, 1, first_column(radius) / 64, last_column(radius) / 64, mark, covered);
+    // On a CPU, where the rows of a lane stand side by side, this becomes SIMD.
+    if (lanes == 1)
+        mark_rows(0, 1, mark, covered);
     else
-        mark_rows(lane, lanes, first_column(radius) / 64, last_column(radius) / 64, mark, covered);
+        mark_rows(lane, lanes, mark, covered);
     return added;
 """
 
@@ -188,9 +171,9 @@ def visit_disc(
     marks: wp.array2d(dtype=wp.uint64),
     covered_before: wp.array2d(dtype=wp.uint64),
 ) -> int:
-    """Mark the cells, in the rows of a lane, whose points a disc covers at a place [m], in two different arrays.
+    """Mark the cells, in the rows of a lane, whose points a disc covers at a place [m], in both arrays.
 
-    Returns how many of the cells `covered_before` did not contain.
+    Returns how many of the cells `covered_before` did not contain, which must not be the array `marks`.
     """
     ...
 

@@ -12,7 +12,7 @@ to do; the kernel has other parameters instead, which a `Program` fills in:
 
 Worlds that are not active are left out, by the parameter `clock`, which is added where it is missing. A program matches
 all other parameters by name, so a name has the same type in every stage, and in the functions that stages call
-(`@part`): `named` or `named_struct` declares it once, and only other parameters are annotated.
+(`@part`): `TYPES` contains it, of a struct by `named_struct`, and only other parameters are annotated.
 """
 
 import ast
@@ -46,14 +46,9 @@ if block.count == 0:
 """
 
 TYPES: dict[str, Any] = {"block": Block}
-"""Types of parameters by their names."""
+"""Types that parameters of these names have in every stage; other modules add theirs."""
 INITIAL: dict[str, float] = {}
 """Values of arrays at the beginning of an episode, by struct and field, as `robots.phase`; others are zero."""
-
-
-def named(**types: Any) -> None:
-    """Declare the types that parameters of these names have in every stage."""
-    TYPES.update(types)
 
 
 def named_struct(name: str, **initial: float) -> Callable[[type], Any]:
@@ -63,8 +58,6 @@ def named_struct(name: str, **initial: float) -> Callable[[type], Any]:
     """
 
     def make(cls: type) -> Any:
-        if unknown := initial.keys() - cls.__annotations__.keys():
-            raise TypeError(f"initial values of {name} must be of its fields, got {min(unknown)}")
         INITIAL.update((f"{name}.{field}", value) for field, value in initial.items())
         TYPES[name] = wp.struct(cls)
         return TYPES[name]
@@ -82,13 +75,12 @@ def _types_of(function: Any) -> dict[str, Any]:
     """Return the types of a function's parameters in their order, and of its result.
 
     Raises:
-        TypeError: a parameter has no annotation and no type that `named` declares.
+        TypeError: a parameter has no annotation and no type of its name.
     """
     types, parameters = TYPES | function.__annotations__, list(inspect.signature(function).parameters)
     if unknown := [name for name in parameters if name not in types]:
         raise TypeError(f"parameters of {function.__qualname__} must have a type, got none for {unknown[0]}")
-    result = {"return": types["return"]} if "return" in types else {}
-    return {name: types[name] for name in parameters} | result
+    return {name: types[name] for name in (*parameters, "return") if name in types}
 
 
 def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Callable[[Any], Any]:

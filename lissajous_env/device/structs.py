@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.stage import named
+from lissajous_env.device.stage import TYPES
 from lissajous_env.device.warp_abi import variables_of
 from lissajous_env.settings import parts, task
 
@@ -66,5 +66,5 @@ TargetStruct = struct_of(task.Targets)
 FaultsStruct = struct_of(parts.Faults)
 NoiseStruct = struct_of(parts.Noise)
 TaskStruct = struct_of(task.Task)
-named(formation=FormationStruct, robot=RobotStruct, sensing=SensingStruct, target=TargetStruct, faults=FaultsStruct)
-named(noise=NoiseStruct, task=TaskStruct)
+TYPES.update(formation=FormationStruct, robot=RobotStruct, sensing=SensingStruct, target=TargetStruct)
+TYPES.update(faults=FaultsStruct, noise=NoiseStruct, task=TaskStruct)

@@ -230,7 +230,6 @@ class Batch(Stateful):
             of_robots = actions["robot"] if policy is None else policy.act(simulation.observation)
             if self.space is not None:
                 of_robots = of_robots[self.worlds_of(group), : simulation.num_robots]
-                of_robots = np.ascontiguousarray(of_robots) if isinstance(of_robots, np.ndarray) else of_robots
             simulation.take(of_robots, actions.get("rogue"))
         self._advance()
 

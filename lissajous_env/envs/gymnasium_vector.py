@@ -65,9 +65,8 @@ class LissajousVectorEnv(Timed, VectorEnv):
         threads: int | None = None,
         **overrides: Any,
     ):
-        modes = {mode.name: mode for mode in AutoresetMode}
-        name = autoreset_mode.name if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
-        fits = isinstance(name, str) and name in modes
+        modes, name = AutoresetMode.__members__, str(getattr(autoreset_mode, "name", autoreset_mode))
+        fits = name in modes
         require(fits, "autoreset_mode", f"must be one of {', '.join(modes)}", autoreset_mode)
         self.autoreset_mode = modes[name]
         variant = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)

@@ -70,10 +70,10 @@ def score(
 ) -> Scored:
     """Score a log: its robots' paths are replayed in a simulation of a scenario, whose targets are virtual.
 
-    Poses are interpolated at the control steps of the scenario, beginning with the first time at which all robots have
-    one. A robot fails when its status in the log says so, and when its motion is not known: between two poses that are
-    farther apart than `gap`, or than it can drive, and after its last one. It then detects nothing and collides with
-    nothing.
+    Poses that no simulation wrote are smoothed as far as they are noisy. They are interpolated at the control steps of
+    the scenario, beginning with the first time at which all robots have one. A robot fails when its status in the log
+    says so, and when its motion is not known: between two poses that are farther apart than `gap`, or than it can
+    drive, and after its last one. It then detects nothing and collides with nothing.
 
     Args:
         log: The log.

@@ -36,6 +36,7 @@ FULL_THROTTLE = 0.25
 """Throttle of a car at action 1 where neither `robot.throttle_max` nor `robot.speed_max` is given, as in the paper."""
 
 _as_time = within(0, 1e9)
+"""Function that reads a time of a schedule [s]."""
 
 
 def _as_fault(entry: Any) -> tuple | None:
@@ -111,8 +112,8 @@ class Curve(Checked):
             return self
         half_width, half_height = self.half_width - self.inset, self.half_height - self.inset
         x, y = half_width / self.half_width, half_height / self.half_height
-        rows = tuple((p * x, q * x, r * y, s * y) for p, q, r, s in self.harmonics)
-        return dataclasses.replace(self, half_width=half_width, half_height=half_height, harmonics=rows, inset=0.0)
+        scaled = tuple((p * x, q * x, r * y, s * y) for p, q, r, s in self.harmonics)
+        return dataclasses.replace(self, half_width=half_width, half_height=half_height, harmonics=scaled, inset=0.0)
 
     @property
     def oscillations(self) -> int:
@@ -288,7 +289,7 @@ class Robot(Checked):
 
     @property
     def reverses(self) -> bool:
-        """Return True if a robot can drive backwards."""
+        """True if a robot can drive backwards."""
         return self.lowest_speed < 0
 
     @property

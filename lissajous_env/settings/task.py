@@ -189,7 +189,6 @@ class Task(Checked):
     """Reward of a robot per second during which its whole body is outside the rectangle."""
     reward_contamination: float = number(0.0, -1e6, 1e6, "1/s")
     """Reward of every robot per second of decrease of the mean age of contamination."""
-
     reward_observation: float = number(0.0, -1e6, 1e6, "1/s")
     """Reward of every robot per second and target that is in sight of a working robot."""
 

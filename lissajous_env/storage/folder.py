@@ -42,21 +42,16 @@ class Journal:
     def __init__(self, path: str | Path):
         self.path = Path(path)
         self._descriptor = open_plainly(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT)
-        try:
+        with contextlib.ExitStack() as on_error:
+            on_error.callback(self.close)
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._read()
+            self.entries, self.torn = read_lines(self.path)
+            self._end = os.fstat(self._descriptor).st_size - self.torn
+            if self.torn:
+                os.ftruncate(self._descriptor, self._end)
+                os.fsync(self._descriptor)
             sync(self.path.parent)
-        except BaseException:
-            self.close()
-            raise
-
-    def _read(self) -> None:
-        """Read the entries, and drop an unfinished last line."""
-        self.entries, self.torn = read_lines(self.path)
-        self._end = os.fstat(self._descriptor).st_size - self.torn
-        if self.torn:
-            os.ftruncate(self._descriptor, self._end)
-            os.fsync(self._descriptor)
+            on_error.pop_all()
 
     def append(self, entries: Iterable[dict[str, Any]]) -> None:
         """Add one line for each entry, all in one write, and flush them to the disk.
@@ -109,16 +104,14 @@ class Folder(contextlib.ExitStack):
         except OSError as error:
             words = f"got {shown(str(self.path))}: {error.strerror}"
             raise ValueError(f"out must be a folder that can be written to, {words}") from error
-        self.callback(self._list.close)
-        try:
+        with contextlib.ExitStack() as on_error:
+            on_error.callback(self._list.close)
             self._read_list()
             for name in writes:
                 self._checked(name)
             for leftover in self.path.glob(f"{_TEMPORARY}*"):
                 leftover.unlink()
-        except BaseException:
-            self.close()
-            raise
+            self.push(on_error.pop_all())
 
     @property
     def written(self) -> tuple[str, ...]:

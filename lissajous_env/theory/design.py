@@ -100,9 +100,7 @@ def largest_phase_rate(curve: Curve, speed: float, turning_radius: float = 0.0, 
         grip: Largest lateral acceleration [m/s^2].
     """
     rate = (1 - HEADROOM) * speed / geometry.largest_speed(curve)
-    if grip < math.inf:
-        rate = min(rate, (1 - HEADROOM) * math.sqrt(grip / geometry.needed_acceleration(curve, turning_radius)))
-    return rate
+    return min(rate, (1 - HEADROOM) * math.sqrt(grip / geometry.needed_acceleration(curve, turning_radius)))
 
 
 def best_design(

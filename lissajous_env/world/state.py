@@ -7,7 +7,7 @@ an episode, arrays are zero or have the value that the decorator of their struct
 
 import warp as wp
 
-from lissajous_env.device.stage import named, named_struct
+from lissajous_env.device.stage import TYPES, named_struct
 
 WORKING = wp.constant(0)
 FAILED = wp.constant(1)
@@ -371,7 +371,7 @@ class EpisodeTotals:
     """(W, N) sum of the rewards."""
 
 
-named(
+TYPES.update(
     # Indices of a world, robot, other robot, target, row and column of a grid, and slot of a ring buffer.
     **dict.fromkeys(("w", "i", "j", "t", "row", "column", "slot"), int),
     # The present step, and the key of its random draws.

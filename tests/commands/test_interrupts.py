@@ -1,5 +1,6 @@
 """Ctrl-C at every moment of a command: exit code 130 and one line, without a traceback."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -17,17 +18,15 @@ import atexit, os, signal, sys
 
 MOMENT = os.environ["MOMENT"]
 
-def press():
-    os.kill(os.getpid(), signal.SIGINT)
+def press(*_, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
+    kill(pid, number)  # also when the modules are cleared
 
 class Presses:
+    __del__ = press
     def find_spec(self, name, path=None, target=None):
         if name == "lissajous_env.console.cli":
             sys.meta_path.remove(self)
             atexit.register(press) if MOMENT == "exit" else press()
-
-    def __del__(self, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
-        kill(pid, number)  # when the modules are cleared
 
 sys.presses = Presses()
 if MOMENT != "last":
@@ -40,8 +39,7 @@ if MOMENT != "last":
     ("import", True, (130, "interrupted\n")), ("exit", False, (130, "interrupted\n")), ("last", False, (0, "")),
 ])  # fmt: skip
 def test_ctrl_c_while_a_command_imports_or_ends_is_one_line(moment, by_script, ends, tmp_path):
-    # Story: the signal arrives in the midst of an import, where Python would print the stack of all imports; or when
-    # Python has restored the default action, by which it would end the command in place of its exit code.
+    # Story: Python would print the stack of an import; at the end, the default action of the signal would end it.
     (tmp_path / "sitecustomize.py").write_text(PRESSED)
     script = tmp_path / "lissajous"
     script.write_text("from lissajous_env.console.cli import main\nmain()\n")
@@ -58,7 +56,8 @@ def test_a_program_of_a_user_has_ctrl_c_as_it_is(monkeypatch):
     for arguments, is_ours in ((["program.py"], False), (["/usr/bin/lissajous", "scenarios"], True)):
         monkeypatch.setattr(sys, "argv", arguments)
         interrupts._watch()
-        assert (signal.getsignal(signal.SIGINT) is interrupts._end) == is_ours
+        assert (signal.getsignal(signal.SIGINT) is interrupts._end) == is_ours == (not gc.isenabled())
+        gc.enable()
     with interrupts.raised():
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert signal.getsignal(signal.SIGINT) is interrupts._end

@@ -37,7 +37,7 @@ OUTCOME = PlanOutcome(Request(EVADERS, failures=1), scenarios={5: EVADERS}, lowe
 
 
 @pytest.mark.parametrize("command", ["scenarios", "policies", "plan", "reproduce"])
-@pytest.mark.parametrize("width", [40, 80])
+@pytest.mark.parametrize("width", [40, 80, 86])
 def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
     def shown(columns, **place):
         for name, value in {"COLUMNS": str(columns), **place}.items():

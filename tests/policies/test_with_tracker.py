@@ -66,6 +66,8 @@ def test_a_registered_coordinator_has_the_names_of_a_shipped_one():
     assert baselines.register_coordinator("my-method")(Again) is Again
     assert {name for name in baselines.names() if name.startswith("my-method")} == set(wanted)
     for name in wanted:
+        assert not registry.is_included(name), "it is the user's, though its tracker is included"
+        assert f"module {__name__}" in registry.fingerprint_of(registry.resolve(name))
         included = name.replace("my-method", "kuramoto")
         shipped, described = registry.describe(included), registry.describe(name)
         assert (described["kind"], described["made_for"]) == (shipped["kind"], shipped["made_for"])

@@ -92,6 +92,9 @@ def test_a_cell_that_is_run_again_replaces_what_it_registered(monkeypatch):
     decide, mine = register(2, "of-a-cell")
     assert rogues.rogue_of("of-a-cell").decide is decide
     assert registry.entry_of("of-a-cell").factory is mine
+    for coordinator in (type("Mine", (baselines.NumpyCoordinator,), {}) for _ in range(2)):
+        baselines.register_coordinator("way-of-a-cell", coordinator)
+        assert registry.entry_of("way-of-a-cell-mpcc").factory.args == (coordinator,)
     for add, name in ((lissajous_env.rogue, "flee"), (baselines.register, "still")):
         with pytest.raises(ValueError, match=f"must be new, got '{name}'"):
             add(name)(of_a_cell(3)[add is baselines.register])

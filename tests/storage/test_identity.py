@@ -84,8 +84,7 @@ class Still:
     def __init__(self, scenario, num_worlds, device, speed=0.0):
         self.num_worlds, self.actions = num_worlds, np.full((num_worlds, scenario.num_robots, 1), speed, np.float32)
 
-    def reset(self, worlds=None):
-        """Forget nothing."""
+    func, reset = np.tanh, lambda self, worlds=None: None
 
     def act(self, observation):
         """Return the same actions."""
@@ -97,21 +96,24 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
     scenario = lissajous_env.scenario("failure")
     policies = Still(scenario, 1, "cpu"), Still, functools.partial(Still, speed=0.5), lambda observation: observation
     for policy in policies:
-        parts = registry.factory_fingerprint(registry.as_factory(policy, "mine"))
+        parts = registry.fingerprint_of(registry.as_factory(policy, "mine"))
         assert parts["code"].startswith(f"{__name__}:")
-        assert set(parts) - {"speed"} == {"code", f"module {__name__}"}
-    assert fingerprint(functools.partial(Still, speed=0.5)) != fingerprint(functools.partial(Still, speed=0.4))
+        assert set(parts) - {"argument speed"} == {"code", f"module {__name__}"}
+    variants = policies[2], functools.partial(Still, speed=0.4), policies[0].act, policies[0].reset
+    assert len({str(fingerprint(value)) for value in variants}) == 4
     # Code of this distribution is identified by its version.
-    assert set(registry.factory_fingerprint(registry.as_factory("kuramoto"))) == {"code"}
+    assert set(registry.fingerprint_of(registry.as_factory("kuramoto"))) == {"code", "argument 0 code"}
 
 
-def test_a_folder_contains_one_version_of_a_model_of_robots(tmp_path, monkeypatch):
-    # Oracle: a model of the same name with another kernel is refused.
+def test_a_folder_contains_one_version_of_a_model_of_robots_and_of_a_rogue(tmp_path, monkeypatch):
+    # Oracle: a model of the same name with another kernel is refused, and a rogue with another rule.
     settings = Benchmark(("failure",), (), 1, batch=1, out=tmp_path, replays=0)
     still = {"still": lambda observation: np.zeros((*observation.shape[:2], 1), dtype=np.float32)}
-    scenario = lambda: lissajous_env.scenario("ideal", **{"robot.kind": "mine", "task.duration": 1.0})  # noqa: E731
+    fields = {"robot.kind": "mine", "task.duration": 1.0, "targets.count": 2, "targets.rogues": "mine"}
+    scenario = lambda: lissajous_env.scenario("ideal", **fields)  # noqa: E731
+    lissajous_env.rogue("mine")(lambda rows: np.zeros((*rows.shape[:2], 2), dtype=np.float32))
     robot_models.register_robot_model(dataclasses.replace(POINT, name="mine"))
     run(settings, still, [scenario()], QUIET)
     monkeypatch.setattr(results_folder, "fingerprint", lambda kernel: {"code": "elsewhere:move"})
-    with pytest.raises(ValueError, match=r"played\.robots of kind mine"):
+    with pytest.raises(ValueError, match=r"(?s)played\.robots of kind mine.*played\.rogues mine"):
         run(settings, still, [scenario()], QUIET)

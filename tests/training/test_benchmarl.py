@@ -144,7 +144,7 @@ def test_every_scenario_is_a_task():
         assert instance.max_steps(None) == instance.scenario.task.steps
 
 
-def test_the_config_of_a_task():
+def test_the_config_of_a_task(tmp_path):
     task = LissajousTask.INTRUDERS.get_task({"task.duration": 30.0, "state": True})
     assert task.scenario == lissajous_env.scenario("intruders", **{"task.duration": 30.0})
     env = task.get_env_fun(num_envs=3, continuous_actions=False, seed=7, device="cpu")()
@@ -154,6 +154,8 @@ def test_the_config_of_a_task():
     assert list(task.observation_spec(env).keys(True, True)) == [("robot", "observation")]
     own = lissajous_env.scenario("rough", **{"robot.radius": 0.1})
     assert LissajousTaskClass("mine", {"scenario": own}).scenario == own
+    (tmp_path / "My_Team.toml").write_text('base = "rough"\n[robot]\nradius = 0.1\n')
+    assert LissajousTaskClass(str(tmp_path / "My_Team.toml")).scenario.robot == own.robot
     with pytest.raises(ValueError, match=r"did you mean"):
         LissajousTask.INTRUDERS.get_task({"task.duraton": 30.0})
 

@@ -16,8 +16,6 @@ from lissajous_env import Simulation
 from training.learned import checkpoint
 from training.learned.card import Card
 
-SCORES = {"detection_time": 1.0, "collisions": 0.0, "return": -1.0, "detected_fraction": None}
-POINT = {"steps": 10, "seconds": 0.5} | SCORES
 HOSTILE = (
     None, True, -1, 3, 0.5, 10**400, 1e300, -1e300, "", "x", "../x", "/etc/passwd", "a\0b", "\ud800", "sweep", [], [[]],
     ["x"] * 3, {}, {"a": 1}, 99 * [0], float("nan"), float("inf"), json.loads(90 * "[" + 90 * "]"), [{"name": "x"}],
@@ -28,11 +26,9 @@ HOSTILE = (
 @pytest.fixture
 def folder(tmp_path):
     """A checkpoint that was trained, with a curve and a best policy."""
-    network = make_team()
-    settings = {"algorithm": "ppo", "seed": 0}
-    card = Card.of(lissajous_env.scenario("intruders"), settings=settings)
-    notes = {"counters": {"steps": 10, "seconds": 0.5}, "curve": [POINT], "rivals": {"sweep": SCORES}, "best": POINT}
-    checkpoint.save(tmp_path / "x", network, card, state={"a": np.arange(3)}, notes=notes)
+    card = Card.of(lissajous_env.scenario("intruders"), settings={"algorithm": "ppo", "seed": 0})
+    notes = {"curve": [{"steps": 10, "seconds": 0.5}], "rivals": {"sweep": None}}
+    checkpoint.save(tmp_path / "x", make_team(), card, state={"a": np.arange(3)}, notes=notes)
     return tmp_path / "x"
 
 
@@ -98,16 +94,10 @@ def changed(text, place, value=None, removed=False):
     return text
 
 
-def test_the_checkpoint_plays_as_it_is(folder):
-    assert np.isfinite(play(folder)).all()
-
-
 def test_any_entry_may_be_missing_or_wrong(folder):
-    text = text_of(folder)
-    # A few of the many inputs stand for all.
-    everywhere = [place for place in places(text) if not (place[:2] == ("policy", "inputs") and place[2:] > (2,))]
-    refused = 0
-    for place in everywhere:
+    assert np.isfinite(play(folder)).all(), "as it is, it is a policy"
+    text, refused = text_of(folder), 0
+    for place in places(text):
         variants = [changed(text, place, value) for value in HOSTILE]
         variants += [changed(text, place, removed=True)] if place else []
         for variant in variants:
@@ -157,7 +147,7 @@ def digest_of(arrays):
 @pytest.mark.parametrize("dtype", [np.float64, np.float16, np.int64, np.int8, bool])
 def test_weights_of_other_numbers_are_refused(folder, dtype):
     put_weights(folder, {name: array.astype(dtype) for name, array in make_team().arrays.items()})
-    with pytest.raises(ValueError, match=r"checkpoint\.safetensors .*, but dtype of .* must be float32"):
+    with pytest.raises(ValueError, match=r"checkpoint\.safetensors .*, but \S+ must be float32, got"):
         checkpoint.read(folder)
 
 

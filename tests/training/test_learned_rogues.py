@@ -35,7 +35,7 @@ def trained(tmp_path_factory):
 def make_network(inputs, seed=0):
     draw = np.random.default_rng(seed)
     sizes = {"0.weight": (16, inputs), "1.weight": (2, 16), "0.bias": 16, "1.bias": 2}
-    return RogueNetwork({name: draw.normal(size=size) for name, size in sizes.items()})
+    return RogueNetwork({name: draw.normal(size=size).astype(np.float32) for name, size in sizes.items()})
 
 
 def test_training_makes_rogues_that_stay_undetected_longer_than_those_that_wander(trained):

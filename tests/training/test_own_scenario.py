@@ -2,7 +2,6 @@
 
 import json
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -50,7 +49,7 @@ def here(tmp_path, monkeypatch):
 
 def settings(**changes):
     small: dict = {"scenario": "mine.toml", "overrides": {}}
-    fields: dict = SMALL | small | {"out": Path("run")} | changes
+    fields: dict = SMALL | small | {"out": "run"} | changes
     return TrainingSettings(**fields)
 
 

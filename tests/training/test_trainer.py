@@ -23,7 +23,7 @@ import torch
 from training.settings import TrainingSettings
 from training.trainer import TeamModule, Training, train
 from training.validation import limit_of, rating_of
-from training.worlds import TRUTH, Rollout, Worlds, true_view
+from training.worlds import TRUTH, Worlds, true_view
 
 QUIET, NOTHING = Console(quiet=True), {"sensing.robots_seen": 0, "sensing.targets_seen": 0}
 SMALL = {
@@ -80,6 +80,10 @@ def test_a_training_draws_from_the_split_train_and_is_validated_on_the_first_of_
     assert validated == [scenario.name for scenario in itertools.islice(space.scenarios("validation"), 16)]
     played = {simulation.scenario.name for simulation in Worlds(settings, 8, 0).batch.simulations}
     assert {space.split_of(int(name.rpartition("-")[2])) for name in played} == {"train"}
+    # A grid that the reward uses is there, as without a space.
+    fields = {"task.reward_idleness": -0.1, "task.grid": (10, 8)}
+    rewarded = dataclasses.replace(settings, overrides=fields).make_validation_scenarios()
+    assert {scenario.task.grid for scenario in rewarded} == {(10, 8)}
 
 
 def test_ppo_learns_a_problem_of_one_step(tmp_path):
@@ -165,8 +169,8 @@ def test_collisions_cost_more_where_there_are_too_many(tmp_path):
     costs = {}
     for limit in (0.0, 1e5):
         state = Training(settings)
-        state.limit, state.numbers["collided"] = limit, 3.0
-        state.update(state.collect())
+        state.numbers["collided"] = 3.0
+        state.update(state.collect(), limit)
         costs[limit] = state.numbers["penalty"]
     assert costs[1e5] < settings.penalty < costs[0.0]
     assert limit_of(None, [{"score": 1.0, "collisions": 2.0, "worth": 1.0}]) == pytest.approx(1.6)
@@ -199,11 +203,11 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path, mo
     cut = dataclasses.replace(settings, out=tmp_path / "cut")
     calls, update = [], Training.update
 
-    def interrupted(state: Training, rollout: Rollout):
+    def interrupted(state: Training, *arguments):
         calls.append(1)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return update(state, rollout)
+        return update(state, *arguments)
 
     with monkeypatch.context() as patch:
         patch.setattr(Training, "update", interrupted)

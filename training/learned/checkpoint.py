@@ -91,8 +91,6 @@ def read(folder: str | Path) -> tuple[RogueNetwork | TeamNetwork, Card, dict[str
     """
     with _opened(folder) as (description, file):
         card, arrays = description["card"], _arrays(file, description, "weights")
-        for name, array in arrays.items():
-            require(array.dtype == np.float32, f"dtype of {name}", "must be float32", str(array.dtype))
         network = RogueNetwork(arrays) if card.kind == ROGUE else TeamNetwork(arrays)
         sizes, wanted = (network.inputs, network.outputs), (len(card.inputs), card.action_size)
         require(sizes == wanted, "numbers of inputs and outputs", f"must be {wanted}, as its card states", sizes)
@@ -170,7 +168,8 @@ def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[s
     Raises:
         ValueError: the settings or the scenario differ, with all differences; or the block raises an error.
     """
-    folder, (_, stored, description) = settings.out, read(settings.out)
+    folder, description = settings.out, read_description(settings.out)
+    stored = description["card"]
     differences = [
         f"{name} = {stored.settings.get(name)!r} there, {value!r} here"
         for name, value in card.settings.items()

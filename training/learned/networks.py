@@ -4,7 +4,6 @@ Each world is computed by matrix products of its own, so that actions do not dep
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ class Network:
     """Layers y = W x + b of a network, in float32; its arrays are read-only copies.
 
     Raises:
-        ValueError: layers are missing or do not fit together, or numbers are not finite in float32.
+        ValueError: layers are missing or do not fit together, or arrays are not finite numbers of type float32.
     """
 
     arrays: dict[str, np.ndarray]
@@ -132,17 +131,11 @@ def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
-def _numbers(name: str, array: Any) -> np.ndarray:
-    """Return a read-only float32 copy of an array.
-
-    Raises:
-        ValueError: the array has other contents than finite numbers.
-    """
-    given = np.asarray(array)
-    require(given.dtype.kind in "fiu", name, "must be numbers", given.dtype)
-    with np.errstate(over="ignore"):
-        copied = np.array(given, dtype=np.float32, order="C")
-    if not np.isfinite(copied).all():
-        raise ValueError(f"{name} must be finite in float32")
+def _numbers(name: str, array: np.ndarray) -> np.ndarray:
+    """Return a read-only copy of an array of finite float32 numbers."""
+    require(array.dtype == np.float32, name, "must be float32", str(array.dtype))
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite")
+    copied = np.array(array, order="C")
     copied.setflags(write=False)
     return copied

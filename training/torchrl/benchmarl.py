@@ -36,7 +36,7 @@ class LissajousTaskClass(TaskClass):
     """A scenario as a BenchMARL task.
 
     Args:
-        name: Name of the task; without `scenario` in the config, the name of a scenario, such as `rough` or `ROUGH`.
+        name: Name of the task; without `scenario` in the config, that of a scenario, or its file.
         config: Overrides of the scenario, `scenario`, `state` and `threads`; empty by default.
 
     Raises:
@@ -51,8 +51,7 @@ class LissajousTaskClass(TaskClass):
     def scenario(self) -> Scenario:
         """Scenario with its overrides."""
         overrides = {key: value for key, value in self.config.items() if key not in _OF_ENVIRONMENT}
-        scenario = overrides.pop("scenario", self.name.lower().replace("_", "-"))
-        return named.scenario(scenario, **overrides)
+        return named.scenario(overrides.pop("scenario", self.name), **overrides)
 
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
@@ -129,11 +128,12 @@ class _NamedTask(Task):
 
     def get_task(self, config: dict[str, Any] | None = None) -> TaskClass:
         """Return the task; without a config, the scenario without overrides."""
-        return LissajousTaskClass(self.name, config)
+        return LissajousTaskClass(self.name, {"scenario": _SCENARIOS[self.name], **(config or {})})
 
 
-_NAMES = [name.upper().replace("-", "_") for name in named.scenarios()]
-LissajousTask: Any = _NamedTask("LissajousTask", [(name, None) for name in _NAMES], module=__name__)
+_SCENARIOS = {name.upper().replace("-", "_"): name for name in named.scenarios()}
+"""Scenarios by the names of their tasks."""
+LissajousTask: Any = _NamedTask("LissajousTask", dict.fromkeys(_SCENARIOS), module=__name__)
 """The named scenarios: `LissajousTask.INTRUDERS_INSIDE` is `intruders-inside`."""
 
 
