@@ -85,10 +85,7 @@ class Side:
 
     def rows(self, simulation: Simulation, library: Any = np) -> Rows:
         """Return the rows of this side of a simulation, as arrays of `numpy`, or of `torch` on its device."""
-
-        def read(array: wp.array) -> Any:
-            return array.numpy() if library is np else wp.to_torch(array)
-
+        read = wp.array.numpy if library is np else wp.to_torch
         if self.is_robots:
             ends = read(simulation.terminated), read(simulation.truncated)
             mask, terms = library.ones_like(ends[0]), read(simulation.reward_terms)

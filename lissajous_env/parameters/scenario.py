@@ -110,14 +110,13 @@ class Scenario(BringsRogues):
 
     @cached_property
     def neighbours(self) -> np.ndarray:
-        """(N, 2) previous and next robot of each one on the ring; -1 for none (N < 3)."""
-        n, ring = self.num_robots, self.ring
-        table = np.full((n, 2), -1, dtype=np.int32)
-        for place, robot in enumerate(ring):
-            if n > 2:
-                table[robot] = ring[place - 1], ring[(place + 1) % n]
-            elif n == 2:
-                table[robot, 0] = ring[1 - place]
+        """(N, 2) previous and next robot of each one on the ring; -1 for none, and two robots have no next one."""
+        ring = np.array(self.ring)
+        table = np.full((len(ring), 2), -1, dtype=np.int32)
+        if len(ring) > 1:
+            table[ring, 0] = np.roll(ring, 1)
+        if len(ring) > 2:
+            table[ring, 1] = np.roll(ring, -1)
         return read_only(table)
 
     @cached_property
