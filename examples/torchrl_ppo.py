@@ -6,12 +6,11 @@ All robots share the actor, which reads their rows, and a central critic, which 
 """
 
 import argparse
-import warnings
 
 import torch
 from tensordict.nn import NormalParamExtractor, TensorDictModule
 from torch import nn
-from torchrl.collectors import SyncDataCollector
+from torchrl.collectors import Collector
 from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
 from torchrl.objectives import ClipPPOLoss, ValueEstimators
 
@@ -55,8 +54,7 @@ def train(scenario: str, iterations: int, worlds: int = 64, horizon: int = 25) -
     loss.make_value_estimator(ValueEstimators.GAE, gamma=0.99, lmbda=0.95)
     optimizer = torch.optim.Adam(loss.parameters(), lr=3e-4)
     frames = worlds * horizon
-    warnings.filterwarnings("ignore", "SyncDataCollector has been deprecated", DeprecationWarning)
-    collector = SyncDataCollector(env, actor, frames_per_batch=frames, total_frames=iterations * frames)
+    collector = Collector(env, actor, frames_per_batch=frames, total_frames=iterations * frames)
     for k, data in enumerate(collector):
         with torch.no_grad():
             loss.value_estimator(data)

@@ -169,8 +169,8 @@ class RogueTrainer:
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes={"rogues": history})
 
     def _resume(self) -> None:
-        with checkpoint.resuming(self.settings, self.card) as (contents, arrays):
-            self.history |= contents["rogues"]
+        with checkpoint.resuming(self.settings, self.card) as (description, arrays):
+            self.history |= description["rogues"]
             self.normalization = arrays["normal.mean"], arrays["normal.spread"]
             if self.history["scores"] is None:
                 self._labelled = [torch.from_numpy(arrays[name]).to(self.settings.device) for name in _LABELLED]

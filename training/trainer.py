@@ -100,10 +100,10 @@ def _resume_or_begin(
 ) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
-        with checkpoint.resuming(settings, card) as (contents, arrays):
+        with checkpoint.resuming(settings, card) as (description, arrays):
             training.load_state(arrays)
             say(f"{settings.out} has {training.numbers['steps']:,.0f} of {settings.steps:,} steps")
-            return contents["training"]
+            return description["training"]
     history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
     if settings.rival is not None:
         history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)

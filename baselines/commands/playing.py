@@ -15,7 +15,7 @@ from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, Device,
 from lissajous_env.episodes.recording import Recording, record
 from lissajous_env.logs.messages import rosbags
 from lissajous_env.logs.writing import save_mcap
-from lissajous_env.parameters.named import denotes_scenario, unknown_scenario
+from lissajous_env.parameters.named import denotes_scenario
 from lissajous_env.render import film
 from lissajous_env.replay import Replay
 from lissajous_env.storage.files import check_writable_file
@@ -75,7 +75,7 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
     """Return the scenarios of a command, and the policy after them.
 
     Raises:
-        ValueError: the policy is not the last of the names, there is no scenario before it, or an unknown scenario.
+        ValueError: the policy is not the last of the names, or there is no scenario before it.
     """
     if not names:
         raise ValueError("names must be scenarios and then a policy, got nothing")
@@ -84,8 +84,6 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
         if registry.is_folder(name) or (name in registry.names() and not denotes_scenario(name)):
             words = "scenario must be given before the policy (that of a policy's folder is FOLDER/scenario.toml)"
             raise ValueError(f"{words}, got {few_of(names)}")
-        if not denotes_scenario(name) and not registry.is_imported(name):
-            raise unknown_scenario(name)
     if denotes_scenario(policy) and policy not in registry.names() and not registry.is_folder(policy):
         raise ValueError(f"policy must be given after the scenario, got {few_of(names)}")
     if not scenarios:

@@ -19,8 +19,8 @@ _EXCESS_MAX = 1.002
 """Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
 _STRETCH_MAX = 1.5
 """Largest ratio of the sides of a cell of contamination."""
-_ROBOT_FIELDS = "formation.ring", "formation.displaced", "robot.drive_factors", "faults.schedule", "faults.removed"
-"""Fields that name robots, alone or first in a row."""
+_ROBOT_FIELDS = "formation.displaced", "robot.drive_factors", "faults.schedule", "faults.removed"
+"""Fields of rows that begin with a robot."""
 Rules = Iterator[tuple[Any, ...]]
 """Rules in order: whether one holds, its field, the rule in words, and perhaps a value in place of the field's."""
 
@@ -54,8 +54,7 @@ def _of_robots(scenario: Any) -> Rules:
     n, kind, ring = scenario.num_robots, scenario.robot.kind, scenario.formation.ring
     yield n <= 1024, "robot.count", f"must be given, from 1 to 1024, because a + b is {n}"
     for name in _ROBOT_FIELDS:
-        rows = operator.attrgetter(name)(scenario) or ()
-        robots = tuple(row[0] if isinstance(row, tuple) else row for row in rows)
+        robots = tuple(row[0] for row in operator.attrgetter(name)(scenario))
         yield max(robots, default=0) < n, name, f"must name robots 0 to {n - 1}", robots
     is_ring = ring is None or sorted(ring) == list(range(n))
     yield is_ring, "formation.ring", f"must contain each of the {n} robots once"
@@ -100,7 +99,7 @@ def _of_contamination(scenario: Any) -> Rules:
         return
     rule = "must be given if targets have a custom motion and task.contamination is set [m/s]"
     yield targets.custom == 0 or targets.speed_limit is not None, "targets.speed_limit", rule
-    rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
+    rule = "must be above 0 if targets appear anew and their worst case is computed (task.contamination) [1/s]"
     yield targets.arrival_rate > 0 or not targets.respawn, "targets.arrival_rate", rule
     least, largest = sorted((2 * scenario.curve.half_width / grid[0], 2 * scenario.curve.half_height / grid[1]))
     rule = f"must make cells whose sides differ by {_STRETCH_MAX} times at most, not by {largest / least:.3g}"
