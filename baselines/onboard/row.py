@@ -61,7 +61,7 @@ class Row:
         )
         self._numbers, self._targets_in_sight = state["messages"].heard.numpy()[0, 0], state["latest"].in_sight.numpy()
         self._scenario = scenario
-        self._near = float(scenario.equilibrium[robot] + scenario.displacements[robot])
+        self._near = float(scenario.equilibrium[robot] + scenario.displacements[robot])  # phase at the start [rad]
         self.values = row.numpy()[0, 0]
         """(D,) the row."""
         self.forget()

@@ -144,9 +144,9 @@ class Policy(Copyable, Remembering):
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
         self._stay_inside: WallRule | None = None
-        for rule in (Inside, Stopping) if self.wall_rule else ():
-            if rule.suits(self.scenario):
-                self._stay_inside = rule(self.scenario, self.num_worlds, self.device)
+        for wall_rule in (Inside, Stopping) if self.wall_rule else ():
+            if wall_rule.suits(self.scenario):
+                self._stay_inside = wall_rule(self.scenario, self.num_worlds, self.device)
         self.launch = launcher(self.device)
         """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
 

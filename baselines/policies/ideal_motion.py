@@ -91,7 +91,7 @@ class _Field:
         # The outermost nodes lie on the edges, so that the corners count, which discs are the last to cover.
         self.x = np.linspace(-half[0], half[0], columns)
         self.y = np.linspace(-half[1], half[1], rows)
-        self.radius, self.rate = radius, moved / (2 * half[0] / (columns - 1))
+        self.radius, self.rate = radius, moved / (2 * half[0] / (columns - 1))  # [m], [cells per control step]
         self.introduced = np.zeros((rows, columns), dtype=np.uint32)
         self.now, self.hops, self.longest = 0, 0, 0
         self.cleared_at = 0  # step from which on no target of the start can be undetected

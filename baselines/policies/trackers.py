@@ -45,14 +45,12 @@ from lissajous_env.world.robots.car import car_action, throttle_towards
 from lissajous_env.world.robots.inside import scaled_gain
 
 wp.set_module_options(OPTIONS)
-CoordinatorFactory = Callable[[Scenario, int, Any], Coordinator]
-"""Function that makes a coordinator: its class, or a `partial` of it that sets parameters."""
 
 
 class Coordinated(Policy):
     """Base class of trackers: policies whose robots follow a coordinator; a subclass implements `decide`.
 
-    `coordinator(scenario, num_worlds, device)` makes the coordinator.
+    `coordinator(scenario, num_worlds, device)` makes the coordinator: its class, or a `partial` that sets parameters.
 
     Warns:
         AssumptionWarning: the scenario violates an assumption of the paper about its formation.
@@ -62,7 +60,7 @@ class Coordinated(Policy):
 
     def __init__(
         self,
-        coordinator: CoordinatorFactory,
+        coordinator: Callable[..., Coordinator],
         scenario: Scenario,
         num_worlds: int = 1,
         device: Any = "cpu",
