@@ -120,9 +120,9 @@ _VISIT = """
         const float most = right < columns - 1.0f ? right : columns - 1.0f;
         return (int)(most > -1.0f ? most : -1.0f);
     };
-    const int first_word = first_column(radius) / 64, last_word = last_column(radius) / 64;
     int added = 0;
-    const auto mark_rows = [&](const int lane, const int lanes, Word* __restrict mark, Word* __restrict covered) {
+    const auto mark_rows = [&](const int lane, const int lanes, const int first_word, const int last_word,
+                               Word* __restrict mark, Word* __restrict covered) {
         // Whole blocks, so that those of all discs are the same.
         const int skipped = top > lane ? (top - lane + lanes - 1) / lanes / together * together : 0;
         for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {
@@ -150,11 +150,14 @@ _VISIT = """
         }
     };
     Word *const mark = &wp::index(marks, 0, 0), *const covered = &wp::index(covered_before, 0, 0);
-    // On a CPU, where the rows of a lane stand side by side, this becomes SIMD.
-    if (lanes == 1)
-        mark_rows(0, 1, mark, covered);
+    // On a CPU, where the rows of a lane stand side by side, this becomes SIMD. Of `experiment`, whose rows are single
+    // words, the coverage takes a sixth longer without the first case (13 % for 64 worlds, 21 % for 256).
+    if (lanes == 1 && marks.shape[0] == 1)
+        mark_rows(0, 1, 0, 0, mark, covered);
+    else if (lanes == 1)
+        mark_rows(0, 1, first_column(radius) / 64, last_column(radius) / 64, mark, covered);
     else
-        mark_rows(lane, lanes, mark, covered);
+        mark_rows(lane, lanes, first_column(radius) / 64, last_column(radius) / 64, mark, covered);
     return added;
 """
 
