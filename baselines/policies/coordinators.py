@@ -37,7 +37,7 @@ class Coordinator(Remembering):
     """Base class of coordinators, which decide phase rates from observations.
 
     A subclass sets `kernel`, whose arguments are `inputs`, the observation and the rates. A coordinator without this
-    base class must have `phase_rate` and `coordinate`.
+    base class must have `phase_rate` and `coordinate`, and cannot have a memory, which nothing would reset.
 
     Attributes:
         scenario: The scenario, with every field filled in.

@@ -30,18 +30,17 @@ class Index(Reacting):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", **settings: Any):
         super().__init__(scenario, num_worlds, device, **settings)
-        sensing, radius = self.scenario.sensing, self.scenario.sensing_radius
+        sensing, self.radius = self.scenario.sensing, self.scenario.sensing_radius
         if self.scenario.targets.arrival_rate == 0:
             raise UnsuitableScenarioError("targets.arrival_rate must be above 0 for an index rule [1/s], got 0")
         if sensing.shared != "team" or min(sensing.tracks_seen, sensing.teammates_seen) == 0:
             rule = "must be team, with sensing.tracks_seen and sensing.teammates_seen above 0, for an index rule"
             raise UnsuitableScenarioError(f"sensing.shared {rule}, got {sensing.shared}")
-        self.radius = radius
-        self.counts = np.ceil(2 * self.half / (1.7 * radius)).astype(int)
+        self.counts = np.ceil(2 * self.half / (1.7 * self.radius)).astype(int)
         axes = [(np.arange(n) + 0.5) * 2 * h / n - h for n, h in zip(self.counts, self.half, strict=True)]
         self.cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
         apart = np.linalg.norm(self.cells[:, None] - self.cells, axis=-1)
-        self._near, self._beyond = (apart < radius).astype(float), (apart >= 1.2 * radius).astype(float)
+        self._near, self._beyond = (apart < self.radius).astype(float), (apart >= 1.2 * self.radius).astype(float)
         shape = (*self.shape, len(self.cells))
         self._idle, self._detections, self._watched_time = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.forget(np.ones(self.num_worlds, bool))

@@ -161,7 +161,7 @@ class Rows:
     Attributes:
         position: (W, N, 2) measured x, y [m].
         speed: (W, N) measured speed [m/s].
-        works: (W, N) True for a robot that works itself.
+        works: (W, N) True if the robot itself works.
         age: (W, N, 2) time since each neighbour's message was sent [s].
         neighbour_offset: (W, N, 2, 2) relative x, y of each neighbour's message [m].
         robots_seen: (W, N, R) True for a robot in sight; the nearest is the first.

@@ -86,8 +86,9 @@ class SentPlaces(Copyable, Remembering):
 
     def __init__(self, scenario: Scenario, num_worlds: int):
         self.num_worlds = num_worlds
-        delay = round(scenario.noise.message_delay / scenario.task.step)
-        self._own = np.zeros((num_worlds, scenario.num_robots, delay + 1, 2))
+        self.delay = round(scenario.noise.message_delay / scenario.task.step)
+        """Delay of the messages [control step]."""
+        self._own = np.zeros((num_worlds, scenario.num_robots, self.delay + 1, 2))
         self._begins = np.ones(num_worlds, dtype=bool)
 
     def forget(self, mask: np.ndarray) -> None:
@@ -196,11 +197,9 @@ class Lanes(Reacting):
         self._ahead = 0.5 * reach
         self._steps = np.zeros(self.num_worlds, int)
         self._slot = np.zeros(self.shape, int)
-        noise = self.scenario.noise
-        delay = round(noise.message_delay / self.step)
         self._spacing = self._along[-1] / self.num_robots
         longest = math.ceil(1.25 * self._spacing / (self.top * self.step))  # until robots are apart in their places
-        self._delay, self._last_choice = delay, delay + (longest if noise.message_loss > 0 else 0)
+        self._last_choice = self.sent.delay + (longest if self.scenario.noise.message_loss > 0 else 0)
 
     def forget(self, mask: np.ndarray) -> None:
         """Begin the tour anew."""
@@ -214,7 +213,7 @@ class Lanes(Reacting):
         """Follow the robot's place on the tour."""
         chooses, places = self._steps <= self._last_choice, self.sent.next(rows)
         if chooses.any():
-            then = self._way(np.maximum(self._steps - self._delay, 0))
+            then = self._way(np.maximum(self._steps - self.sent.delay, 0))
             self._slot[chooses] = self._nearest_slots(places[chooses], then[chooses])
         way = self._way(self._steps)
         self._steps += 1

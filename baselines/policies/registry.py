@@ -160,6 +160,7 @@ def register(
     require(kind in (None, *kinds), f"kind of {name}", rule, kind)
     require(callable(factory), f"factory of {name}", "must be callable", factory)
     require(steered_by in _STEERED_BY, f"steered_by of {name}", f"must be one of {', '.join(_STEERED_BY)}", steered_by)
+    require(not isinstance(made_for, str), f"made_for of {name}", "must be a tuple of names of scenarios", made_for)
     before = POLICIES.get(str(name))
     if before is not None and _origin(before.factory) == origin:
         return factory

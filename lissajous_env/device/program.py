@@ -50,11 +50,6 @@ class Stage:
         return isinstance(self.run, wp.Kernel)
 
     @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the kernel's parameters that are matched in the state and the constants."""
-        return tuple(name for name in names_of_arguments(self.run) if name not in LAUNCH) if self.is_kernel else ()
-
-    @property
     def writes(self) -> tuple[str, ...]:
         """Names of what it changes, as `robots.phase`; none for a function or one that changes the whole state."""
         return getattr(self.run, "writes", ())
@@ -112,7 +107,9 @@ class Program:
             call()
 
     def __str__(self) -> str:
-        rows = [(stage.name, stage.over, stage.about, ", ".join(stage.parameters)) for stage in self.stages]
+        names = [names_of_arguments(stage.run) if stage.is_kernel else [] for stage in self.stages]
+        matched = [", ".join(name for name in of_stage if name not in LAUNCH) for of_stage in names]
+        rows = [(stage.name, stage.over, stage.about, line) for stage, line in zip(self.stages, matched, strict=True)]
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         lines = ["  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows]
         indent = " " * (widths[0] + 2)

@@ -99,7 +99,7 @@ def _of_contamination(scenario: Any) -> Rules:
         return
     rule = "must be given if targets have a custom motion and task.contamination is set [m/s]"
     yield targets.custom == 0 or targets.speed_limit is not None, "targets.speed_limit", rule
-    rule = "must be above 0 if targets appear anew and task.contamination is set [1/s]"
+    rule = "must be above 0 if targets appear anew and their worst case is computed (task.contamination) [1/s]"
     yield targets.arrival_rate > 0 or not targets.respawn, "targets.arrival_rate", rule
     least, largest = sorted((2 * scenario.curve.half_width / grid[0], 2 * scenario.curve.half_height / grid[1]))
     rule = f"must make cells whose sides differ by {_STRETCH_MAX} times at most, not by {largest / least:.3g}"

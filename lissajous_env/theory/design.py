@@ -134,26 +134,22 @@ def best_design(
         is_infeasible = bool(design.violations(robot_radius, sensor_radius))
         return is_infeasible, 0.0 if is_infeasible else -design.phase_rate, -min(bodies, sensors)
 
-    curves = (
-        Curve(half_width, half_height, a, num_robots - a, inset=inset or None)
-        for a in range(1, num_robots, 2)
-        if math.gcd(a, num_robots) == 1
-    )
-    return min((_designed(curve, num_robots, speed, turning_radius, grip) for curve in curves), key=rank)
-
-
-def _designed(whole: Curve, num_robots: int, speed: float, turning_radius: float, grip: float) -> Design:
-    """Return the design of a curve, whose robots drive as fast as they can."""
-    curve, corner = whole.driven, math.sqrt(2) * (whole.inset or 0.0)
-    p, alpha = best_formation(curve, num_robots)
-    has_places = closed_forms.has_unclustered_equilibrium(num_robots)
-    reach = max(closed_forms.coverage_radius(curve), closed_forms.detection_radius(curve, num_robots))
-    return Design(
-        curve=whole,
-        phase_rate=largest_phase_rate(curve, speed, turning_radius, grip),
-        p=p,
-        alpha=alpha,
-        robot_radius_bound=closed_forms.robot_radius_bound(curve, num_robots) if has_places else 0.0,
-        sensor_radius_bound=reach + corner,
-        tight_share=geometry.tight_share(curve, turning_radius) if turning_radius > 0 else 0.0,
-    )
+    designs, has_places = [], closed_forms.has_unclustered_equilibrium(num_robots)
+    for a in range(1, num_robots, 2):
+        if math.gcd(a, num_robots) > 1:
+            continue
+        whole = Curve(half_width, half_height, a, num_robots - a, inset=inset or None)
+        curve = whole.driven
+        p, alpha = best_formation(curve, num_robots)
+        reach = max(closed_forms.coverage_radius(curve), closed_forms.detection_radius(curve, num_robots))
+        design = Design(
+            curve=whole,
+            phase_rate=largest_phase_rate(curve, speed, turning_radius, grip),
+            p=p,
+            alpha=alpha,
+            robot_radius_bound=closed_forms.robot_radius_bound(curve, num_robots) if has_places else 0.0,
+            sensor_radius_bound=reach + math.sqrt(2) * inset,
+            tight_share=geometry.tight_share(curve, turning_radius),
+        )
+        designs.append(design)
+    return min(designs, key=rank)

@@ -36,6 +36,7 @@ def test_the_same_policy_may_be_registered_again():
     ((None, None, Still), "name of a policy must be a word, got None"),
     (("mine", "boat", Still), "kind of mine must be one of car, differential, curve, velocity, or None, got 'boat'"),
     (("mine", None, "Still"), "factory of mine must be callable, got 'Still'"),
+    (("mine", None, Still, "watch"), "made_for of mine must be a tuple of names of scenarios, got 'watch'"),
     (("mine-safe", None, Still), "name of a policy must not end in -safe, which adds a filter, got mine-safe"),
 ])  # fmt: skip
 def test_what_is_no_policy_is_refused(arguments, words):
