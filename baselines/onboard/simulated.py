@@ -65,16 +65,15 @@ def _is_near(away: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _heard(simulation: Simulation, robot: int) -> tuple[Message, ...]:
-    links, messages, step = simulation.links, [], simulation.scenario.task.step
-    heard, heard_at = links.heard.numpy()[0, robot], links.heard_at.numpy()[0, robot]
-    for side, sender in enumerate(simulation.scenario.neighbours[robot].tolist()):
-        if sender >= 0 and heard_at[side] >= 0:
-            numbers = ()
-            if simulation.scenario.messages.size:
-                numbers = tuple(simulation.messages.heard.numpy()[0, robot, side].tolist())
-            cos_phase, sin_phase, x, y = heard[side].tolist()
-            messages.append(Message(sender, int(heard_at[side]) * step, cos_phase, sin_phase, x, y, numbers))
-    return tuple(messages)
+    """Return the latest message of each ring neighbour that the robot has heard."""
+    links, step, senders = simulation.links, simulation.scenario.task.step, simulation.scenario.neighbours[robot]
+    arrays = links.heard, links.heard_at, simulation.messages.heard
+    heard, heard_at, numbers = (array.numpy()[0, robot].tolist() for array in arrays)
+    return tuple(
+        Message(sender, heard_at[side] * step, *heard[side], numbers=tuple(numbers[side]))
+        for side, sender in enumerate(senders.tolist())
+        if sender >= 0 and heard_at[side] >= 0
+    )
 
 
 class Vehicle:
