@@ -89,7 +89,7 @@ def shadow(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.ve
         return wp.vec2(0.0, 0.0)
     robot = robot_away(w, t, entry, curve, rogues) + task.step * robot_velocity(w, t, entry, speed_unit, rogues)
     wanted = robot - (1.0 + _MARGIN) * sensing.radius * wp.normalize(robot)
-    return wanted / (target.speed_limit * task.step)
+    return wanted / wp.max(wp.length(wanted), target.speed_limit * task.step)
 
 
 @part
