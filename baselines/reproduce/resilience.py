@@ -52,7 +52,7 @@ def fig4(player: Player) -> Part:
     back = [_displaced(player, "perturbation", angle, 60).returned[0] for angle in inside]
     outside = np.arange(1.02 * half, np.pi, 0.04)
     returned = np.array([_displaced(player, "perturbation", angle, 60).returned[0] for angle in outside])
-    leaves = float(outside[~returned][0])
+    leaves = float(outside[~returned].min(initial=np.pi))
 
     with sheet("fig4", "Fig. 4   Ten robots, and how far one of them may be displaced", 7.2, 4.0) as picture:
         left, right = picture.figure.subplots(1, 2, width_ratios=(1.25, 1))
@@ -209,7 +209,7 @@ def theorem4(player: Player) -> Part:
         "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why
     )
     yield Claim(
-        "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
+        "N = 10, p = 3 (Fig. 4), neighbours fail for 9.9 s: condition broken",
         "no guarantee",
         f"p = 3 to p = {leaving.winding[-1, 0]}, cos reaches {leaving.largest_cosine[0]:.2f}",
         "it leaves",
