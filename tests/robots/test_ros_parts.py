@@ -58,6 +58,7 @@ def test_the_speed_of_poses_on_a_circle(rate):
     for k in range(rate):
         angle = 0.4 * k / rate
         place = 2 * math.cos(angle), 2 * math.sin(angle)
+        assert math.isnan(measured.add(math.nan, 0.0, 0.0, 5 + (k - 0.5) / rate).speed), "a lost pose, and only that"
         odometry = measured.add(*place, angle + math.pi / 2, 5 + k / rate)
         if odometry is not None:
             speeds.append(odometry.speed)
@@ -188,8 +189,7 @@ def test_old_detections_are_not_passed_on():
 def test_a_robot_that_announces_decides_as_one_that_does_not():
     # Oracle: the simulation; the phase follows each pose once, whether it was announced or not.
     simulation, policy = lissajous_env.Simulation(EXPERIMENT), baselines.make("kuramoto-mpcc", EXPERIMENT)
-    limits = Limits(*[math.inf] * 5)
-    announces, other = (baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 2, limits) for _ in range(2))
+    announces, other = (baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 2, Limits(*[math.inf] * 5)) for _ in range(2))
     for _ in range(40):
         inputs = inputs_of(simulation, 2)
         message = announces.announce(inputs.odometry)
