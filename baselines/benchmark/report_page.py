@@ -52,7 +52,7 @@ _ROBOTS = {
     "differential": "differential drives",
     "velocity": "cars by their velocities",
 }
-"""Names of the robots by their kind of actions."""
+"""Names of the robots by `robot.kind` or, of several scenarios together, by `Scenario.actuation`."""
 _DIGITS = 5
 """Significant digits of the numbers in the page."""
 _EPISODES = "the episodes"

@@ -135,7 +135,7 @@ def print_lines(
     head = [terminal.Column("policy", left=True, style="cyan")]
     head += [terminal.Column(_broken(column.heading), name=column.name) for column in columns]
     rivals = sum(not line.is_best_known for line in lines)
-    _print_title(console, title)
+    print_line(console, title)
     print_table(console, head, rows, [rivals - 1] if 0 < rivals < len(rows) else [], where)
     console.print()
 
@@ -147,7 +147,7 @@ def _in_two_lines(entry: Entry) -> Text:
 
 def print_scores(console: Console, policy: str, scenario: Scenario, columns: Mapping[str, Estimate]) -> None:
     """Print a row for every column of one policy on one scenario that has numbers, the score of the task first."""
-    _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario.name, "bold")))
+    print_line(console, Text.assemble((policy, "bold"), " on ", (scenario.name, "bold")))
     names = ("summary", "value", "95 % interval", "n", "worst seed", "median", "min", "max")
     rows = []
     # A policy that is alone is the best one.
@@ -171,9 +171,8 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
 
 def print_row(console: Console, row: dict[str, Any], scenario: Scenario) -> None:
     """Print the numbers of one score row as a table, the score of the task first."""
-    _print_title(
-        console, Text.assemble((row["policy"], "bold"), " on ", (row["scenario"], "bold"), f", seed {row['seed']}")
-    )
+    title = Text.assemble((row["policy"], "bold"), " on ", (row["scenario"], "bold"), f", seed {row['seed']}")
+    print_line(console, title)
     names = dict.fromkeys((task_score(scenario).name, *score_names(row)))
     rows = [[name, number(row[name])] for name in names if row[name] == row[name]]
     print_table(console, [terminal.Column("score", left=True, style="cyan"), "value"], rows)
@@ -223,7 +222,3 @@ def legend(table: Table, episodes: int) -> list[str]:
             "`lissajous plan` plays these plans."
         )
     return words
-
-
-def _print_title(console: Console, title: Text) -> None:
-    console.print(title, soft_wrap=True, highlight=False)

@@ -155,7 +155,7 @@ def draws(size: int) -> np.ndarray:
 
 
 def number(value: float) -> str:
-    """Format a number with three significant digits and at most three decimals; an em dash for NaN."""
+    """Format a number with three digits or all before the point, at most three decimals; an em dash for NaN."""
     if value != value:
         return DASH
     if value == math.inf:
@@ -163,8 +163,8 @@ def number(value: float) -> str:
     if abs(value) >= 1e7:
         return f"{value:.3g}"
     if float(value).is_integer() or abs(value) >= 100:
-        return f"{value:.0f}"
-    return f"{value:#.3g}".removesuffix(".") if abs(value) >= 0.9995 else f"{value:.3f}"
+        return f"{value:z.0f}"
+    return f"{value:#.3g}".removesuffix(".") if abs(value) >= 0.9995 else f"{value:z.3f}"
 
 
 def in_words(estimate: Estimate) -> tuple[str, str]:

@@ -69,9 +69,7 @@ def as_csv(rows: Iterable[dict[str, Any]]) -> str:
 def table_of(table: Table) -> dict[str, list]:
     """Return titles and rows of text: a row for each policy, the scenario and its bounds in the first of its rows.
 
-    A number is an interquartile mean with its 95 % bootstrap interval; for collisions and over lower bound, the mean;
-    for a guarantee, the largest with its median and number of episodes, or the number of open ones. `better` is the
-    share of seeds on which a policy has a better score of the task than the reference.
+    `baselines.benchmark.statistics.in_words` describes the numbers.
     """
     rows: list[list[str]] = []
     scores = map(task_score, table.scenarios.values())

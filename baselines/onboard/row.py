@@ -134,8 +134,8 @@ class Row:
 
 
 def _nearest(seen: np.ndarray, count: int) -> np.ndarray:
-    """Return the nearest of what the sensor detects, as many as the row lists at most."""
-    return seen[np.argsort(np.hypot(seen[:, 0], seen[:, 1]), kind="stable")[:count]]
+    """Return the nearest of what the sensor detects, as many as the row lists at most, in their order."""
+    return seen[np.sort(np.argsort(np.hypot(seen[:, 0], seen[:, 1]), kind="stable")[:count])]
 
 
 def _check(scenario: Scenario) -> None:

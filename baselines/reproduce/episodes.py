@@ -69,8 +69,11 @@ class EpisodeArrays:
 
     @property
     def largest_cosine(self) -> np.ndarray:
-        """Return the largest cos(theta_j - theta_i) of ring neighbours (W,); Theorem 4 requires it to be below 0."""
-        return np.cos(self.ring_phases).max(axis=(0, 2))
+        """Return the largest cos(theta_j - theta_i) of ring neighbours while a robot has failed (W,).
+
+        Theorem 4 requires it to be below 0; later, a formation on its way to another equilibrium always violates this.
+        """
+        return np.cos(self.ring_phases[self.failed.any(axis=(1, 2))]).max(axis=(0, 2))
 
     @property
     def returned(self) -> np.ndarray:
@@ -98,6 +101,11 @@ class EpisodeArrays:
 def phase_distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the distance of phases on the circle, at most pi [rad]."""
     return np.abs(np.angle(np.exp(1j * (one - other))))
+
+
+def first_times(time: np.ndarray, flags: np.ndarray) -> np.ndarray:
+    """Return the first time of each world (W,) [s] at which its flag (F, W) is true; inf where it never is."""
+    return np.where(flags.any(axis=0), time[flags.argmax(axis=0)], np.inf)
 
 
 def spread_of_cars(scenario: Scenario) -> str:

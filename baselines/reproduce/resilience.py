@@ -1,5 +1,6 @@
 """Fig. 4 and 6, Theorems 3 and 4: a robot that is displaced, and two robots that fail and resume."""
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ def fig4(player: Player) -> Part:
     back = [_displaced(player, "perturbation", angle, 60).returned[0] for angle in inside]
     outside = np.arange(1.02 * half, np.pi, 0.04)
     returned = np.array([_displaced(player, "perturbation", angle, 60).returned[0] for angle in outside])
-    leaves = float(outside[~returned][0])
+    leaves = float(outside[~returned].min(initial=np.pi))
 
     with sheet("fig4", "Fig. 4   Ten robots, and how far one of them may be displaced", 7.2, 4.0) as picture:
         left, right = picture.figure.subplots(1, 2, width_ratios=(1.25, 1))
@@ -152,8 +153,7 @@ def fig6(player: Player) -> Part:
             column[1].set(xlabel="time t [s]", xlim=(0, failure.task.duration))
         grid[0, 0].set_ylabel("states $\\theta$ [rad]")
         grid[1, 0].set(yscale="log", ylim=(1e-4, 8), ylabel="largest deviation\nfrom (2) [rad]")
-        words, place = f"{RECOVERED} rad", (0.3, RECOVERED)
-        grid[1, 0].annotate(words, place, xytext=(0, 2), textcoords="offset points", fontsize=7.5)
+        grid[1, 0].annotate(f"{RECOVERED} rad", (0.3, RECOVERED), va="bottom", fontsize=7.5)
         picture.caption = (
             "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 (dashed) are stopped "
             "in the shaded time. The paper does not state which formation it simulated, nor which two robots fail: "
@@ -195,21 +195,17 @@ def fig6(player: Player) -> Part:
 
 def theorem4(player: Player) -> Part:
     """Test Theorem 4: two robots fail, and its condition is met during the failure or not."""
-    met: list[bool] = []
-    broken: list[bool] = []
-    for n, p in _FAILING:
-        for pair in _PAIRS:
-            for lasts in _LASTING:
-                played = player.play("kuramoto", _two_failures(n, p, pair, lasts))
-                outcomes = met if played.largest_cosine[0] < 0 else broken
-                outcomes.append(bool(played.returned[0]))
+    met, broken = [], []
+    for (n, p), pair, lasts in product(_FAILING, _PAIRS, _LASTING):
+        played = player.play("kuramoto", _two_failures(n, p, pair, lasts))
+        (met if played.largest_cosine[0] < 0 else broken).append(bool(played.returned[0]))
     leaving = player.play("kuramoto", _two_failures(10, 3, (0, 1), 9.9))
     why = f"of {len(broken)} failures that violated the condition {sum(broken)} returned nevertheless"
     yield all_of(
         "failures during which the condition was met: the same equilibrium returns", "always", met, "failures", why
     )
     yield Claim(
-        "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
+        "N = 10, p = 3 (Fig. 4), neighbours fail for 9.9 s: condition broken",
         "no guarantee",
         f"p = 3 to p = {leaving.winding[-1, 0]}, cos reaches {leaving.largest_cosine[0]:.2f}",
         "it leaves",

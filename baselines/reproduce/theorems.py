@@ -19,7 +19,7 @@ _SHAPES = ((1.8, 0.8), (5.0, 5.0), (5.0, 3.0))
 _FEWEST, _MOST = 3, 21
 """N of the curves, without those that have no equilibrium with one robot to a place."""
 _SPEEDS = (0.2, 1.0, 5.0)
-"""Speeds of the evading targets [m/s]."""
+"""Speeds of the rogues [m/s]."""
 
 
 def theorem1(player: Player) -> Part:
@@ -166,7 +166,7 @@ def rogues(player: Player) -> Part:
         points = IdealFormation(formation, formation.detection_radius)
         times = [points.guaranteed_time(speed) for speed in _SPEEDS]
         yield at_most(
-            f"{words}, r_s of (8): longest time unseen, rogues of 0.2, 1 and 5 m/s",
+            f"{words}, r_s of (8): worst-case undetected time, rogues of 0.2, 1 and 5 m/s",
             f"T_max = {formation.detection_time_bound:.3g} s",
             max(times),
             formation.detection_time_bound,

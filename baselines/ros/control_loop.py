@@ -53,7 +53,7 @@ def relative_to_robot(rows: np.ndarray, frame: str, own: str, pose: Odometry | N
 
 
 class SpeedOfPoses:
-    """Speed over the ground, forwards, of the poses of the latest `window` seconds."""
+    """Speed over the ground, forwards, of the poses of the latest `window` seconds whose places are finite."""
 
     def __init__(self, window: float):
         self._window = window
@@ -64,6 +64,8 @@ class SpeedOfPoses:
         poses = self._poses
         if poses and stamp == poses[-1][2]:
             return None
+        if not math.isfinite(x + y):
+            return Odometry(x, y, heading, math.nan, stamp)
         if poses and not 0 < stamp - poses[-1][2] < 4 * self._window:
             poses.clear()
         poses.append((x, y, stamp))

@@ -105,8 +105,9 @@ def cloud_rows(message: Any, width: int) -> np.ndarray:
     columns = {name: k for k, name in enumerate(("x", "y", "vx", "vy")[:width]) if name in offsets}
     point: Any = {"names": [*columns], "formats": [">f4" if message.is_bigendian else "<f4"] * len(columns)}
     point |= {"offsets": [offsets[name] for name in columns], "itemsize": message.point_step}
+    shape, row_step = (message.height, message.width), max(message.row_step, message.width * message.point_step)
     try:
-        points = np.frombuffer(bytes(message.data), np.dtype(point), message.width * message.height)
+        points = np.ndarray(shape, np.dtype(point), bytes(message.data), strides=(row_step, message.point_step)).ravel()
     except (ValueError, OverflowError) as error:  # NumPy compares the sizes before it allocates
         raise ValueError(f"a point cloud must have room and data for the fields of its points: {error}") from error
     rows = np.zeros((len(points), width), dtype=np.float32)

@@ -304,8 +304,8 @@ AGE = Column(
 )
 GUARANTEE_RECOVERY = Column(
     "guarantee_recovery_time",
-    "time from the end of the last fault until the time for which a target can have been undetected stays below 1.1 "
-    "times its largest value before the first fault",
+    "time from the end of the last fault until the time for which a target can have been undetected stays, for at "
+    "least 0.3 rad / omega, below 1.1 times its largest value before the first fault",
     _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s",
     empty=f"never, never disturbed, or {_NO_CONTAMINATION}", better=-1,
 )

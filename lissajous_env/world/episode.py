@@ -178,7 +178,7 @@ def episodes_of(scenario: Scenario, structs: Mapping[str, Any], worlds: np.ndarr
     """Yield the latest episode of each of the worlds with these indices; `structs` are those of the state, by name."""
     state = {f"{struct}.{name}": getattr(structs[struct], name) for struct in _READ for name in _READ[struct]}
     totals = {name: array for name, array in fields_of(structs["tally"]).items() if name != "contact"}
-    unseen = {name: array for name, array in fields_of(structs["contamination"]).items() if array.ndim == 1}
-    hosts = [{name: array.numpy() for name, array in arrays.items()} for arrays in (state, totals, unseen)]
+    contamination = {name: array for name, array in fields_of(structs["contamination"]).items() if array.ndim == 1}
+    hosts = [{name: array.numpy() for name, array in arrays.items()} for arrays in (state, totals, contamination)]
     for w in worlds:
         yield Episode(scenario, *({name: array[w] for name, array in arrays.items()} for arrays in hosts))

@@ -9,8 +9,8 @@ of the rectangle, and the entries of the scenario's extensions, in their order. 
 of each entry; `print(layout(scenario))` shows them with their indices.
 
 A target that leaves when it is detected is listed in the step of its detection. A robot that has failed senses nothing
-but still receives messages; entries 0 to 6 of a removed robot are frozen, and all others are zeros. Directions are in
-the world frame.
+but still receives messages; entries 0 to 6 of a removed robot are frozen, and all others but those of extensions are
+zeros. Directions are in the world frame.
 
 A policy's message is the last `messages.size` components of an action. The neighbours observe it in the row that this
 step returns or, with a delay, in a later one. It is delayed and lost together with the phase message; the last message

@@ -46,7 +46,8 @@ class Simulation(Copyable):
         speed_unit: Unit of observed speeds [m/s].
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
-        limited_action: `action_shape`, the latest actions in [-1, 1]: zeros for a robot whose action was not finite.
+        action: `action_shape`, the actions of the next step, as `step` and `take` store them.
+        limited_action: `action_shape`, the actions of the latest step, clipped; zeros where one was not finite.
         invalid: (W,) int32, 1 where an action of the episode was not finite and was replaced by zero.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
         rogues: State of the rogues, among it `observation` and `action`; None without `targets.rogues`.

@@ -24,6 +24,8 @@ IDLE = wp.constant(2)
 """`clock.status`."""
 NEVER = wp.constant(2**30)
 """Step of an event that has not happened."""
+LONGER = wp.constant(1.0 + 1.0e-6)
+"""Factor above which a time in float32 exceeds a limit: a whole number of steps is rounded, and so is a limit."""
 NOWHERE = wp.constant(1.0e15)
 """Coordinate of the sensor of a robot that senses nothing [m]."""
 
@@ -57,7 +59,7 @@ class Robots:
     heading: wp.array2d(dtype=wp.float32)
     """Heading [rad]."""
     speed: wp.array2d(dtype=wp.float32)
-    """Speed over the ground [m/s]."""
+    """Speed along the heading over the ground, below 0 in reverse [m/s]."""
     phase: wp.array2d(dtype=wp.float64)
     """theta of (1) in [0, 2 pi) [rad]; the curve's parameter is alpha theta."""
     path: wp.array3d(dtype=wp.vec3)

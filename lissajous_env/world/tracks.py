@@ -22,7 +22,7 @@ from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Sensing
 from lissajous_env.world.observation import TEAMMATE_SIZE, TRACK_SIZE
 from lissajous_env.world.observing import clear_entries, clear_slots, clip_coordinate, insert_nearest
-from lissajous_env.world.state import DETECTED, GONE, HIDDEN, REMOVED
+from lissajous_env.world.state import DETECTED, GONE, HIDDEN, LONGER, REMOVED
 
 wp.set_module_options(OPTIONS)
 
@@ -141,7 +141,7 @@ def fill_known(
     count = int(0)
     for k in range(seen_at.shape[2]):
         age = float(now - seen_at[w, i, k]) * task.step
-        if seen_at[w, i, k] >= 0 and age <= sensing.memory:
+        if seen_at[w, i, k] >= 0 and age <= LONGER * sensing.memory:
             count = insert_nearest(w, i, count, slots, (position[w, i, k] - here) / unit, k, nearest)
     for k in range(count):
         known = int(nearest[w, i, k][1])
@@ -176,7 +176,8 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
         observation[w, i, entry + 4] = wp.clamp(velocity[0], -1.0, 1.0)
         observation[w, i, entry + 5] = wp.clamp(velocity[1], -1.0, 1.0)
         observation[w, i, entry + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
-        observation[w, i, entry + 7] = wp.where(tracks.other_sighted_at[w, i, t] == sent_at, 1.0, 0.0)
+        has_arrived = sent_at >= 0 and tracks.other_sighted_at[w, i, t] == sent_at
+        observation[w, i, entry + 7] = wp.where(has_arrived, 1.0, 0.0)
         observation[w, i, entry + 8] = float(tracks.leaves[w, i, t])
     fill_known(
         w, i, now, mate_start, TEAMMATE_SIZE, sensing.teammates_seen, here, tracks.mate_sent_at, tracks.mate_position,

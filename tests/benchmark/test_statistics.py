@@ -59,7 +59,8 @@ def test_infinite_values_do_not_count_as_none():
 
 def test_numbers_and_the_best_in_words():
     # Oracle: by hand; (15 / 22) 22 is not 15 in float64.
-    assert [number(value) for value in (99.97, -99.97, 9.999, 0.9996)] == ["100", "-100", "10.0", "1.00"]
+    values = {99.97: "100", -99.97: "-100", 9.999: "10.0", 0.9996: "1.00", -4e-4: "0.000", -0.0: "0"}
+    assert [number(value) for value in values] == [*values.values()]
     times = {"slow": [2.0] * 15, "fast": [1.0] * 15, "too": [1.0] * 15, "seldom": [1.0] * 14 + [math.nan]}
     policies = {name: {DETECTION_TIME.name: summarize([*t] + [math.nan] * 7)} for name, t in times.items()}
     assert best_of(policies, DETECTION_TIME) == {"fast", "too"}

@@ -30,20 +30,16 @@ def _ros():
 
 def test_a_cloud_that_claims_more_points_than_its_data_contain_is_refused():
     # Story: a damaged message claims gigabytes. Nothing is allocated before its length has been compared.
-    for step in (0, 8, 2**32 - 1):
-        for count in ((2**32 - 1, 1), (2**32 - 1, 2**32 - 1), (4, 1)):
-            cloud = messages.cloud_message(np.ones((2, 2), dtype=np.float32), 1.0, "map")
-            cloud.width, cloud.height, cloud.point_step = *count, step
-            tracemalloc.start()
-            with pytest.raises(ValueError, match="a point cloud must have room and data"):
-                messages.cloud_rows(cloud, 4)
-            assert tracemalloc.get_traced_memory()[1] < 1e7
-            tracemalloc.stop()
-    for offset in (12, 2**32 - 1):  # of a field, which was damaged
+    most = 2**32 - 1
+    sizes = [(*size, step, 4) for step in (0, 8, most) for size in ((most, 1), (1, most), (most, most), (4, 1))]
+    for size in (*sizes, (2, 1, 12, 12), (2, 1, 12, most)):  # the last two have a damaged offset of a field
         cloud = messages.cloud_message(np.ones((2, 2), dtype=np.float32), 1.0, "map")
-        cloud.fields[1].offset = offset
+        cloud.width, cloud.height, cloud.point_step, cloud.fields[1].offset, cloud.row_step = *size, 0
+        tracemalloc.start()
         with pytest.raises(ValueError, match="a point cloud must have room and data"):
-            messages.cloud_rows(cloud, 2)
+            messages.cloud_rows(cloud, 4)
+        assert tracemalloc.get_traced_memory()[1] < 1e7
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -86,8 +82,12 @@ def test_headings_stamps_and_rows_survive_messages():
         assert np.float32(messages.yaw(message.pose.pose.orientation)) == np.float32(heading)
         assert seconds(message.header.stamp) == 12.3
     for width in (2, 4):
-        rows = draw.normal(size=(7, width)).astype(np.float32)
+        rows = draw.normal(size=(8, width)).astype(np.float32)
         cloud = messages.cloud_message(rows, 1.0, "car/aligned")
+        np.testing.assert_array_equal(messages.cloud_rows(cloud, width), rows)
+        half = 4 * cloud.point_step
+        cloud.height, cloud.width, cloud.row_step = 2, 4, half + 8  # two rows, each with 8 bytes without a meaning
+        cloud.data = bytes(cloud.data)[:half] + bytes(range(8)) + bytes(cloud.data)[half:] + bytes(range(8))
         np.testing.assert_array_equal(messages.cloud_rows(cloud, width), rows)
         assert messages.cloud_rows(messages.cloud_message(rows[:0], 1.0, "map"), width).shape == (0, width)
     sent = Message(3, 2.5, 0.6, -0.8, 1.0, -2.0, (0.25, -1.0))

@@ -32,11 +32,15 @@ def entries(simulation, rows, *names):
     return np.moveaxis(rows[..., [layout.names.index(name) for name in names]], -1, 0)
 
 
-def nearest_away(simulation, rows):
-    """Return the place of the nearest robot relative to each rogue [m]."""
+def towards_nearest(simulation, rows):
+    """Return each velocity towards where the nearest robot was [speed_limit], and True for rogues away from walls."""
+    present, *velocity = entries(simulation, rows, "present", "x_velocity", "y_velocity")
+    walls = np.min(entries(simulation, rows, "wall_left", "wall_right", "wall_bottom", "wall_top"), axis=0)
     x, y = entries(simulation, rows, "robot_0_x", "robot_0_y")
-    curve = simulation.scenario.curve
-    return 2 * np.stack([x * curve.half_width, y * curve.half_height], axis=-1)
+    away = np.stack([x * simulation.scenario.curve.half_width, y * simulation.scenario.curve.half_height])[:, :-1]
+    away /= np.maximum(np.linalg.norm(away, axis=0), 1e-9)
+    free = (present[:-1] == 1) & (present[1:] == 1) & (walls[1:] > 1e-3)
+    return (away * np.array(velocity)[:, 1:]).sum(axis=0), free
 
 
 def test_wander_goes_on_at_full_speed_and_turns_at_random():
@@ -56,15 +60,9 @@ def test_wander_goes_on_at_full_speed_and_turns_at_random():
 
 def test_flee_goes_away_from_the_nearest_robot():
     # Story: away from walls, the velocity in a step is opposite to where the nearest robot was.
-    simulation, rows = played("flee", 30)
-    present, x, y = entries(simulation, rows, "present", "x_velocity", "y_velocity")
-    walls = np.min(entries(simulation, rows, "wall_left", "wall_right", "wall_bottom", "wall_top"), axis=0)
-    away = nearest_away(simulation, rows)[:-1]
-    away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
-    free = (present[:-1] == 1) & (present[1:] == 1) & (walls[1:] > 1e-3)
-    dot = (away * np.stack([x, y], axis=-1)[1:]).sum(axis=-1)
+    towards, free = towards_nearest(*played("flee", 30))
     assert free.sum() > 20
-    assert dot[free] == pytest.approx(-1.0, abs=1e-3)
+    assert towards[free] == pytest.approx(-1.0, abs=1e-3)
 
 
 def test_shadow_stays_just_outside_the_nearest_disc():
@@ -73,6 +71,11 @@ def test_shadow_stays_just_outside_the_nearest_disc():
     present, gap = entries(simulation, rows[-20:], "present", "robot_0_gap")
     assert present.mean() > 0.6  # the cars coast at first
     assert gap[present == 1] == pytest.approx(0.05, abs=0.01)
+    # From afar it goes straight there at full speed.
+    towards, free = towards_nearest(simulation, rows)
+    far = free & (entries(simulation, rows, "robot_0_gap")[0, :-1] > 1.0)
+    assert far.sum() > 20
+    assert towards[far] == pytest.approx(1.0, abs=0.03)
 
 
 def test_follow_gap_widens_its_gap_to_standing_robots():
@@ -117,11 +120,7 @@ def test_a_rule_of_ones_own_is_a_function_of_the_rows():
         lissajous_env.rogue("rightwards")(lambda rows: rows)
     with pytest.raises(ValueError, match="must be of small letters"):
         lissajous_env.rogue("Right wards")(rightwards)
-
-    @lissajous_env.rogue("misshapen")
-    def misshapen(rows):
-        return rows
-
+    lissajous_env.rogue("misshapen")(lambda rows: rows)
     with pytest.raises(ValueError, match="rogue misshapen must return finite numbers of shape"):
         played("misshapen", 1)
 

@@ -75,8 +75,8 @@ def test_a_car_is_blocked_while_its_policy_drives_it_into_a_wall():
     assert score_after(simulation, 0.3, 0.01, 40)["blocked_time"] == pytest.approx(1.0), "it hardly drives"
     assert score_after(simulation, 0.0, 1.0, 5)["blocked_time"] == pytest.approx(1.5), "it goes on"
     assert score_after(simulation, 0.0, -1.0, 30)["blocked_time"] == pytest.approx(2.0), "until it moved by its radius"
-    patient = one_robot(A - RADIUS, **WALL, **{"task.blocked_after": 2.9})
-    assert score_after(patient, 0.0, 1.0, 31)["blocked_time"] == pytest.approx(0.1)
+    patient = one_robot(A - RADIUS, **WALL, **{"task.blocked_after": 2.6})  # 26 float32 steps are more
+    assert score_after(patient, 0.0, 1.0, 28)["blocked_time"] == pytest.approx(0.1)
 
 
 def test_a_car_that_slides_along_a_wall_or_circles_or_has_failed_is_not_blocked():

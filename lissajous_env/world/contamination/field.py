@@ -22,7 +22,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import half_of, mark_way, place_along, points_per_metre, run_of_bits, visit_disc
 from lissajous_env.device.stage import FIELD_ROW, WORLD, part, stage
-from lissajous_env.world.contamination.labels import MARGIN, clear_sensed, context_of, label_cells, latest_slot
+from lissajous_env.world.contamination.labels import MARGIN, clear_marked, context_of, label_cells, latest_slot
 from lissajous_env.world.state import NEVER, NOWHERE
 from lissajous_env.world.tally import FAULT_MARGIN, any_failed
 from lissajous_env.world.targets.motion import BOUNDARY
@@ -53,7 +53,7 @@ def clear_cells(w, lane, lanes, curve, target, hops, tick: int, clock, robots, c
     latest = latest_slot(clock.step[w], tick, hops)
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
-        clear_sensed(w, row, latest, contamination.sensed, contamination.swept, contamination.labelled)
+        clear_marked(w, row, latest, contamination.sensed, contamination.swept, contamination.labelled)
     per_metre_x = points_per_metre(hops.columns, hops.edge_gap, curve.half_width)
     per_metre_y = points_per_metre(rows, hops.edge_gap, curve.half_height)
     cell = 1.0 / wp.max(per_metre_x, per_metre_y)

@@ -120,13 +120,13 @@ def context_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> 
     return now
 
 
-_CLEAR_SENSED = f"""
+_CLEAR_MARKED = f"""
     const int words = labelled.shape[2] - 2, ring = labelled.shape[3];
     unsigned int* bits = &wp::index(labelled, w, row + {int(MARGIN)}, 1, 0);
     for (int word = 0; word < words; ++word, bits += ring) {{
-        const unsigned int seen = wp::index(swept, w, word / 2, row) >> 32 * (word & 1), stays = bits[latest];
+        const unsigned int marked = wp::index(swept, w, word / 2, row) >> 32 * (word & 1), stays = bits[latest];
         for (int tick = 0; tick < ring; ++tick)
-            bits[tick] &= ~seen;
+            bits[tick] &= ~marked;
         bits[latest] = stays;
     }}
     for (int word = 0; word < sensed.shape[1]; ++word)
@@ -134,8 +134,8 @@ _CLEAR_SENSED = f"""
 """
 
 
-@wp.func_native(_CLEAR_SENSED)
-def clear_sensed(
+@wp.func_native(_CLEAR_MARKED)
+def clear_marked(
     w: int,
     row: int,
     latest: int,
@@ -143,7 +143,7 @@ def clear_sensed(
     swept: wp.array3d(dtype=wp.uint64),
     labelled: wp.array4d(dtype=wp.uint32),
 ):
-    """Delete labels and marks of the marked cells of a row; the labels in the slot `latest` account for the marks."""
+    """Delete labels and marks of the swept cells of a row; the labels in the slot `latest` account for the marks."""
 
 
 _ONES = 0x01010101
@@ -170,7 +170,7 @@ _LABEL_CELLS = f"""
     // `settled` counts, in 8 bits for each group of cells, the latest ticks after which all their labels were those of
     // the oldest target. After more ticks than are stored, they stay so until a robot senses one of these cells.
     const unsigned int is_new = {_empty_groups(f"settled + (127 - ring) * {_ONES} & {_ONES} << 7")};
-    const unsigned int settles = {_empty_groups("~unseen")} & ~is_new;
+    const unsigned int settles = {_empty_groups("~unswept")} & ~is_new;
     unsigned int contaminated = cells & settles, same = 0;
     if (contaminated) {{
         oldest = now.oldest;
@@ -191,7 +191,7 @@ _LABEL_CELLS = f"""
                     sources[length][below][earlier] = source[-ring] >> 30 | (unsigned long long)source[0] << 2
                         | (unsigned long long)source[ring] << 34;
                 }}
-    const unsigned int stay = bits[now.latest] & unseen;
+    const unsigned int stay = bits[now.latest] & unswept;
     // Only cells that can have a target are labelled: the labels of the others are not read, because their bit is 0.
     unsigned int can = stay | (now.entry < none ? enter : 0);
     if (now.targets_hop)
@@ -259,7 +259,7 @@ _LABEL_CELLS = f"""
         for (int l = 0; l < lanes; ++l)
             here[now.slot * slot_stride + l] = label[l];
     }}
-    const unsigned int differs = (cells ^ same) | ~unseen | settles, more = now.label_mask == -1 ? 0 : {_ONES};
+    const unsigned int differs = (cells ^ same) | ~unswept | settles, more = now.label_mask == -1 ? 0 : {_ONES};
     const unsigned int after = (settled & settles) | ((settled + more) & {_empty_groups("differs")});
     return wp::vec_t<4, int>(oldest, ages, contaminated, after);
 """
@@ -273,12 +273,12 @@ def label_cells(
     row: int,
     word: int,
     todo: wp.uint32,
-    unseen: wp.uint32,
+    unswept: wp.uint32,
     enter: wp.uint32,
     settled: wp.uint32,
     now: TickContext,
 ) -> wp.vec4i:
-    """Label the cells `todo` of a word; targets stay in the cells `unseen`, and are introduced in the cells `enter`.
+    """Label the cells `todo` of a word; targets stay in the cells `unswept`, and are introduced in the cells `enter`.
 
     The three are bits, and `settled` is as in `Contamination`. Returns the earliest introduction of any target in these
     cells [step], the time since then summed over the cells [step], the bits of the cells that have a target, and

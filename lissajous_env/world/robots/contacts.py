@@ -1,4 +1,4 @@
-"""Contacts of robots: their collisions, walls or the edge of the rectangle, and the steps in which they are blocked.
+"""Contacts of robots with each other and with walls, bodies outside the rectangle, and robots that are blocked.
 
 A pair collides where it is closer than the sum of its radii, by the closest approach between sub-steps.
 """
@@ -14,7 +14,7 @@ from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.nearby import PARTED, columns_crossed, max_displacement, rows_crossed
-from lissajous_env.world.state import FAILED, NEVER, NOWHERE, REMOVED, WORKING, planar
+from lissajous_env.world.state import FAILED, LONGER, NEVER, NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
 
@@ -219,5 +219,5 @@ def count_wall_contacts(w, i, curve, robot, task, action_speeds, clock, robots, 
             tally.driven_steps[w, i] = 0
         elif driven_speed(w, i, action_speeds, limited_action) * task.blocked_after >= 2.0 * robot.radius:
             tally.driven_steps[w, i] += 1
-            if float(tally.driven_steps[w, i]) * task.step > task.blocked_after:
+            if float(tally.driven_steps[w, i]) * task.step > LONGER * task.blocked_after:
                 tally.blocked_steps[w, i] += 1

@@ -49,7 +49,7 @@ ROBOT_ENTRIES = (
 """Name, range and meaning, with its unit in brackets, of the entries of each part of a row."""
 
 ACTION_NAMES = "x_velocity", "y_velocity"
-"""Components of a rogue's action, a velocity [speed_limit]; a longer one is shortened to length 1."""
+"""Components of a rogue's action, a velocity [speed_limit], which `commanded` limits."""
 
 OWN_SIZE = wp.constant(len(OWN_ENTRIES))
 FIRST_ROBOT = wp.constant(len(OWN_ENTRIES) + len(WALL_ENTRIES))

@@ -29,12 +29,6 @@ def own_place(w, t, curve, rogues) -> wp.vec2:
 
 
 @part
-def is_sensing(w, t, entry: int, rogues) -> bool:
-    """Return whether the robot at an entry of the row works."""
-    return rogues.observation[w, t, entry + 1] > 0.0
-
-
-@part
 def robot_away(w, t, entry: int, curve, rogues) -> wp.vec2:
     """Return the position, relative to the rogue, of the robot at an entry of the row [m]."""
     x = 2.0 * rogues.observation[w, t, entry + 2] * curve.half_width
@@ -48,11 +42,11 @@ def robot_velocity(w, t, entry: int, speed_unit, rogues) -> wp.vec2:
 
 
 @part
-def nearest_sensing(w, t, rogues) -> int:
+def nearest_working(w, t, rogues) -> int:
     """Return the entry of the nearest working robot in sight; -1 for none."""
     entry = int(FIRST_ROBOT)
     while entry < rogues.observation.shape[2]:
-        if is_sensing(w, t, entry, rogues):
+        if rogues.observation[w, t, entry + 1] > 0.0:  # it works
             return entry
         entry += ROBOT_SIZE
     return -1
@@ -75,7 +69,7 @@ def wander(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.ve
 @part
 def flee(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
     """Return the direction away from the nearest working robot."""
-    entry = nearest_sensing(w, t, rogues)
+    entry = nearest_working(w, t, rogues)
     if entry < 0:
         return wp.vec2(0.0, 0.0)
     return -wp.normalize(robot_away(w, t, entry, curve, rogues))
@@ -84,12 +78,12 @@ def flee(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2
 @part
 def shadow(w, t, key, curve, sensing, target, task, speed_unit, rogues) -> wp.vec2:
     """Return the velocity to just outside the disc in which the nearest working robot will sense after this step."""
-    entry = nearest_sensing(w, t, rogues)
+    entry = nearest_working(w, t, rogues)
     if entry < 0:
         return wp.vec2(0.0, 0.0)
     robot = robot_away(w, t, entry, curve, rogues) + task.step * robot_velocity(w, t, entry, speed_unit, rogues)
     wanted = robot - (1.0 + _MARGIN) * sensing.radius * wp.normalize(robot)
-    return wanted / (target.speed_limit * task.step)
+    return wanted / wp.max(wp.length(wanted), target.speed_limit * task.step)
 
 
 @part
@@ -101,7 +95,7 @@ def gap_at(w, t, offset: wp.vec2, after: float, curve, sensing, speed_unit, rogu
     gap = float(wp.inf)
     entry = int(FIRST_ROBOT)
     while entry < rogues.observation.shape[2]:
-        if is_sensing(w, t, entry, rogues):
+        if rogues.observation[w, t, entry + 1] > 0.0:  # it works
             robot = robot_away(w, t, entry, curve, rogues) + after * robot_velocity(w, t, entry, speed_unit, rogues)
             gap = wp.min(gap, wp.length(robot - offset) - sensing.radius)
         entry += ROBOT_SIZE
