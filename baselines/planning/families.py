@@ -168,11 +168,11 @@ def formations(scenario: Scenario) -> Family:
     policies = _formation_policies(scenario)
     if not policies:
         return Family(FORMATIONS, refusal=f"no coordinator drives robots of kind {scenario.robot.kind}")
-    curves, (paper, *others) = curves_of(scenario), policies
+    curves, (usual, *others) = curves_of(scenario), policies
     if not curves:
         return Family(FORMATIONS, refusal=_violation(scenario))
-    # Every curve with the paper's method, then the best ones with other coordinators.
-    first = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
+    # Every curve with the first coordinator that fits, then the best ones with the others.
+    first = [{"curve": k, "policy": usual, "rate": 1.0} for k in range(len(curves))]
     first += [{"curve": k, "policy": policy, "rate": 1.0} for k in range(len(curves))[:2] for policy in others]
     choices = {
         "curve": list(range(len(curves))),

@@ -65,9 +65,9 @@ class Episodes:
     failures: int = 0
     """Robots that fail for good in an episode with failures, besides those that the scenario removes."""
     count: int = FINAL_EPISODES
+    """Episodes without failures of a plan that is played to the end."""
     clearance: float = 0.0
     """Distance of two bodies below which a plan is ranked after all others [m]."""
-
     is_late: Callable[[], bool] = lambda: False
     """Function that returns whether no result is needed any more."""
 
@@ -174,7 +174,7 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     planned = _planned(run, episodes)
     if planned.figures.collisions:
         return planned
-    if run.step < until or planned.figures.worst_case == math.inf:
+    if run.longest > cutoff or planned.figures.worst_case == math.inf:
         without = dict.fromkeys(("worst_case", "settled", "worst_case_failed"), math.inf)
         return dataclasses.replace(planned, figures=dataclasses.replace(planned.figures, **without))
     losses = episodes.losses(plan.scenario)

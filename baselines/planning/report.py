@@ -116,13 +116,12 @@ def _of_failures(outcome: PlanOutcome) -> list[str]:
 
 def _of_guarantee(outcome: PlanOutcome) -> list[str]:
     """Return the fewest robots that guarantee the requested time, and the numbers that cannot."""
-    asked = f"{outcome.request.guarantee:g} s"
-    below = [n for n, bound in outcome.lower_bounds.items() if bound > (outcome.request.guarantee or 0)]
-    words = [f"{n} robots cannot: the lower bound for every policy is {outcome.lower_bounds[n]:.3g} s." for n in below]
-    fewest = outcome.fewest_robots
-    if fewest is None:
-        return [*words, f"No plan was found that guarantees {asked}."]
-    return [*words, f"{fewest} robots are the fewest with which a plan was found that guarantees {asked}."]
+    requested = f"{outcome.request.guarantee:g} s"
+    too_few = {n: bound for n, bound in outcome.lower_bounds.items() if bound > (outcome.request.guarantee or 0)}
+    words = [f"{n} robots cannot: the lower bound for every policy is {bound:.3g} s." for n, bound in too_few.items()]
+    if (fewest := outcome.fewest_robots) is None:
+        return [*words, f"No plan was found that guarantees {requested}."]
+    return [*words, f"{fewest} robots are the fewest with which a plan was found that guarantees {requested}."]
 
 
 def _played(plans: Sequence[Planned]) -> str:

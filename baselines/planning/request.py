@@ -19,7 +19,7 @@ from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, whole
-from lissajous_env.settings.parts import Curve, Robot
+from lissajous_env.settings.parts import Curve, Faults, Robot
 from lissajous_env.settings.task import Targets, Task
 from lissajous_env.theory.design import Design, best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed
@@ -116,7 +116,8 @@ class Request(Checked, part=""):
             require(self.base.has_formation, f"task.action of {self.base.name}", rule, self.base.task.action)
         self._check_kind()
         self._require(self.plans is None or self.seconds is None, "plans", "must be omitted if seconds is given")
-        most = max(self.team_sizes[0] - 1 - (0 if self.base is None else self.base.faults.lost), 0)
+        faults = Faults() if self.base is None else self._with_changes(self.base, self.team_sizes[0]).faults
+        most = max(self.team_sizes[0] - 1 - faults.lost - len({robot for robot, _ in faults.removed}), 0)
         fits = is_whole(self.failures) and 0 <= self.failures <= most
         self._require(fits, "failures", f"must be a whole number from 0 to {most}, so that a robot remains")
 

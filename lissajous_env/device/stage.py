@@ -98,7 +98,7 @@ def stage(over: str, writes: str, idle: bool = False, module: Any = None) -> Cal
         A decorator that returns a kernel with the attributes `over`, `writes` and `by_block`, True for blocks.
 
     Raises:
-        TypeError: as of `_types_of`.
+        TypeError: as of `_types_of`, or a function of an entity returns before its end.
     """
 
     def make(function: Any) -> Any:
@@ -133,6 +133,8 @@ def _arrange(tree: ast.FunctionDef, over: str, idle: bool) -> None:
     elif names[1:3] == ["lane", "lanes"]:
         replaced, before = 3, _LANE + active
     elif over != WORLD:
+        if any(isinstance(node, ast.Return) for node in ast.walk(tree)):
+            raise TypeError(f"{tree.name} must not return, because that would leave out the entities after this one")
         replaced, before = 2, _LANE + active
         loop = ast.parse(f"for {names[1]} in range(lane, entities, lanes):\n    pass").body[0]
         assert isinstance(loop, ast.For)

@@ -161,28 +161,28 @@ def observe_tracks(w, i, track_start, curve, sensing, task, speed_unit, clock, r
     mate_start = track_start + TRACK_SIZE * sensing.tracks_seen
     if robots.status[w, i] == REMOVED:
         clear_entries(w, i, track_start, mate_start + TEAMMATE_SIZE * sensing.teammates_seen, observation)
-        return
-    now = clock.step[w]
-    here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
-    count = fill_known(
-        w, i, now, track_start, TRACK_SIZE, sensing.tracks_seen, here, tracks.sighted_at, tracks.position, curve,
-        sensing, task, nearest, observation,
-    )  # fmt: skip
-    sent_at = now - (tracks.sighted.shape[2] - 1)
-    for k in range(count):
-        t = int(nearest[w, i, k][1])
-        entry = track_start + k * TRACK_SIZE
-        velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
-        observation[w, i, entry + 4] = wp.clamp(velocity[0], -1.0, 1.0)
-        observation[w, i, entry + 5] = wp.clamp(velocity[1], -1.0, 1.0)
-        observation[w, i, entry + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
-        has_arrived = sent_at >= 0 and tracks.other_sighted_at[w, i, t] == sent_at
-        observation[w, i, entry + 7] = wp.where(has_arrived, 1.0, 0.0)
-        observation[w, i, entry + 8] = float(tracks.leaves[w, i, t])
-    fill_known(
-        w, i, now, mate_start, TEAMMATE_SIZE, sensing.teammates_seen, here, tracks.mate_sent_at, tracks.mate_position,
-        curve, sensing, task, nearest, observation,
-    )  # fmt: skip
+    else:
+        now = clock.step[w]
+        here = wp.vec2(robots.measured[w, i][0], robots.measured[w, i][1])
+        count = fill_known(
+            w, i, now, track_start, TRACK_SIZE, sensing.tracks_seen, here, tracks.sighted_at, tracks.position, curve,
+            sensing, task, nearest, observation,
+        )  # fmt: skip
+        sent_at = now - (tracks.sighted.shape[2] - 1)
+        for k in range(count):
+            t = int(nearest[w, i, k][1])
+            entry = track_start + k * TRACK_SIZE
+            velocity = tracks.velocity[w, i, t] / (2.0 * speed_unit)
+            observation[w, i, entry + 4] = wp.clamp(velocity[0], -1.0, 1.0)
+            observation[w, i, entry + 5] = wp.clamp(velocity[1], -1.0, 1.0)
+            observation[w, i, entry + 6] = wp.where(tracks.own_sighted_at[w, i, t] == now, 1.0, 0.0)
+            has_arrived = sent_at >= 0 and tracks.other_sighted_at[w, i, t] == sent_at
+            observation[w, i, entry + 7] = wp.where(has_arrived, 1.0, 0.0)
+            observation[w, i, entry + 8] = float(tracks.leaves[w, i, t])
+        fill_known(
+            w, i, now, mate_start, TEAMMATE_SIZE, sensing.teammates_seen, here, tracks.mate_sent_at,
+            tracks.mate_position, curve, sensing, task, nearest, observation,
+        )  # fmt: skip
 
 
 @part

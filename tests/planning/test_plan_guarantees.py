@@ -208,5 +208,5 @@ def test_plans_without_a_bound_after_failures_say_why():
         assert "and in 10 in which 2 robots are removed after" in report.sentences(outcome)[0]
         assert "with 2 lost [s]" in " ".join(printed(outcome, finals).split())
         assert any("with 2 removed" in sentence for sentence in report.sentences(outcome))
-    with pytest.raises(ValueError, match=r"failures must be a whole number from 0 to 3, .* got 4"):
-        Request(loses_one, failures=4)
+    with pytest.raises(ValueError, match=r"failures must be a whole number from 0 to 2, .* got 3"):
+        Request(lissajous_env.scenario("evaders-lost", **{"faults.lost": 1}), failures=3)

@@ -66,12 +66,11 @@ def test_flee_goes_away_from_the_nearest_robot():
 
 
 def test_shadow_stays_just_outside_the_nearest_disc():
-    # Story: robots do not move; after some seconds every rogue is 5 % outside the nearest disc, and stays there.
+    # Story: robots do not move; every rogue goes straight to 5 % outside the nearest disc, and stays there.
     simulation, rows = played("shadow", 120, policy="still")
     present, gap = entries(simulation, rows[-20:], "present", "robot_0_gap")
     assert present.mean() > 0.6  # the cars coast at first
     assert gap[present == 1] == pytest.approx(0.05, abs=0.01)
-    # From afar it goes straight there at full speed.
     towards, free = towards_nearest(simulation, rows)
     far = free & (entries(simulation, rows, "robot_0_gap")[0, :-1] > 1.0)
     assert far.sum() > 20

@@ -31,7 +31,8 @@ def entry(simulation, kind, name):
 @pytest.mark.parametrize("shared", ["none", "team"])
 def test_tracks_are_what_was_in_sight_within_the_memory(shared):
     # Oracle: NumPy, from distances and places at the end of each step; without delay or loss a team knows all at once.
-    simulation = simulation_of(**{"sensing.shared": shared, "sensing.memory": 0.9, "task.step": 0.1})
+    removed = {"faults.removed": [(1, 3.0)]}
+    simulation = simulation_of(**{"sensing.shared": shared, "sensing.memory": 0.9, "task.step": 0.1} | removed)
     half, last, place = np.array([20.0, 12.5]), np.full((2, 5, 12), -np.inf), np.zeros((2, 5, 12, 2))
     before, compared = np.full((2, 5, 12), False), 0
     for step in chain([-1], drive(simulation)):
@@ -40,6 +41,7 @@ def test_tracks_are_what_was_in_sight_within_the_memory(shared):
         targets = simulation.targets.position.numpy().astype(float)
         velocity = np.where((known & before)[..., None], (targets[:, None] - place) / 0.1, 0.0)
         last[known], place = step, np.where(known[..., None], targets[:, None], place)
+        last[simulation.robots.status.numpy() == 2] = -np.inf  # a removed robot has no tracks
         age = (step - last) * 0.1  # nine float32 steps are more than the memory
         here = simulation.robots.position.numpy()[..., :2].astype(float)
         for w, i in np.ndindex(2, 5):

@@ -210,7 +210,7 @@ def lay_out_manoeuvres(c: Constants, car: wp.vec4, first: int, count: int, moves
 
 @wp.func
 def margin_of_paths(c: Constants, one: int, other: int, path: Paths) -> float:
-    """Return the margin of two cars on rows `one` and `other` of the paths, as `margin` does [m]."""
+    """Return the margin of two cars on rows `one` and `other` of the paths, as `barrier` computes it [m]."""
     required = 2.0 * c.robot.radius + c.safety.clearance
     least = float(wp.inf)
     before = path[one, 0] - path[other, 0]
