@@ -58,13 +58,13 @@ class IdealFormation:
         name, action = f"task.action of {self.scenario.name}", self.scenario.task.action
         require(self.scenario.has_formation, name, "must be control for a policy that follows the curve", action)
         self.radius = self.scenario.sensing_radius if radius is None else radius
-        curve, self._step, self._cells = self.scenario.curve, self.scenario.task.step, cells
+        curve, self._step, self._longest = self.scenario.curve, self.scenario.task.step, cells
         self._side = 2 * max(curve.half_width, curve.half_height) / cells
         self._limit = 30 * self._side / self._step  # of the speed of targets on this grid [m/s]
 
     @property
     def fastest_rogue(self) -> float:
-        """Largest speed that `critical_speed` tries [m/s]: 4 times that of the robots, or half of the grid's limit."""
+        """Largest speed that `critical_speed` tries [m/s]: 4 times that of robots, at most half of the grid's limit."""
         top_speed = self.scenario.formation.phase_rate * largest_speed(self.scenario.curve)
         return min(4 * top_speed, self._limit / 2)
 
@@ -78,7 +78,7 @@ class IdealFormation:
         if speed > limit:
             rule = f"must be at most {limit:.3g} m/s for cells of {self._side:.3g} m and a step of {self._step:g} s"
             raise ValueError(f"the speed of targets {rule}, got {speed:g}")
-        known, grid = scenario.resolve(), cells(scenario, self._cells, 0.0)
+        known, grid = scenario.resolve(), cells(scenario, self._longest, 0.0)
         rate = scenario.formation.phase_rate / scenario.alpha
         duration = math.ceil(ROUNDS * scenario.detection_time_bound / self._step) * self._step
         return replace(
@@ -94,15 +94,15 @@ class IdealFormation:
         )
 
     def guaranteed_time(self, speed: float) -> float:
-        """Return the longest time for which a target of a speed [m/s] can stay undetected [s]; may be infinite."""
+        """Return the longest time [s] that a target of a speed [m/s], as of `against`, can stay undetected, or inf."""
         age = self._largest_age(speed, until_cleared=False)
         return math.inf if age is None else age * self._step
 
     def critical_speed(self) -> float:
-        """Return the speed from which on a target can evade for ever [m/s], to 1/500 of the searched range.
+        """Return the speed from which on a target, which can do all that a slower one can, evades for ever [m/s].
 
         Returns:
-            0 if even a target at rest can, inf if none up to `fastest_rogue` can.
+            0 if even a target at rest can, inf if none up to `fastest_rogue` can; within 1/500 of that.
         """
         speeds = np.linspace(0.0, self.fastest_rogue, _SPEEDS)
         first = bisect_left(speeds, True, key=lambda speed: self._largest_age(speed, until_cleared=True) is None)

@@ -70,7 +70,7 @@ class Snapshot(Detections):
         return self.appeared & ~self.detected
 
     def in_sight(self, sight: float) -> np.ndarray:
-        """Return (T,) bool: targets within `sight` [m] of a working robot, for those that left at their detection."""
+        """Return (T,) bool: targets within `sight` [m] of a working robot; those that left, at their detection."""
         robots = self.position[self.status == WORKING, :2]
         nearest = np.full(len(self.target_position), np.inf)
         for place in robots:
