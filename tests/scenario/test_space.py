@@ -249,7 +249,7 @@ def test_a_command_takes_the_scenario_of_a_space_beside_a_policy():
     for name in ("monitoring-v1-17", "monitoring-v1-larger-3", "mine.toml:4", "mine.toml:wide-4"):
         assert split_scenarios_and_policy([name, "kuramoto-mpcc"]) == ((name,), "kuramoto-mpcc")
     with pytest.raises(ValueError, match="scenario must be one of"):
-        split_scenarios_and_policy(["monitoring-v2-17", "nothing"])
+        scenario(split_scenarios_and_policy(["monitoring-v2-17", "kuramoto-mpcc"])[0][0])
 
 
 def test_the_shipped_spaces_never_change():
