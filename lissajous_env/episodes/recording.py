@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, BinaryIO, get_origin, get_type_hints
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.episodes.snapshot import Snapshot
@@ -175,7 +176,11 @@ class Recorder:
         }
 
     def recording(self, policy: str = "") -> Recording:
-        """Return the recording so far, with the current score and the name of the policy."""
+        """Return the recording so far, with the current score and the name of the policy.
+
+        Raises:
+            ValueError: nothing was recorded, or targets that appeared anew make the recording exceed a gibibyte.
+        """
         if self._last is None:
             raise ValueError("a recording must contain at least one moment, got none")
         join: dict[str, Any] = {"contact": np.concatenate}
@@ -193,12 +198,16 @@ def _split_lives(slots: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
     Args:
         slots: (F, T, 2) positions of the slots [m], and (F, T) the arrays of `_FIXED` at each moment.
+
+    Raises:
+        ValueError: the positions of all these targets exceed a gibibyte.
     """
     lives = [
         (slot, begin, end - 1)
         for slot, appears in enumerate(slots["appears_at"].T)
         for begin, end in pairwise([0, *np.flatnonzero(np.diff(appears)) + 1, len(appears)])
     ]
+    _check_size(8 * len(slots["appears_at"]) * len(lives))
     slot, begin, last = np.array(lives, dtype=int).reshape(-1, 3).T
     moment = np.clip(np.arange(len(slots["appears_at"]))[:, None], begin, last)
     places = {"target_position": slots["target_position"][moment, slot]}
@@ -265,9 +274,8 @@ def load(path: str | Path) -> Recording:
 
 def _loaded(file: BinaryIO) -> Recording:
     """Read a recording and check it: its scenario is valid, and its arrays fit the scenario and each other."""
-    with zipfile.ZipFile(file) as archive:
+    with zipfile.ZipFile(file) as archive, NpzFile(file) as stored:
         _check_size(sum(member.file_size for member in archive.infolist()))
-    with np.load(file, allow_pickle=False) as stored:
         about = json.loads(str(stored["about"]))
         arrays = {name: stored[name] for name in ARRAYS}
     if not isinstance(about, dict) or about.get("format") != FORMAT:
@@ -294,7 +302,7 @@ def _check_arrays(recording: Recording) -> None:
         shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
         array = getattr(recording, name)
         _require(array.shape == shape and f > 0, name, f"have shape {shape}, got {array.shape}")
-        is_range = array.dtype.kind != "i" or (np.abs(array.astype(np.int64)) <= latest).all()
+        is_range = array.dtype.kind != "i" or -latest <= array.min(initial=0) <= array.max(initial=0) <= latest
         _require(is_range and np.isfinite(array).all(), name, f"contain finite numbers, whole ones up to {latest}")
     shares, contact = recording.found_early, recording.contact
     _require(((shares >= 0) & (shares <= 1)).all(), "found_early", "contain shares from 0 to 1")
