@@ -21,7 +21,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, whole
 from lissajous_env.settings.parts import Curve, Faults, Robot
 from lissajous_env.settings.task import Targets, Task
-from lissajous_env.theory.design import Design, best_design
+from lissajous_env.theory.design import best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed
 from lissajous_env.wording import few_of, outside, require
 
@@ -232,7 +232,7 @@ class Request(Checked, part=""):
         if is_new:
             speed = robot.top_speed if robot.kind != "curve" else self.speed or robots_top_speed(scenario)
             sensor, inset = self.sensor_radius or scenario.sensing_radius, 0.0 if self.open else scenario.inset
-            changed |= paper_design(halves, robot, sensor, speed, num_robots, inset).overrides
+            changed |= best_design(*halves, num_robots, robot, sensor, speed, tightest_radius(robot), inset).overrides
             changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
             changed["task.contamination"] = None
         scenario = named.build(scenario, **changed)
@@ -252,23 +252,6 @@ def _robot(robot: Robot, request: Request) -> Robot:
     if request.speed is not None and changed.get("kind", robot.kind) != "curve":
         changed |= {"speed_max": request.speed, "throttle_max": None, "phase_rate_max": None}
     return dataclasses.replace(robot, **changed)
-
-
-def paper_design(
-    half: tuple[float, float], robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
-) -> Design:
-    """Return the design of the paper's formation that meets the bounds best for robots of a speed [m/s].
-
-    Args:
-        half: Half of the width and half of the height of the rectangle [m].
-        robot: The robots.
-        sensor: Their sensing radius [m].
-        speed: Their top speed [m/s].
-        num_robots: Their number.
-        inset: Width of the strip along the edge in which nothing is driven [m].
-    """
-    turning, grip = tightest_radius(robot), robot.lateral_acceleration_max
-    return best_design(*half, num_robots, robot.radius, sensor, speed, turning, grip, inset)
 
 
 def _times(scenario: Scenario) -> dict[str, Any]:
