@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -105,7 +104,7 @@ def _paper_table(table: Table, scenario: str) -> str:
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",
         rf"\caption{{\texttt{{{_escaped(scenario)}}}{_escaped(bounds_in_words(bounds))}. {_CAPTION}}}",
-        rf"\label{{tab:{re.sub(r'[^A-Za-z0-9-]', '-', scenario)}}}",
+        rf"\label{{tab:{scenario}}}",
         rf"\begin{{tabular}}{{@{{}}l{'r' * len(columns)}@{{}}}}",
         r"\toprule",
         f"policy & {' & '.join(_escaped(column.heading) for column in columns)} \\\\",

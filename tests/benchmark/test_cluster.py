@@ -124,13 +124,15 @@ def test_a_node_is_killed_and_every_episode_is_there_once(two_nodes, tmp_path):
 
 
 def test_policies_that_fail_are_reported_and_the_others_go_on(two_nodes, tmp_path, monkeypatch):
-    # Story: one raises, as it would here; one kills its worker each time; one does so once, and all its episodes come.
+    # Story: one raises, as it would here; one kills its worker each time; one does so once, and all its episodes come, as
+    # do those of one that plays a single world at a time.
     once = type("Once", (Deadly,), {"once": str(tmp_path / "once")})
-    own = {"raising": Raising, "deadly": Deadly, "once": once}
+    single = lambda scenario, _, device: Quick(scenario, 1, device)  # noqa: E731
+    own = {"raising": Raising, "deadly": Deadly, "once": once, "single": single}
     settings = small(tmp_path / "out", policies=("kuramoto",), episodes=2, engine="ray")
     monkeypatch.setattr(cluster, "_RETRIES", 1)
     outcome = measure(settings, own, console=QUIET)
-    assert sorted(numbered(settings.out)) == sorted((name, k) for name in ("kuramoto", "once") for k in range(2))
+    assert sorted(numbered(settings.out)) == sorted((name, k) for name in ("kuramoto", "once", "single") for k in range(2))
     raising, deadly = outcome.failures
     assert (raising.scenario, raising.policy) == ("failure", "raising")
     assert raising.error.startswith("ZeroDivisionError: division by zero (test_cluster.py, line ")
@@ -139,7 +141,7 @@ def test_policies_that_fail_are_reported_and_the_others_go_on(two_nodes, tmp_pat
     assert "WorkerCrashedError" in deadly.error
     own["raising"] = own["deadly"] = Quick
     healed = measure(small(settings.out, policies=("kuramoto",), episodes=2), own, console=QUIET)  # on this machine
-    assert (healed.failures, healed.resumed, len(healed.rows)) == ([], 4, 8)
+    assert (healed.failures, healed.resumed, len(healed.rows)) == ([], 6, 10)
 
 
 def test_what_cannot_be_played_on_a_cluster_is_refused(tmp_path, monkeypatch):

@@ -127,7 +127,10 @@ def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path, capsys, monkeypatc
     assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 1
 
 
-def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path, capsys):
+def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("failure", "still"):  # a folder of results may have the name of its scenario
+        (tmp_path / name).mkdir()
     fields = ("--set", "task.duration=2", "targets.count=7", "targets.arrival_rate=0")
     file = tmp_path / "rows.csv"
     code, out, _ = called(capsys, "evaluate", "failure", "still", "--episodes", 3, *fields, "--out", file)
