@@ -184,11 +184,10 @@ def formations(scenario: Scenario) -> Family:
 
 def _violation(scenario: Scenario) -> str:
     """Return the conditions that the best curve with a + b = N violates."""
-    half, robot = (scenario.curve.half_width, scenario.curve.half_height), scenario.robot
-    drive = robots_top_speed(scenario), tightest_radius(robot), robot.lateral_acceleration_max
-    sizes = robot.radius, scenario.sensing_radius
-    best = best_design(*half, scenario.num_robots, *sizes, *drive, scenario.inset)
-    violated = best.violations(*sizes) or ["robots collide or leave a gap on every curve"]
+    curve, robot, sensor, speed = scenario.curve, scenario.robot, scenario.sensing_radius, robots_top_speed(scenario)
+    halves, turning = (curve.half_width, curve.half_height), tightest_radius(robot)
+    best = best_design(*halves, scenario.num_robots, robot, sensor, speed, turning, scenario.inset)
+    violated = best.violations(robot.radius, sensor) or ["robots collide or leave a gap on every curve"]
     return f"the paper's best curve is a = {best.curve.a}, b = {best.curve.b}: {'; '.join(violated)}"
 
 

@@ -236,8 +236,7 @@ class Request(Checked, part=""):
         if is_new:
             speed = robot.top_speed if robot.kind != "curve" else self.speed or robots_top_speed(scenario)
             sensor, inset = self.sensor_radius or scenario.sensing_radius, 0.0 if self.open else scenario.inset
-            drive = speed, tightest_radius(robot), robot.lateral_acceleration_max
-            changed |= best_design(*halves, num_robots, robot.radius, sensor, *drive, inset).overrides
+            changed |= best_design(*halves, num_robots, robot, sensor, speed, tightest_radius(robot), inset).overrides
             changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
             changed |= {"task.contamination": None, "task.grid": None}
         scenario = named.build(scenario, **changed)

@@ -13,7 +13,6 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import require, shown
-from lissajous_env.world.columns import NAMES, extension_columns
 from lissajous_env.world.simulation import Simulation
 
 _TOGETHER = 16
@@ -179,7 +178,16 @@ def episodes(
 ) -> Iterator[list[dict[str, Any]]]:
     """Yield the score rows of each batch of episodes when it has ended.
 
-    `on_step` is called after each step.
+    Args:
+        policy: The policy, which plays `num_worlds` episodes at a time.
+        scenario: The scenario.
+        seeds: Seed of each episode.
+        device: Warp device of the simulation.
+        on_step: Called with the simulation after each step.
+
+    Raises:
+        InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
+        ValueError: an invalid scenario or seed.
     """
     seeds = list(seeds)
     simulation = Simulation(named.build(scenario), policy.num_worlds, device=device)
@@ -187,9 +195,6 @@ def episodes(
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]
         runner.play(batch, lambda taken: on_step(simulation) if taken else None)
-        rows = simulation.score(np.arange(len(batch)))
-        columns = (*NAMES, *extension_columns(simulation.scenario))
-        yield [
-            {column: ({"policy": runner.name, "episode": first + k} | row)[column] for column in columns}
-            for k, row in enumerate(rows)
-        ]
+        rows = enumerate(simulation.score(np.arange(len(batch))), first)
+        identity = {"scenario": simulation.scenario.name, "policy": runner.name}
+        yield [identity | {"episode": episode} | row for episode, row in rows]
