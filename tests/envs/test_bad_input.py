@@ -182,7 +182,7 @@ MADE = {
 TEAM, MASK = r"actions must be numbers of shape \(5, 1\), got", r"reset_mask must be bool of shape \(3,\), got"
 DISCRETE = r"whole numbers? (of shape \(3, 5\)|from 0 to 6), got"
 CALLS = [
-    *(("parallel", "reset", {"seed": seed}, "seed must be a whole number") for seed in (-1, 1.5, "1", [3])),
+    *(("parallel", "reset", {"seed": seed}, "seed must be a whole number") for seed in (-1, 1.5, "1", [3], True)),
     *(("parallel", "step", {"actions": actions}, "actions must be a dict of agents and their actions, got")
       for actions in (None, np.zeros((5, 1)), [np.zeros(1)] * 5)),
     *(("team", "step", {"action": action}, TEAM) for action in (np.zeros((4, 1)), np.zeros(1), 0.0, None)),
