@@ -21,7 +21,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.formulas import Formula
 
 _PLACE = r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*"
@@ -121,11 +120,8 @@ def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) 
     A value is a Python literal (which may contain `inf`), a bare word, or `module:name`.
 
     Raises:
-        ValueError: an entry has no name, is given twice, or has another kind of value; or the rogues are agents, whose
-            actions no command has.
+        ValueError: an entry has no name, is given twice, or has another kind of value.
     """
-    if rogues == AGENTS:
-        raise ValueError(f"rogues of a command must be the name of a rogue, such as flee, or a folder, got {AGENTS}")
     overrides: dict[str, Any] = {} if rogues is None else {"rogues": rogues}
     for entry in (entry for group in groups for entry in tuple(group) or ("",)):
         name, equals, text = (part.strip() for part in entry.partition("="))
