@@ -24,7 +24,7 @@ from baselines.benchmark.types import Failure
 from baselines.policies.registry import split_suffix
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay import contents
-from lissajous_env.replay.html_page import as_json, html_page
+from lissajous_env.replay.page import as_json, html_page
 from lissajous_env.wording import counted
 from lissajous_env.world.columns import (
     COLLISIONS,

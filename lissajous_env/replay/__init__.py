@@ -6,7 +6,7 @@ from pathlib import Path
 from lissajous_env.episodes.missed import MissedRogue
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.replay import contents
-from lissajous_env.replay.html_page import html_page
+from lissajous_env.replay.page import html_page
 from lissajous_env.storage.files import replacing
 
 FRAME_HEIGHT = 860
