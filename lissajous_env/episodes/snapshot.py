@@ -43,25 +43,21 @@ class Snapshot(Detections):
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
         step, cells = int(of_world(clock.step, world)), simulation.cells
         sensed_at = last_sensed(of_world(cells.sensed_at, world), of_world(cells.in_discs, world), step)
-        status = of_world(robots.status, world)
         # The contact of a pair with a removed robot is never reset, but it has ended.
-        there = status != REMOVED
-        names = ("motion", "appears_at", "found_at", "found_early")
-        constant: dict[str, Any] = {name: of_world(getattr(targets, name), world) for name in names}
+        there = of_world(robots.status, world) != REMOVED
+        of_targets, of_robots = ("motion", "appears_at", "found_at", "found_early"), ("position", "heading", "status")
+        arrays: dict[str, Any] = {name: of_world(getattr(targets, name), world) for name in of_targets}
         return cls(
             step=step,
             world=world,
             seed=int(of_world(clock.seed, world)),
-            position=of_world(robots.position, world),
-            heading=of_world(robots.heading, world),
-            status=status,
             target_position=of_world(targets.position, world),
             sensed_at=sensed_at,
             contact=np.argwhere((of_world(simulation.tally.contact, world) > 0) & np.outer(there, there)),
             collisions=int(of_world(simulation.tally.collisions, world)),
             earlier=int(of_world(targets.earlier, world).sum()),
             earlier_time=float(of_world(targets.earlier_time, world).sum()),
-            **constant,
+            **arrays | {name: of_world(getattr(robots, name), world) for name in of_robots},
         )
 
     @property

@@ -104,7 +104,7 @@ def _about(recording: Recording) -> dict[str, Any]:
         "ring": list(ring) if len(ring) > 1 else [],
         "neighbours": scenario.neighbours.tolist(),
         "equilibrium": scenario.equilibrium.tolist(),
-        "delay": round(scenario.noise.message_delay / scenario.task.step),
+        "delay": scenario.delay_steps,
         "leave": scenario.targets.leave,
         "actions": list(scenario.action_names),
         "shape": [[np.round(outline, 3).tolist(), fill] for outline, fill in parts_of_body(scenario)],
