@@ -13,6 +13,7 @@ from baselines.planning.plans import robots_top_speed
 from baselines.planning.rehearse import Episodes
 from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
+from lissajous_env.episodes.evaluation import require_known_rogues
 from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -114,6 +115,7 @@ class Request(Checked, part=""):
         if self.base is not None:
             rule = "must be control for a plan: all patrols drive robots by their own controls"
             require(self.base.has_formation, f"task.action of {self.base.name}", rule, self.base.task.action)
+            require_known_rogues(self.base)
         self._check_kind()
         self._require(self.plans is None or self.seconds is None, "plans", "must be omitted if seconds is given")
         faults = Faults() if self.base is None else self._with_changes(self.base, self.team_sizes[0]).faults
@@ -187,6 +189,8 @@ class Request(Checked, part=""):
             scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
             changed["task.contamination"] = cells(scenario)
+        if scenario.task.grid is None:  # a scenario's file cannot contain it
+            changed["task.grid"] = cells(scenario, _GRID, 0.0)
         return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float | None = None) -> Scenario:
@@ -234,13 +238,13 @@ class Request(Checked, part=""):
             sensor, inset = self.sensor_radius or scenario.sensing_radius, 0.0 if self.open else scenario.inset
             changed |= best_design(*halves, num_robots, robot, sensor, speed, tightest_radius(robot), inset).overrides
             changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
-            changed["task.contamination"] = None
+            changed |= {"task.contamination": None, "task.grid": None}
         scenario = named.build(scenario, **changed)
-        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID, 0.0)} if is_new else {}
-        if self.speed is not None and scenario.robot.kind == "curve":
-            # At this phase rate, a point has the given speed where the curve is fastest.
-            more["robot.phase_rate_max"] = self.speed / (scenario.alpha * largest_speed(scenario.driven))
-        return named.build(scenario, **more)
+        if self.speed is None or scenario.robot.kind != "curve":
+            return scenario
+        # At this phase rate, a point has the given speed where the curve is fastest.
+        rate = self.speed / (scenario.alpha * largest_speed(scenario.driven))
+        return named.build(scenario, **{"robot.phase_rate_max": rate})
 
 
 def _robot(robot: Robot, request: Request) -> Robot:

@@ -10,8 +10,9 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.parameters import named
+from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.wording import require, shown
 from lissajous_env.world.simulation import Simulation
 
 _TOGETHER = 16
@@ -55,6 +56,12 @@ class InvalidActionError(ValueError):
     """Error for actions of a policy that have a wrong shape or are not finite."""
 
 
+def require_known_rogues(scenario: Scenario) -> None:
+    """Raise ValueError if the rogues of a scenario are agents: an episode of a policy has no actions of theirs."""
+    rule = "must be None, or the name or the folder of a rogue, where no caller gives the actions of agents"
+    require(scenario.targets.rogues != AGENTS, f"targets.rogues of {scenario.name}", rule, AGENTS)
+
+
 class EpisodeRunner:
     """Plays episodes of a policy in a simulation, and raises an error for invalid actions.
 
@@ -63,9 +70,13 @@ class EpisodeRunner:
     Args:
         policy: The policy.
         simulation: The simulation.
+
+    Raises:
+        ValueError: as `require_known_rogues`.
     """
 
     def __init__(self, policy: ActingPolicy, simulation: Simulation):
+        require_known_rogues(simulation.scenario)
         self.policy, self.simulation = policy, simulation
         self.name = name_of(policy)
         self._invalid = simulation.invalid.numpy() if simulation.device.is_cpu else None
