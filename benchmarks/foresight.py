@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import figures
 import numpy as np
-from publish import HELD_OUT, SCRIPTS
+from publish import ROGUES_HELD_OUT, SCRIPTS
 from rogues import LEARNED
 
 from baselines.policies.registry import as_factory
@@ -83,9 +83,9 @@ def row_of(name: str, policy: str, learned: str, seeds: Sequence[int]) -> list[s
 
 def main() -> None:
     parser = figures.parser(__doc__)
-    parser.add_argument("--episodes", type=int, default=len(HELD_OUT), help="at most 64")
+    parser.add_argument("--episodes", type=int, default=len(ROGUES_HELD_OUT), help="at most 64")
     options = parser.parse_args()
-    rows, seeds = [], HELD_OUT[: options.episodes]
+    rows, seeds = [], ROGUES_HELD_OUT[: options.episodes]
     for learned, folder in LEARNED.items():
         description = checkpoint.read_description(folder)
         for policy in description["held_out_times"]:

@@ -65,6 +65,7 @@ class RogueTrainer:
         torch.manual_seed(settings.seed)
         self.scenario = settings.make_scenario()
         self.card = rogue_card(self.scenario, settings.to_dict())
+        self.code = checkpoint.code_of([self.scenario], [settings.against])
         sizes = [len(self.card.inputs), *_LAYERS]
         hidden = [part for pair in pairwise(sizes) for part in (nn.Linear(*pair), nn.ReLU())]
         self.actor = nn.Sequential(*hidden, nn.Linear(sizes[-1], self.card.action_size)).to(settings.device)
@@ -75,7 +76,12 @@ class RogueTrainer:
         self._labelled: list[Tensor] = []
         """Rows, actions and weights of all rounds."""
         if (settings.out / checkpoint.FILE).exists():
-            self._resume()
+            with checkpoint.resuming(settings, self.card, self.code) as (description, arrays):
+                self.history |= description["rogues"]
+                self.normalization = arrays["normal.mean"], arrays["normal.spread"]
+                if self.history["scores"] is None:
+                    self._labelled = [torch.from_numpy(arrays[name]).to(settings.device) for name in _LABELLED]
+                load_state(self.actor, self.optimizer, arrays)
 
     def run(self) -> dict[str, Any]:
         """Train until the last round."""
@@ -166,15 +172,8 @@ class RogueTrainer:
         if self.history["scores"] is None:
             state |= {name: part.cpu().numpy() for name, part in zip(_LABELLED, self._labelled, strict=True)}
         history = self.history | {"seconds": round(self.history["seconds"], 1)}
-        checkpoint.save(self.folder, self.network(), self.card, state=state, notes={"rogues": history})
-
-    def _resume(self) -> None:
-        with checkpoint.resuming(self.settings, self.card) as (description, arrays):
-            self.history |= description["rogues"]
-            self.normalization = arrays["normal.mean"], arrays["normal.spread"]
-            if self.history["scores"] is None:
-                self._labelled = [torch.from_numpy(arrays[name]).to(self.settings.device) for name in _LABELLED]
-            load_state(self.actor, self.optimizer, arrays)
+        notes = {"rogues": history, "code": self.code}
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=notes)
 
     def _evaluated(self, rogues: str) -> dict[str, float]:
         settings, scenario = self.settings, self.settings.make_scenario(rogues)

@@ -14,7 +14,7 @@ cells in each step, so that labels lead away from positions at which a small err
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -35,7 +35,7 @@ MOST_CELLS = 320
 """Largest number of cells along the longer side; where cells would be smaller, a stage has several control steps."""
 HORIZON = 6.0
 """Time for which a rogue that is undetected at the end of an episode is assumed to stay undetected [s]."""
-_DIRECTIONS = 16
+_DIRECTIONS, _ROUNDING = 16, 1e-9
 
 
 @dataclass
@@ -87,11 +87,9 @@ class Foresight:
         cell = max(self._speed * self._step / REACH, longest / MOST_CELLS)
         self.stage = max(round(REACH * cell / (self._speed * self._step)), 1)
         """Control steps of a stage."""
-        self._counts = np.maximum(np.ceil(2 * self._half / cell - 1e-6), 2).astype(int)
-        self._cell = 2 * self._half / self._counts
-        self._centres = [
-            (np.arange(n) + 0.5) * d - h for n, d, h in zip(self._counts, self._cell, self._half, strict=True)
-        ]
+        counts = np.ceil(2 * self._half / cell - 1e-6).astype(int)
+        self._cell = 2 * self._half / counts
+        self._centres = [(np.arange(n) + 0.5) * d - h for n, d, h in zip(counts, self._cell, self._half, strict=True)]
         reach = self.stage * self._speed * self._step
         offsets = [np.arange(-int(reach / d + 1e-6), int(reach / d + 1e-6) + 1) * d for d in self._cell]
         self._near = np.hypot(offsets[1][:, None], offsets[0][None]) <= reach * (1 + 1e-6)
@@ -160,12 +158,9 @@ class Foresight:
         """
         reach = self._speed * self._step * steps
         aims = np.clip(places[:, None] + reach * self._choices, -self._half, self._half)
-        at = np.clip((aims + self._half) / self._cell - 0.5, 0, self._counts - 1.001)
-        low = at.astype(int)
-        part, worlds = at - low, worlds[:, None]
-        column, row, across, up = low[..., 0], low[..., 1], part[..., 0], part[..., 1]
-        lower = value[worlds, row, column] * (1 - across) + value[worlds, row, column + 1] * across
-        upper = value[worlds, row + 1, column] * (1 - across) + value[worlds, row + 1, column + 1] * across
-        times: Any = lower * (1 - up) + upper * up
-        best = times.argmax(axis=1)
-        return self._choices[best], (times.max(axis=1) - times.mean(axis=1)).astype(np.float32)
+        column, row = np.moveaxis((aims + self._half) / self._cell - 0.5, -1, 0)
+        at = np.stack(np.broadcast_arrays(worlds[:, None], row, column))
+        times = ndimage.map_coordinates(value, at, float, order=1, mode="nearest")
+        longest = times.max(axis=1)
+        best = (times > longest[:, None] - _ROUNDING).argmax(axis=1)  # the first of those that are equally good
+        return self._choices[best], (longest - times.mean(axis=1)).astype(np.float32)
