@@ -57,13 +57,10 @@ def test_files_of_the_user_stay_as_they_are(tmp_path, command):
         assert {name: (tmp_path / name).read_text() for name in NEIGHBOURS} == {n: f"mine: {n}" for n in NEIGHBOURS}
 
 
-@pytest.mark.parametrize(
-    ("command", "name", "kind"),
-    [
-        (benchmark, "settings.json", "file"), (benchmark, "episodes.jsonl", "link"),
-        (benchmark, "report.html", "folder"), (theorem, "README.md", "broken link"), (train, "best", "broken link"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("command", "name", "kind"), [
+    (benchmark, "settings.json", "file"), (benchmark, "episodes.jsonl", "link"),
+    (benchmark, "report.html", "folder"), (theorem, "README.md", "broken link"), (train, "best", "broken link"),
+])  # fmt: skip
 def test_a_file_of_the_user_with_the_name_of_a_result_is_refused_at_once(tmp_path, command, name, kind):
     outside, out = tmp_path / "outside", tmp_path / "out"
     out.mkdir()
@@ -207,17 +204,14 @@ def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, comm
     assert (tmp_path / "file").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ('{"a": NaN}', "only finite numbers, got NaN"),
-        ("1e400", "only finite numbers, got 1e400"),
-        ("-" + 5000 * "9", "only finite numbers, got -999"),
-        (101 * "[" + 101 * "]", "nest at most 100 levels"),
-        (100_000 * '{"a":' + "1" + 100_000 * "}", "nest at most 100 levels"),
-        ("", "Expecting value"), ("{", "Expecting"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    ('{"a": NaN}', "only finite numbers, got NaN"),
+    ("1e400", "only finite numbers, got 1e400"),
+    ("-" + 5000 * "9", "only finite numbers, got -999"),
+    (101 * "[" + 101 * "]", "nest at most 100 levels"),
+    (100_000 * '{"a":' + "1" + 100_000 * "}", "nest at most 100 levels"),
+    ("", "Expecting value"), ("{", "Expecting"),
+])  # fmt: skip
 def test_json_is_read_strictly(tmp_path, text, words):
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(ValueError, match=rf"a\.json is damaged: .*{words}") as error:

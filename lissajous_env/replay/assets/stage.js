@@ -169,7 +169,7 @@ export class Stage {
     this.base.width = this.canvas.width;
     this.base.height = this.canvas.height;
     const context = this.base.getContext("2d"),
-      curve = this.episode.curve,
+      curve = this.episode.raw.curve,
       count = curve.length / 3;
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     context.strokeStyle = faded(COLOURS.curve, this.many ? 0.35 : 0.8);
