@@ -20,7 +20,7 @@ from lissajous_env.episodes.recording import Recording
 from lissajous_env.episodes.snapshot import thinned
 from lissajous_env.render.ground import points_of_curve
 from lissajous_env.render.targets import flash_time, has_sightings
-from lissajous_env.render.team import MOST_CONTACTS, drawn_ring, parts_of_body, trail_time
+from lissajous_env.render.team import MOST_CONTACTS, drawn_links, parts_of_body, trail_time
 from lissajous_env.world.columns import task_score
 from lissajous_env.world.state import NEVER
 
@@ -88,8 +88,7 @@ def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
 
 
 def _about(recording: Recording) -> dict[str, Any]:
-    scenario = recording.scenario
-    curve, ring = scenario.curve, drawn_ring(scenario)
+    scenario, curve = recording.scenario, recording.scenario.curve
     return {
         "name": scenario.name,
         "description": scenario.description,
@@ -101,7 +100,7 @@ def _about(recording: Recording) -> dict[str, Any]:
         "bound_name": scenario.detection_time_label,
         "trail": 2 * trail_time(scenario),
         "flash": flash_time(scenario),
-        "ring": list(ring) if len(ring) > 1 else [],
+        "links": drawn_links(scenario),
         "neighbours": scenario.neighbours.tolist(),
         "equilibrium": scenario.equilibrium.tolist(),
         "delay": scenario.delay_steps,

@@ -30,15 +30,8 @@ function distance(episode, i, j, f) {
   return Math.hypot(x[a] - x[b], y[a] - y[b], z[a] - z[b]);
 }
 
-// Pairs of ring neighbours, each once.
-export function edges(episode) {
-  const ring = episode.about.ring;
-  if (ring.length < 2) return [];
-  return ring.length === 2 ? [[ring[0], ring[1]]] : ring.map((robot, k) => [robot, ring[(k + 1) % ring.length]]);
-}
-
 export function ringDistances(episode) {
-  return edges(episode).map(([i, j]) => Float32Array.from(episode.x, (_, f) => distance(episode, i, j, f)));
+  return episode.about.links.map(([i, j]) => Float32Array.from(episode.x, (_, f) => distance(episode, i, j, f)));
 }
 
 // Smallest distance of any two robots; null for crowds, which would take too long.
