@@ -89,9 +89,7 @@ def write(path, messages, stored=lambda topic, time, data: data):
             if key not in channels:
                 depth = 1 + len(channels)  # another profile is another channel
                 qos = [_quality(depth)]
-                channels[key] = writer.add_connection(
-                    topic, message.__msgtype__, typestore=STORE, offered_qos_profiles=qos
-                )
+                channels[key] = writer.add_connection(*key[:2], typestore=STORE, offered_qos_profiles=qos)
             data = STORE.serialize_cdr(message, message.__msgtype__)
             writer.write(channels[key], round(time * 1e9), stored(topic, time, data))
     return path

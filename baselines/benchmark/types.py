@@ -13,7 +13,7 @@ from baselines.benchmark.table import Rows, Table
 from baselines.policies import registry
 from baselines.policies.registry import Factory
 from lissajous_env.device.devices import as_device
-from lissajous_env.episodes.evaluation import ActingPolicy
+from lissajous_env.episodes.evaluation import ActingPolicy, require_known_rogues
 from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -196,8 +196,8 @@ def cells_of(
     Scenarios that no policy drives are left out if the scenarios are the standard ones, or if a policy is a folder.
 
     Raises:
-        ValueError: an unknown name or device, scenarios of the same name, a policy that drives no scenario, or another
-            scenario without a policy.
+        ValueError: an unknown name or device, scenarios of the same name, rogues that are agents, a policy that drives
+            no scenario, or another scenario without a policy.
     """
     given = {name: registry.as_factory(policy, name) for name, policy in (policies or {}).items()}
     plays_all = settings.policies == (ALL,)
@@ -206,6 +206,8 @@ def cells_of(
     played = require_distinct_names([named.build(scenario, **settings.overrides) for scenario in chosen])
     if not played:
         raise ValueError("scenarios must contain at least one scenario, got none")
+    for scenario in played:
+        require_known_rogues(scenario)
     for name in wanted:
         if name not in given and not any(_drives(name, scenario) for scenario in played):
             registry.make(name, played[0])  # raises the reason

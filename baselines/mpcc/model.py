@@ -82,11 +82,11 @@ class MpccParameters(Checked):
         """
         robot, tuned = scenario.robot, EXPERIMENT.robot
         rate, scale = scenario.formation.phase_rate / EXPERIMENT.formation.phase_rate, motion_scale(scenario)
-        step = max(min(cls.step * scale.time, 1 / robot.drag), scenario.task.step)
+        step = overrides.get("step", max(min(cls.step * scale.time, 1 / robot.drag), scenario.task.step))
         offset = robot.offset if robot.model_offset is None else robot.model_offset
         parameters = {
             "step": step,
-            "shift": scenario.task.step / step,
+            "shift": min(scenario.task.step / step, 1.0),
             "weight_lateral": cls.weight_lateral * (rate / scale.length) ** 2,
             "weight_lag": cls.weight_lag * (rate / scale.length) ** 2,
             "weight_steering": cls.weight_steering * (rate * (tuned.steering_max / robot.steering_max)) ** 2,
@@ -136,13 +136,9 @@ def tabulate(curve: Curve, device: Any) -> Any:
     width = 2 * math.pi / count
     gamma = width * np.arange(count + 1)
     speed = closed_forms.curve_speed(curve, gamma)
+    first, second = closed_forms.curve_derivatives(curve, gamma)
     # d||r'|| / d gamma = r'.r'' / ||r'||
-    A2, B2 = (curve.half_width * curve.a) ** 2, (curve.half_height * curve.b) ** 2
-    dot = A2 * curve.a * np.sin(2 * curve.a * gamma) / 2 - B2 * curve.b * np.sin(2 * curve.b * gamma) / 2
-    if curve.harmonics:
-        first, second = closed_forms.curve_derivatives(curve, gamma)
-        dot = np.sum(first * second, axis=-1)
-    f, d = 1 / speed, -width * dot / speed**3
+    f, d = 1 / speed, -width * np.sum(first * second, axis=-1) / speed**3
     rise = f[1:] - f[:-1]
     pieces = np.stack([f[:-1], d[:-1], 3 * rise - 2 * d[:-1] - d[1:], d[:-1] + d[1:] - 2 * rise], axis=1)
     table = Table()

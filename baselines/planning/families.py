@@ -12,9 +12,8 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
-from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
+from baselines.benchmark.best_known import BEST_KNOWN, BestKnown, known_plans
 from baselines.planning.plans import Choices, Family, Plan, Variables, absolute, robots_top_speed
-from baselines.planning.request import paper_design
 from baselines.policies import registry
 from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
@@ -23,7 +22,7 @@ from lissajous_env.parameters.robot_models import tightest_radius
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.design import HEADROOM, best_formation, formation_fields, largest_phase_rate
+from lissajous_env.theory.design import HEADROOM, best_design, best_formation, formation_fields, largest_phase_rate
 
 DEFAULTS, FORMATIONS = "defaults", "Lissajous"
 """Names of the families of the included policies and of formations."""
@@ -185,9 +184,10 @@ def formations(scenario: Scenario) -> Family:
 
 def _violation(scenario: Scenario) -> str:
     """Return the conditions that the best curve with a + b = N violates."""
-    half, sensor = (scenario.curve.half_width, scenario.curve.half_height), scenario.sensing_radius
-    best = paper_design(half, scenario.robot, sensor, robots_top_speed(scenario), scenario.num_robots, scenario.inset)
-    violated = best.violations(scenario.robot.radius, sensor) or ["robots collide or leave a gap on every curve"]
+    curve, robot, sensor, speed = scenario.curve, scenario.robot, scenario.sensing_radius, robots_top_speed(scenario)
+    halves, turning = (curve.half_width, curve.half_height), tightest_radius(robot)
+    best = best_design(*halves, scenario.num_robots, robot, sensor, speed, turning, scenario.inset)
+    violated = best.violations(robot.radius, sensor) or ["robots collide or leave a gap on every curve"]
     return f"the paper's best curve is a = {best.curve.a}, b = {best.curve.b}: {'; '.join(violated)}"
 
 

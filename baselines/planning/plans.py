@@ -225,8 +225,9 @@ class Family:
 
     @property
     def best(self) -> float:
-        """Return the least worst-case undetected time [s]."""
-        return min((look.figures.worst_case for look in self.without_collisions), default=math.inf)
+        """Return the least worst-case undetected time of plans that are not too close [s]."""
+        looks = (look.figures for look in self.without_collisions)
+        return min((figures.worst_case for figures in looks if not figures.too_close), default=math.inf)
 
     def elite(self) -> list[Variables]:
         """Return the values of the best plans, alternately without and with failures."""

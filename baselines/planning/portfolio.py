@@ -15,6 +15,7 @@ from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import quietly
+from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import require
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_CASE
@@ -106,15 +107,16 @@ def result_of(
 
 
 def rehearsal_of(scenario: Scenario, portfolio: str) -> Scenario:
-    """Return the scenario of rehearsals: without extensions, with the rogues or the grid that the objective needs."""
+    """Return the scenario of rehearsals: without extensions, with the rogues or the grid that the objective needs.
+
+    Targets stand still in place of rogues that are agents, whose actions no rehearsal has.
+    """
     scenario = scenario.without_extensions()
-    changes: dict[str, Any] = {"task.grid": None}
-    if portfolio == DETECTION:
-        changes["task.contamination"] = None
-    else:
-        changes["targets.rogues"] = None
-        if scenario.task.contamination is None:
-            changes["task.contamination"] = cells(scenario)
+    changes: dict[str, Any] = {"task.grid": None, "task.contamination": None}
+    if portfolio == GUARANTEE:
+        changes["task.contamination"] = scenario.task.contamination or cells(scenario)
+    if portfolio == GUARANTEE or scenario.targets.rogues == AGENTS:
+        changes |= {"targets.rogues": None, "targets.custom": 0.0}  # a resolved scenario has custom = 1 with rogues
     return named.build(scenario, **changes)
 
 

@@ -3,12 +3,13 @@
 import dataclasses
 import json
 import math
+import re
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
+from baselines.benchmark.best_known import BEST_KNOWN as KNOWN
 from baselines.benchmark.shown import Entry
 from baselines.benchmark.statistics import between, number
 from baselines.planning.plans import SETTLED_TIME, Planned, worst_cases
@@ -181,8 +182,9 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
             folder.remove(name)
     for k, planned in enumerate(plans, start=1):
         plan = planned.plan
-        name, words = f"{plan.scenario.name[:80]}-{k}", f"{plan.settings.policy} ({plan.about})."
-        renamed = dataclasses.replace(plan.scenario, name=name, description=words)
+        name = re.sub(r"[^\w.-]", "-", plan.scenario.name).lstrip(".-")[:80] or "plan"  # for files, see `NAMES`
+        words = f"{plan.settings.policy} ({plan.about})."
+        renamed = dataclasses.replace(plan.scenario, name=f"{name}-{k}", description=words)
         folder.write(f"{k}/{SCENARIO_FILE}", as_toml(renamed))
         folder.write(f"{k}/{POLICY_FILE}", plan.settings.as_toml())
     folder.write(FIGURES, json.dumps(plain({"episodes": episodes, "plans": as_rows(plans)}), indent=2) + "\n")

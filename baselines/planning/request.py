@@ -13,6 +13,7 @@ from baselines.planning.plans import robots_top_speed
 from baselines.planning.rehearse import Episodes
 from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
+from lissajous_env.episodes.evaluation import require_known_rogues
 from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -21,7 +22,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, choice, flag, is_whole, number, whole
 from lissajous_env.settings.parts import Curve, Faults, Robot
 from lissajous_env.settings.task import Targets, Task
-from lissajous_env.theory.design import Design, best_design
+from lissajous_env.theory.design import best_design
 from lissajous_env.theory.geometry import curve_length, largest_speed
 from lissajous_env.wording import few_of, outside, require
 
@@ -114,6 +115,7 @@ class Request(Checked, part=""):
         if self.base is not None:
             rule = "must be control for a plan: all patrols drive robots by their own controls"
             require(self.base.has_formation, f"task.action of {self.base.name}", rule, self.base.task.action)
+            require_known_rogues(self.base)
         self._check_kind()
         self._require(self.plans is None or self.seconds is None, "plans", "must be omitted if seconds is given")
         faults = Faults() if self.base is None else self._with_changes(self.base, self.team_sizes[0]).faults
@@ -187,6 +189,8 @@ class Request(Checked, part=""):
             scenario = self._with_changes(self.base, num_robots)
         if scenario.task.contamination is None:
             changed["task.contamination"] = cells(scenario)
+        if scenario.task.grid is None:  # a scenario's file cannot contain it
+            changed["task.grid"] = cells(scenario, _GRID, 0.0)
         return named.build(scenario.without_extensions(), **changed)
 
     def _rectangle(self, num_robots: int, inset: float | None = None) -> Scenario:
@@ -232,15 +236,15 @@ class Request(Checked, part=""):
         if is_new:
             speed = robot.top_speed if robot.kind != "curve" else self.speed or robots_top_speed(scenario)
             sensor, inset = self.sensor_radius or scenario.sensing_radius, 0.0 if self.open else scenario.inset
-            changed |= paper_design(halves, robot, sensor, speed, num_robots, inset).overrides
+            changed |= best_design(*halves, num_robots, robot, sensor, speed, tightest_radius(robot), inset).overrides
             changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
-            changed["task.contamination"] = None
+            changed |= {"task.contamination": None, "task.grid": None}
         scenario = named.build(scenario, **changed)
-        more: dict[str, Any] = {"task.grid": cells(scenario, _GRID, 0.0)} if is_new else {}
-        if self.speed is not None and scenario.robot.kind == "curve":
-            # At this phase rate, a point has the given speed where the curve is fastest.
-            more["robot.phase_rate_max"] = self.speed / (scenario.alpha * largest_speed(scenario.driven))
-        return named.build(scenario, **more)
+        if self.speed is None or scenario.robot.kind != "curve":
+            return scenario
+        # At this phase rate, a point has the given speed where the curve is fastest.
+        rate = self.speed / (scenario.alpha * largest_speed(scenario.driven))
+        return named.build(scenario, **{"robot.phase_rate_max": rate})
 
 
 def _robot(robot: Robot, request: Request) -> Robot:
@@ -252,23 +256,6 @@ def _robot(robot: Robot, request: Request) -> Robot:
     if request.speed is not None and changed.get("kind", robot.kind) != "curve":
         changed |= {"speed_max": request.speed, "throttle_max": None, "phase_rate_max": None}
     return dataclasses.replace(robot, **changed)
-
-
-def paper_design(
-    half: tuple[float, float], robot: Robot, sensor: float, speed: float, num_robots: int, inset: float
-) -> Design:
-    """Return the design of the paper's formation that meets the bounds best for robots of a speed [m/s].
-
-    Args:
-        half: Half of the width and half of the height of the rectangle [m].
-        robot: The robots.
-        sensor: Their sensing radius [m].
-        speed: Their top speed [m/s].
-        num_robots: Their number.
-        inset: Width of the strip along the edge in which nothing is driven [m].
-    """
-    turning, grip = tightest_radius(robot), robot.lateral_acceleration_max
-    return best_design(*half, num_robots, robot.radius, sensor, speed, turning, grip, inset)
 
 
 def _times(scenario: Scenario) -> dict[str, Any]:

@@ -86,7 +86,7 @@ class SentPlaces(Copyable, Remembering):
 
     def __init__(self, scenario: Scenario, num_worlds: int):
         self.num_worlds = num_worlds
-        self.delay = round(scenario.noise.message_delay / scenario.task.step)
+        self.delay = scenario.delay_steps
         """Delay of the messages [control step]."""
         self._own = np.zeros((num_worlds, scenario.num_robots, self.delay + 1, 2))
         self._begins = np.ones(num_worlds, dtype=bool)

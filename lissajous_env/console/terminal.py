@@ -21,7 +21,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.settings.formulas import Formula
 
 _PLACE = r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*"
@@ -63,7 +62,8 @@ class Output:
     def print_json(self, result: Any) -> None:
         """Print a result if --json is given."""
         if self.json:
-            print(json.dumps(plain(result), indent=2, allow_nan=False))
+            with contextlib.suppress(BrokenPipeError):  # as `_Console`
+                print(json.dumps(plain(result), indent=2, allow_nan=False))
 
 
 DEFAULT_OUTPUT = Output()
@@ -120,11 +120,8 @@ def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) 
     A value is a Python literal (which may contain `inf`), a bare word, or `module:name`.
 
     Raises:
-        ValueError: an entry has no name, is given twice, or has another kind of value; or the rogues are agents, whose
-            actions no command has.
+        ValueError: an entry has no name, is given twice, or has another kind of value.
     """
-    if rogues == AGENTS:
-        raise ValueError(f"rogues of a command must be the name of a rogue, such as flee, or a folder, got {AGENTS}")
     overrides: dict[str, Any] = {} if rogues is None else {"rogues": rogues}
     for entry in (entry for group in groups for entry in tuple(group) or ("",)):
         name, equals, text = (part.strip() for part in entry.partition("="))
@@ -144,9 +141,17 @@ def _literal(name: str, text: str) -> Any:
         raise ValueError(f"--set {name} {rule}, got {text!r}") from None
 
 
+class _Console(Console):
+    """Console that ends no command when the reader of a pipe has left: the command still writes its files."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nothing from now on."""
+        self.quiet = True
+
+
 def make_console(stderr: bool = False, quiet: bool = False) -> Console:
     """Return a console with the width of COLUMNS or the terminal, or of 120 characters without either."""
-    console = Console(stderr=stderr, quiet=quiet, emoji=False)  # a name between two colons is no emoji
+    console = _Console(stderr=stderr, quiet=quiet, emoji=False)  # a name between two colons is no emoji
     if not console.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
         console.width = _PIPE
     console.width = min(console.width or 80, 1000)

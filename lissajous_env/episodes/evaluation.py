@@ -10,9 +10,9 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.parameters import named
+from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
-from lissajous_env.world.columns import NAMES, extension_columns
+from lissajous_env.wording import require, shown
 from lissajous_env.world.simulation import Simulation
 
 _TOGETHER = 16
@@ -56,6 +56,12 @@ class InvalidActionError(ValueError):
     """Error for actions of a policy that have a wrong shape or are not finite."""
 
 
+def require_known_rogues(scenario: Scenario) -> None:
+    """Raise ValueError if the rogues of a scenario are agents: an episode of a policy has no actions of theirs."""
+    rule = "must be None, or the name or the folder of a rogue, where no caller gives the actions of agents"
+    require(scenario.targets.rogues != AGENTS, f"targets.rogues of {scenario.name}", rule, AGENTS)
+
+
 class EpisodeRunner:
     """Plays episodes of a policy in a simulation, and raises an error for invalid actions.
 
@@ -64,9 +70,13 @@ class EpisodeRunner:
     Args:
         policy: The policy.
         simulation: The simulation.
+
+    Raises:
+        ValueError: as `require_known_rogues`.
     """
 
     def __init__(self, policy: ActingPolicy, simulation: Simulation):
+        require_known_rogues(simulation.scenario)
         self.policy, self.simulation = policy, simulation
         self.name = name_of(policy)
         self._invalid = simulation.invalid.numpy() if simulation.device.is_cpu else None
@@ -168,7 +178,16 @@ def episodes(
 ) -> Iterator[list[dict[str, Any]]]:
     """Yield the score rows of each batch of episodes when it has ended.
 
-    `on_step` is called after each step.
+    Args:
+        policy: The policy, which plays `num_worlds` episodes at a time.
+        scenario: The scenario.
+        seeds: Seed of each episode.
+        device: Warp device of the simulation.
+        on_step: Called with the simulation after each step.
+
+    Raises:
+        InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
+        ValueError: an invalid scenario or seed.
     """
     seeds = list(seeds)
     simulation = Simulation(named.build(scenario), policy.num_worlds, device=device)
@@ -176,9 +195,6 @@ def episodes(
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]
         runner.play(batch, lambda taken: on_step(simulation) if taken else None)
-        rows = simulation.score(np.arange(len(batch)))
-        columns = (*NAMES, *extension_columns(simulation.scenario))
-        yield [
-            {column: ({"policy": runner.name, "episode": first + k} | row)[column] for column in columns}
-            for k, row in enumerate(rows)
-        ]
+        rows = enumerate(simulation.score(np.arange(len(batch))), first)
+        identity = {"scenario": simulation.scenario.name, "policy": runner.name}
+        yield [identity | {"episode": episode} | row for episode, row in rows]

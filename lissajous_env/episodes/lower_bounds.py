@@ -21,7 +21,7 @@ discs of radius d. If two of these bounds apply, the later time is valid.
 """
 
 import math
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -68,8 +68,8 @@ def mean_time_lower_bound(scenario: str | Scenario) -> float:
     extension or anew, or an episode that ends when robots are removed.
     """
     scenario = named.build(scenario)
-    targets, task, speed = scenario.targets, scenario.task, robot_speed_limit(scenario)
-    mean_arrivals = targets.arrival_rate * task.duration
+    targets, duration, speed = scenario.targets, _duration(scenario), robot_speed_limit(scenario)
+    mean_arrivals = targets.arrival_rate * duration
     if (
         not speed >= 0
         or _ends_early(scenario)
@@ -80,13 +80,13 @@ def mean_time_lower_bound(scenario: str | Scenario) -> float:
         or targets.count + mean_arrivals == 0
     ):
         return math.nan
-    times = np.linspace(0.0, task.duration, _INSTANTS)
+    times = np.linspace(0.0, duration, _INSTANTS)
     moving = {"independent": targets.drifting + targets.wandering, "fleeing": targets.fleeing}
     shares = {"still": max(1.0 - sum(moving.values()), 0.0), **moving}
     undetected = sum(share * _undetected(scenario, motion, speed, times) for motion, share in shares.items())
     later, gap = np.asarray(undetected)[1:], times[1]
-    left_over = np.maximum(task.duration - task.step - times[1:], 0.0)
-    start, arrivals = later.sum() * gap, (later * left_over).sum() * gap / task.duration
+    left_over = np.maximum(duration - scenario.task.step - times[1:], 0.0)
+    start, arrivals = later.sum() * gap, (later * left_over).sum() * gap / duration
     weight = targets.count / (targets.count + mean_arrivals)
     return float(weight * start + (1 - weight) * arrivals)
 
@@ -106,70 +106,66 @@ def worst_case_lower_bound(scenario: str | Scenario) -> float:
     custom robot model, or an episode that ends when robots are removed.
     """
     scenario = named.build(scenario)
-    targets, task, speed, team = scenario.targets, scenario.task, robot_speed_limit(scenario), scenario.num_robots
+    targets, speed, duration = scenario.targets, robot_speed_limit(scenario), _duration(scenario)
     if not speed > 0 or _ends_early(scenario) or targets.count + targets.arrival_rate == 0:
         return math.nan
-    on_boundary = targets.entry == "boundary"
-    sides = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height
+    on_boundary, radius = targets.entry == "boundary", scenario.sensing_radius
+    team = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height, scenario.num_robots, radius, speed
     if on_boundary:
-        bound = _time_along_boundary(scenario, speed)
+        bound = max(_whole(scenario) - float(_swept(scenario, radius, 0.0)), 0.0) / (scenario.num_robots * speed)
     else:
-        bound = clearing_time(*sides, team, scenario.sensing_radius, speed, scenario.rogue_speed)
+        bound = clearing_time(*team, scenario.rogue_speed)
     if targets.arrival_rate > 0:
-        revisits = revisiting_time(*sides, team, scenario.sensing_radius, speed, task.duration, on_boundary)
-        bound = max(bound, revisits)
-    return min(bound, task.duration if targets.count else task.duration - task.step)
+        bound = max(bound, revisiting_time(*team, duration, on_boundary))
+    return min(bound, duration if targets.count else duration - scenario.task.step)
 
 
 def _ends_early(scenario: Scenario) -> bool:
     return "remove" in (scenario.task.on_collision, scenario.task.boundary)
 
 
-def _time_along_boundary(scenario: Scenario, speed: float) -> float:
-    """Return the least time in which the discs sweep the boundary [s]."""
-    swept, length = _swept_and_whole(scenario)
-    at_once, after_a_second = (float(swept(scenario.sensing_radius, driven)) for driven in (0.0, speed))
-    return 0.0 if at_once >= length else (length - at_once) / (after_a_second - at_once)
-
-
 def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray) -> np.ndarray:
     """Return (T,) the least share of targets of a motion that are undetected at times after they appeared."""
     targets, radius, driven = scenario.targets, scenario.sensing_radius, speed * times
-    swept, whole = _swept_and_whole(scenario)
-    moved = targets.speed * times
+    moved, whole = targets.speed * times, _whole(scenario)
     if motion == "fleeing":
         fastest, zone = max(targets.speed, targets.flee_speed), max(radius, targets.flee_radius)
-        size = np.minimum(swept(radius + fastest * times, driven), swept(zone, driven, moved))
+        size = np.minimum(_swept(scenario, radius + fastest * times, driven), _swept(scenario, zone, driven, moved))
     else:
-        size = swept(radius, driven, 0.0 if motion == "still" else moved)
+        size = _swept(scenario, radius, driven, 0.0 if motion == "still" else moved)
     if targets.entry != "unseen":
         return np.clip(1 - size / whole, 0.0, 1.0)
-    at_once = scenario.num_robots * math.pi * radius**2
+    at_once = float(_swept(scenario, radius, 0.0))
     if at_once >= whole:
         return np.zeros_like(times)
     has_place = 1 - (at_once / whole) ** _PLACES  # probability that one of the places is outside all discs
     return has_place * np.clip(1 - (size - at_once) / (whole - at_once), 0.0, 1.0)
 
 
-def _swept_and_whole(scenario: Scenario) -> tuple[Callable[..., np.ndarray], float]:
-    """Return a function for the largest swept size, and the total size, of where targets appear [m^2 or m].
+def _swept(scenario: Scenario, radius: Any, driven: Any, moved: Any = 0.0) -> np.ndarray:
+    """Return the largest part of where targets appear that the discs of a team can have sensed [m^2 or m].
 
-    Its arguments are the radius of the discs, and the distances that each of them and each target have moved,
-    independently of each other [m].
+    Args:
+        scenario: The scenario.
+        radius: Radius of the discs [m].
+        driven: Distance that each disc has moved [m].
+        moved: Distance that each target has moved, independently of the discs [m].
     """
-    width, height, robots = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height, scenario.num_robots
-
-    def on_area(radius: np.ndarray | float, driven: np.ndarray | float, moved: np.ndarray | float = 0.0) -> np.ndarray:
+    robots, curve = scenario.num_robots, scenario.curve
+    if scenario.targets.entry != "boundary":
         return robots * (math.pi * np.square(radius) + 2 * np.multiply(radius, driven + moved))
+    # The relative speed gives a smaller value, which is not proved for the corners of a boundary.
+    reach = np.asarray(radius + moved)
+    size = robots * (2 * reach + driven) + 4 * math.sqrt(2) * reach
+    return np.where(2 * reach <= min(curve.half_width, curve.half_height), size, math.inf)
 
-    def on_perimeter(
-        radius: np.ndarray | float, driven: np.ndarray | float, moved: np.ndarray | float = 0.0
-    ) -> np.ndarray:
-        # The relative speed gives a smaller value, which is not proved for the corners of a boundary.
-        reach = np.asarray(radius + moved)
-        size = robots * (2 * reach + driven) + 4 * math.sqrt(2) * reach
-        return np.where(4 * reach <= min(width, height), size, math.inf)
 
-    if scenario.targets.entry == "boundary":
-        return on_perimeter, 2 * (width + height)
-    return on_area, width * height
+def _whole(scenario: Scenario) -> float:
+    """Return the size of where targets appear [m^2 or m]."""
+    width, height = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height
+    return 2 * (width + height) if scenario.targets.entry == "boundary" else width * height
+
+
+def _duration(scenario: Scenario) -> float:
+    """Return the time of all steps of an episode, to which `task.duration` is rounded [s]."""
+    return scenario.task.steps * scenario.task.step

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, get_origin, get_type_hints
+from typing import Annotated, Any, get_origin, get_type_hints
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.episodes.snapshot import Snapshot
@@ -149,37 +150,38 @@ class Recorder:
         Raises:
             ValueError: this is not exactly one step after the previous call, or the recording exceeds a gibibyte.
         """
-        now = Snapshot.of(self.simulation, self.world)
+        simulation, w = self.simulation, self.world
+        now = Snapshot.of(simulation, w)
         due = 0 if self._last is None else self._last.step + 1
         if now.step != due:
             raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
-        others = self._others() | {"contact": np.insert(now.contact, 0, now.step, axis=1)}
-        for name, history in self._moments.items():
-            history.append(np.array(others[name] if name in others else getattr(now, name)))
-        self._bytes += sum(history[-1].nbytes for history in self._moments.values())
-        _check_size(self._bytes)
-        self._last = now
-
-    def _others(self) -> dict[str, np.ndarray]:
-        """Return the arrays that are not part of a snapshot."""
-        simulation, w = self.simulation, self.world
         action = of_world(simulation.limited_action, w)
-        return {
+        arrays = vars(now) | {
+            "contact": np.insert(now.contact, 0, now.step, axis=1),
             "speed": of_world(simulation.robots.speed, w),
             "phase": of_world(simulation.robots.phase, w),
             "heard_at": of_world(simulation.links.heard_at, w),
             "introduced_at": introduced_at(simulation, w),
             "observation": of_world(simulation.observation, w),
-            "action": action if of_world(simulation.clock.step, w) > 0 else np.zeros_like(action),
+            "action": action if now.step > 0 else np.zeros_like(action),
             "reward_terms": of_world(simulation.reward_terms, w),
         }
+        for name, history in self._moments.items():
+            history.append(np.array(arrays[name]))
+        self._bytes += sum(history[-1].nbytes for history in self._moments.values())
+        _check_size(self._bytes)
+        self._last = now
 
     def recording(self, policy: str = "") -> Recording:
-        """Return the recording so far, with the current score and the name of the policy."""
+        """Return the recording so far, with the current score and the name of the policy.
+
+        Raises:
+            ValueError: nothing was recorded, or targets that appeared anew make the recording exceed a gibibyte.
+        """
         if self._last is None:
             raise ValueError("a recording must contain at least one moment, got none")
-        join: dict[str, Any] = {"contact": np.concatenate}
-        arrays = {name: join.get(name, np.stack)(history) for name, history in self._moments.items()}
+        join: dict[str, Any] = dict.fromkeys(self._moments, np.stack) | {"contact": np.concatenate}
+        arrays = {name: join[name](history) for name, history in self._moments.items()}
         respawn, last = self.simulation.scenario.targets.respawn, self._last
         arrays |= _split_lives(arrays) if respawn else {name: getattr(last, name) for name in _FIXED}
         arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
@@ -193,12 +195,16 @@ def _split_lives(slots: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
     Args:
         slots: (F, T, 2) positions of the slots [m], and (F, T) the arrays of `_FIXED` at each moment.
+
+    Raises:
+        ValueError: the positions of all these targets exceed a gibibyte.
     """
     lives = [
         (slot, begin, end - 1)
         for slot, appears in enumerate(slots["appears_at"].T)
         for begin, end in pairwise([0, *np.flatnonzero(np.diff(appears)) + 1, len(appears)])
     ]
+    _check_size(8 * len(slots["appears_at"]) * len(lives))
     slot, begin, last = np.array(lives, dtype=int).reshape(-1, 3).T
     moment = np.clip(np.arange(len(slots["appears_at"]))[:, None], begin, last)
     places = {"target_position": slots["target_position"][moment, slot]}
@@ -259,31 +265,22 @@ def load(path: str | Path) -> Recording:
         ValueError: the file is damaged or no recording; the message names it.
         OSError: the file cannot be read.
     """
-    with undamaged(path, "recording (.npz)"), open(path, "rb") as file:
-        return _loaded(file)
-
-
-def _loaded(file: BinaryIO) -> Recording:
-    """Read a recording and check it: its scenario is valid, and its arrays fit the scenario and each other."""
-    with zipfile.ZipFile(file) as archive:
-        _check_size(sum(member.file_size for member in archive.infolist()))
-    with np.load(file, allow_pickle=False) as stored:
-        about = json.loads(str(stored["about"]))
-        arrays = {name: stored[name] for name in ARRAYS}
-    if not isinstance(about, dict) or about.get("format") != FORMAT:
-        raise ValueError(f"its format is not {FORMAT!r}")
-    for name, dtype in ARRAYS.items():
-        _require(arrays[name].dtype == dtype, name, f"be {dtype}, got {arrays[name].dtype}")
-    scenario = scenario_of_json(about["scenario"])
-    names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
-    recording = Recording(scenario, about["score"], *names, **arrays)
-    _check_arrays(recording)
-    _check_words(recording)
-    return recording
+    with undamaged(path, "recording (.npz)"):
+        with open(path, "rb") as file, zipfile.ZipFile(file) as archive, NpzFile(file) as stored:
+            _check_size(sum(member.file_size for member in archive.infolist()))
+            about = json.loads(str(stored["about"]))
+            arrays = {name: stored[name] for name in ARRAYS}
+        if not isinstance(about, dict) or about.get("format") != FORMAT:
+            raise ValueError(f"its format is not {FORMAT!r}")
+        names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
+        recording = Recording(scenario_of_json(about["scenario"]), about["score"], *names, **arrays)
+        _check_arrays(recording)
+        _check_words(recording)
+        return recording
 
 
 def _check_arrays(recording: Recording) -> None:
-    """Check the shapes and the numbers of a recording."""
+    """Check the types, shapes and numbers of a recording, which fit its scenario and each other."""
     scenario, latest, spreading = recording.scenario, NEVER, recording.scenario.spreading
     sizes = {"F": len(recording), "N": scenario.num_robots, "T": len(recording.motion), "M": len(recording.contact)}
     sizes["C"], sizes["R"] = scenario.task.grid or (1, 1)
@@ -292,9 +289,10 @@ def _check_arrays(recording: Recording) -> None:
     f, n = sizes["F"], sizes["N"]
     for name, letters in _SHAPES.items():
         shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
-        array = getattr(recording, name)
+        array, dtype = getattr(recording, name), ARRAYS[name]
+        _require(array.dtype == dtype, name, f"be {dtype}, got {array.dtype}")
         _require(array.shape == shape and f > 0, name, f"have shape {shape}, got {array.shape}")
-        is_range = array.dtype.kind != "i" or (np.abs(array.astype(np.int64)) <= latest).all()
+        is_range = array.dtype.kind != "i" or -latest <= array.min(initial=0) <= array.max(initial=0) <= latest
         _require(is_range and np.isfinite(array).all(), name, f"contain finite numbers, whole ones up to {latest}")
     shares, contact = recording.found_early, recording.contact
     _require(((shares >= 0) & (shares <= 1)).all(), "found_early", "contain shares from 0 to 1")

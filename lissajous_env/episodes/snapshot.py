@@ -43,25 +43,21 @@ class Snapshot(Detections):
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
         step, cells = int(of_world(clock.step, world)), simulation.cells
         sensed_at = last_sensed(of_world(cells.sensed_at, world), of_world(cells.in_discs, world), step)
-        status = of_world(robots.status, world)
         # The contact of a pair with a removed robot is never reset, but it has ended.
-        there = status != REMOVED
-        names = ("motion", "appears_at", "found_at", "found_early")
-        constant: dict[str, Any] = {name: of_world(getattr(targets, name), world) for name in names}
+        there = of_world(robots.status, world) != REMOVED
+        of_targets, of_robots = ("motion", "appears_at", "found_at", "found_early"), ("position", "heading", "status")
+        arrays: dict[str, Any] = {name: of_world(getattr(targets, name), world) for name in of_targets}
         return cls(
             step=step,
             world=world,
             seed=int(of_world(clock.seed, world)),
-            position=of_world(robots.position, world),
-            heading=of_world(robots.heading, world),
-            status=status,
             target_position=of_world(targets.position, world),
             sensed_at=sensed_at,
             contact=np.argwhere((of_world(simulation.tally.contact, world) > 0) & np.outer(there, there)),
             collisions=int(of_world(simulation.tally.collisions, world)),
             earlier=int(of_world(targets.earlier, world).sum()),
             earlier_time=float(of_world(targets.earlier_time, world).sum()),
-            **constant,
+            **arrays | {name: of_world(getattr(robots, name), world) for name in of_robots},
         )
 
     @property
@@ -79,6 +75,7 @@ class Snapshot(Detections):
 
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
-    """Return a grid (R, C) thinned evenly to at most `most` rows and columns."""
-    row, column = (-(-length // max(limit, 1)) for length, limit in zip(cells.shape, most, strict=True))
-    return cells[row // 2 :: row, column // 2 :: column]
+    """Return a grid (R, C) of times as one of at most `most` rows and columns, the earliest of each block of cells."""
+    for axis, (length, limit) in enumerate(zip(cells.shape, most, strict=True)):
+        cells = np.minimum.reduceat(cells, range(0, length, -(-length // max(limit, 1))), axis=axis)
+    return cells

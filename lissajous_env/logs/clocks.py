@@ -63,7 +63,7 @@ class Clock:
             of_file = [own.take((own.bag == bag) & ~lack) for own, lack in zip(self.poses, lacks, strict=True)]
             stamped = {k: own for k, own in enumerate(of_file) if len(own)}
             for k, own in stamped.items():
-                self._refuse_breaks(k, own)
+                _refuse_breaks(own, f"{log.called([k])} must rise with the recorder's times in {log.name}")
             deviating = self._deviating(stamped)
             if agreeing := [own for k, own in stamped.items() if k not in deviating]:
                 self._pairs[bag] = _pairs_of(agreeing)
@@ -87,21 +87,6 @@ class Clock:
             return np.nan
         lead = float(np.median(stamp - self.times(samples)))
         return lead if abs(lead) > _LEAST_LEAD else 0.0
-
-    def _refuse_breaks(self, robot: int, poses: Samples) -> None:
-        """Refuse a log in which the clock of a robot's poses is set within a file.
-
-        Raises:
-            ValueError: the stamps go back, or ahead without the recorder's times.
-        """
-        row = _first_break(poses)
-        if row is not None:
-            jump = float(poses.stamp[row] - poses.stamp[row - 1])
-            got = f"{abs(jump):.3g} s {'back' if jump < 0 else 'ahead'}, recorded at {poses.logged[row]:.3f} s"
-            raise ValueError(
-                f"the stamps of {self._log.called([robot])} must rise with the recorder's times in {self._log.name}, "
-                f"got a jump of {got}: was a clock set, or a simulation reset? Cut the log there"
-            )
 
     def _deviating(self, stamped: dict[int, Samples]) -> set[int]:
         """Return the robots in a file whose clocks differ from those of the others, and note them."""
@@ -137,11 +122,11 @@ def _converted(given: np.ndarray, logged: np.ndarray, stamp: np.ndarray) -> np.n
     return np.interp(given, logged, stamp) + beyond
 
 
-def _first_break(poses: Samples) -> int | None:
-    """Return the first row of a robot's poses, as recorded, at which its clock was set; None if it was not."""
+def _refuse_breaks(poses: Samples, rule: str) -> None:
+    """Refuse poses of a robot, as recorded, in which its clock is set; the rule begins with its name."""
     stamp, place = poses.stamp, poses.values[:, :2]
     noise = noise_of(np.arange(len(stamp)), place)
-    leaps = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1
+    breaks = np.flatnonzero(np.diff(stamp) > _LEAP + 10 * np.diff(poses.logged)) + 1
     top = np.maximum.accumulate(stamp)
     late = np.flatnonzero(stamp < top - SAME_STAMP)
     for run in np.split(late, np.flatnonzero(np.diff(late) > 1) + 1) if len(late) else ():
@@ -152,8 +137,14 @@ def _first_break(poses: Samples) -> int | None:
         in_order = recorded[np.argsort(stamp[recorded], kind="stable")]
         least = _DETOUR * (_way(place[recorded]) + _NOISES * noise)
         if len(run) > 1 and len(earlier) > 1 and _way(place[in_order]) > least:
-            return min([begin, *leaps.tolist()])
-    return int(leaps[0]) if len(leaps) else None
+            breaks = np.append(breaks, begin)
+    if len(breaks):
+        row = breaks.min()
+        jump = float(stamp[row] - stamp[row - 1])
+        got = f"{abs(jump):.3g} s {'back' if jump < 0 else 'ahead'}, recorded at {poses.logged[row]:.3f} s"
+        raise ValueError(
+            f"the stamps of {rule}, got a jump of {got}: was a clock set, or a simulation reset? Cut the log there"
+        )
 
 
 def _way(place: np.ndarray) -> float:

@@ -70,10 +70,8 @@ _START_UNITS = 100.0
 """Units of the fitted starts, in those of the residuals: a derivative is that of a change by half a deviation."""
 _ROUNDING = 1e-5
 """Least relative standard error: predictions are computed in single precision."""
-_NOISES, _SPREAD = 4.0, 0.05
+_NOISES, _SPREAD = 2.0, 0.05
 """Factors on the noise of the log and on the spread of the motion in a segment, up to which residuals are no misfit."""
-_CALM = 0.1
-"""Quantile of the deviations from smooth motion that counts as noise: a robot that turns fast deviates, too."""
 _FIRST_SCALE = np.array([0.01, 0.01, 0.02, 0.02])
 """First units of the residuals, which are also those of a start."""
 _YAW_RATE_UNIT = 0.1
@@ -257,7 +255,7 @@ class _Fit:
         names, counts = [], np.diff(self._first_pose)
         for name, columns in (("position", [0, 1]), ("heading", [2]), ("speed", [3])):
             values = self._measured[:, columns]
-            noise = noise_of(self._time, values, _CALM)
+            noise = noise_of(self._time, values)
             middle = np.add.reduceat(values, self._first_pose[:-1]) / counts[:, None]
             spread = float((values - middle[self._segment]).std())
             if residual[name] > max(_NOISES * noise, _SPREAD * spread):

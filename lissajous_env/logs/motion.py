@@ -21,15 +21,17 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import sparse
 from scipy.interpolate import BSpline
 from scipy.sparse.linalg import spsolve
+from scipy.special import gammaincinv
 
 from lissajous_env.logs.log import Track
-from lissajous_env.logs.samples import moved
 from lissajous_env.wording import counted
 
 SAME_TIME = 1e-6
 """Difference up to which two times are the same [s]."""
 _FEWEST = 5
 """Least number of poses whose noise is known: one more than a cubic has coefficients."""
+_CALM = 0.35
+"""Share of the values whose deviations from smooth motion are noise; corners and fast turns make others larger."""
 _PRECISE = 0.0125
 """Standard deviation of a velocity up to which it is precise, in typical speeds of the robot."""
 _CLOSE = 2.5
@@ -136,11 +138,11 @@ def motion_of(
         trusted: True for the speeds of a simulation, in which robots stop at once, so that poses seem to contradict.
     """
     width, way = np.diff(track.time), np.linalg.norm(np.diff(track.position, axis=0), axis=1)
-    deviation = noise_of(track.time, track.position[:, :2])
-    jumps = way > _FASTER * top_speed * width + slack + _JUMP * deviation
+    noise = noise_of(track.time, track.position[:, :2])
+    jumps = way > _FASTER * top_speed * width + slack + _JUMP * noise
     known = (width <= gap + SAME_TIME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
-    position, velocity, _ = _smoothed(track.time, track.position, edges)
+    position, velocity, _ = _smoothed(track.time, track.position, noise, edges)
     heading, has_headings = _headings(track, velocity)
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     derived = np.linalg.norm(velocity[:, :2], axis=1)
@@ -154,7 +156,8 @@ def motion_of(
         heading = _with_whole_turns(track, *ends, heading)
     else:
         reckoned = np.concatenate([np.zeros((1, 3)), np.cumsum(_driven(*ends, np.diff(heading)), axis=0)])
-        rest, drift, error = _smoothed(track.time, track.position - reckoned, edges, logged)
+        away = track.position - reckoned
+        rest, drift, error = _smoothed(track.time, away, noise_of(track.time, away[:, :2]), edges, logged)
         counts = np.repeat(np.diff(edges) >= _FEWEST, np.diff(edges))
         if _contradict(track.speed[counts], derived[counts], np.linalg.norm(drift, axis=1)[counts], error):
             reason = "do not match the poses"
@@ -173,13 +176,13 @@ def _driven(begin: np.ndarray, end: np.ndarray, turn: np.ndarray, share: Any = 1
         turn: (M,) angles by which the heading turns in a step [rad].
         share: Shares (M,) of the steps, by default all of each.
     """
-    ways, share = np.zeros_like(begin), np.broadcast_to(share, turn.shape)
+    first, last = begin[:, 0] + 1j * begin[:, 1], (end[:, 0] + 1j * end[:, 1]) * np.exp(-1j * turn)
+    plane: Any = 0.0
     for node, weight in zip(*np.polynomial.legendre.leggauss(10), strict=True):
         at = share * (1 + node) / 2
-        for ending, part, angle in ((begin, 1 - at, at * turn), (end, at, (at - 1) * turn)):
-            turned = np.column_stack([moved(ending[:, :2], (0.0, 0.0, angle)), ending[:, 2]])
-            ways += (weight / 2 * share * part)[:, None] * turned
-    return ways
+        plane = plane + weight / 2 * share * np.exp(1j * at * turn) * ((1 - at) * first + at * last)
+    height = share * (begin[:, 2] + share / 2 * (end[:, 2] - begin[:, 2]))
+    return np.column_stack([plane.real, plane.imag, height])
 
 
 def _with_whole_turns(track: Track, begin: np.ndarray, end: np.ndarray, heading: np.ndarray) -> np.ndarray:
@@ -220,7 +223,7 @@ def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
 
 
 def _smoothed(
-    time: np.ndarray, place: np.ndarray, edges: np.ndarray, velocity: np.ndarray | None = None
+    time: np.ndarray, place: np.ndarray, noise: float, edges: np.ndarray, velocity: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the smoothed places (K, 3) of each stretch between two edges [m], their slopes, and the slopes' error.
 
@@ -230,22 +233,23 @@ def _smoothed(
     Args:
         time: (K,) times [s].
         place: (K, 3) places [m].
+        noise: Standard deviation of the places [m].
         edges: First places of the stretches, and K.
         velocity: (K, 3) velocities of the robot [m/s], by default the slopes.
     """
-    deviation, period = noise_of(time, place[:, :2]), (time[edges[1:] - 1] - time[edges[:-1]]).sum() / len(time)
+    period = (time[edges[1:] - 1] - time[edges[:-1]]).sum() / len(time)
     shortest = _SHORTEST * period
     constant = max(_LONGEST, shortest)
     while True:
         stretches = [_spline(time[a:b], place[a:b], constant) for a, b in pairwise(edges.tolist())]
         smooth, slope = (np.concatenate(parts) for parts in zip(*stretches, strict=True))
         # The integral of (w / (1 + (w T)^6))^2 over frequencies w > 0 is pi / (12 T^3), for a time constant T.
-        error = deviation * math.sqrt(period / 12) / max(constant, 1e-12) ** 1.5
+        error = noise * math.sqrt(period / 12) / max(constant, 1e-12) ** 1.5
         if constant <= shortest:
             return place, slope, error
         speed = np.quantile(np.linalg.norm(slope if velocity is None else velocity, axis=1), 0.75)
         factor = float(error / max(_PRECISE * speed, 1e-12)) ** (2 / 3)
-        if np.quantile(np.linalg.norm((smooth - place)[:, :2], axis=1), 0.9) > _CLOSE * deviation:
+        if np.quantile(np.linalg.norm((smooth - place)[:, :2], axis=1), 0.9) > _CLOSE * noise:
             factor = min(factor, _SHORTER)
         if factor > _SHORTER:
             return smooth, slope, error
@@ -273,14 +277,14 @@ def _spline(time: np.ndarray, place: np.ndarray, constant: float) -> tuple[np.nd
     spline = BSpline(knots, spsolve(normal.tocsc(), base.T @ (place - place[0])), 3)
     slope, end = spline.derivative()(at) * pieces / lasts, min(2 * lag + 1, pieces / 2)
     length = np.linalg.norm(slope, axis=1)
-    inner = np.searchsorted(at, np.clip(at, end, pieces - end))
+    inner = np.clip(np.arange(k), np.searchsorted(at, end), np.searchsorted(at, pieces - end, side="right") - 1)
     return place[0] + spline(at), slope * np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
 
 
-def noise_of(time: np.ndarray, values: np.ndarray, share: float = 0.5) -> float:
+def noise_of(time: np.ndarray, values: np.ndarray) -> float:
     """Return the standard deviation of values (K, C) over time [s] from cubics through their neighbours.
 
-    In motion that is not smooth everywhere, `share` is the quantile of the deviations that counts as noise.
+    It is that of normal noise of which as large a share as `_CALM` deviates as little as the same share of the values.
     """
     if len(time) < _FEWEST:
         return 0.0
@@ -288,5 +292,5 @@ def noise_of(time: np.ndarray, values: np.ndarray, share: float = 0.5) -> float:
     weight = 1 / (near[:, :, None] - near[:, None, :] + np.eye(_FEWEST)).prod(axis=2)  # of fourth divided differences
     weight /= np.linalg.norm(weight, axis=1, keepdims=True)
     rest = np.einsum("kp,kcp->kc", weight, sliding_window_view(values, _FEWEST, axis=0))
-    square = sliding_window_view((rest**2).mean(axis=1), min(_FEWEST, len(rest)))
-    return float(np.sqrt(np.quantile(square.mean(axis=1), share)))
+    square = 2 * gammaincinv(values.shape[1] / 2, _CALM)  # quantile of the chi-squared distribution
+    return math.sqrt(np.quantile((rest**2).sum(axis=1), _CALM) / square)

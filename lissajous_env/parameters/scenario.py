@@ -83,8 +83,7 @@ class Scenario(BringsRogues):
     @property
     def coupling(self) -> float:
         """K of (1) [1/s]: `formation.coupling`, or omega / (0.3 rad) by default."""
-        given = self.formation.coupling
-        return self.time_unit**-1 if given is None else given
+        return self.time_unit**-1 if self.formation.coupling is None else self.formation.coupling
 
     @property
     def time_unit(self) -> float:
@@ -150,10 +149,8 @@ class Scenario(BringsRogues):
     @cached_property
     def drive_factors(self) -> np.ndarray:
         """(N,) factor on `robot.drive` of each robot, from `robot.drive_factors`."""
-        factors = np.ones(self.num_robots)
-        for robot, factor in self.robot.factors.items():
-            factors[robot] = factor
-        return read_only(factors)
+        factors = self.robot.factors
+        return read_only(np.array([factors.get(robot, 1.0) for robot in range(self.num_robots)]))
 
     @cached_property
     def top_speeds(self) -> np.ndarray:
@@ -307,8 +304,7 @@ class Scenario(BringsRogues):
     @property
     def rogue_speed(self) -> float:
         """Speed limit of evading targets [m/s]: `targets.speed_limit`, or by default that of the fastest target."""
-        limit = self.targets.speed_limit
-        return self.targets.speed_max if limit is None else limit
+        return self.targets.speed_max if self.targets.speed_limit is None else self.targets.speed_limit
 
     @cached_property
     def spreading(self) -> Spreading:
@@ -319,8 +315,12 @@ class Scenario(BringsRogues):
     def target_capacity(self) -> int:
         """Limit on the targets of an episode: those of the start, and arrivals up to six deviations above the mean."""
         mean = self.targets.arrival_rate * self.task.duration
-        arrivals = math.ceil(mean + 6 * math.sqrt(mean))
-        return self.targets.count + arrivals
+        return self.targets.count + math.ceil(mean + 6 * math.sqrt(mean))
+
+    @property
+    def delay_steps(self) -> int:
+        """Delay of a message [control step]."""
+        return round(self.noise.message_delay / self.task.step)
 
     @property
     def model(self) -> RobotModel:

@@ -47,7 +47,7 @@ _OF_TEAM_SIZE = "ring", "p", "alpha"
 """Fields of the formation that are valid only for the number of robots for which they were set, else derived."""
 _SHORT = {"rogues": "targets.rogues"}
 """Short names of fields."""
-_FIELDS = {f"{part}.{field.name}": field for part, kind in PARTS.items() for field in dataclasses.fields(kind)}
+FIELDS = {f"{part}.{field.name}": field for part, kind in PARTS.items() for field in dataclasses.fields(kind)}
 """The fields of all parts by dotted name."""
 
 
@@ -75,7 +75,7 @@ def by_field(overrides: Mapping[str, Any]) -> dict[str, Any]:
             raise ValueError(f"override {name} must be a mapping or a {PARTS[name].__name__}, got {shown(value)}")
         fields |= {f"{name}.{field}": entry for field, entry in value.items()} if name in PARTS else {name: value}
     for name in fields:
-        if name not in _FIELDS and name != "extensions":
+        if name not in FIELDS and name != "extensions":
             words = f"override must name one of {', '.join(PARTS)}, or a field, as in task.duration, got {name!r}"
             # TorchRL recognizes an optional keyword by Python's own words at the end.
             end = "" if "." in name else f" (unexpected keyword argument {name!r})"
@@ -123,9 +123,9 @@ def _limits_to_derive(robot: Robot, fields: Mapping[str, Any]) -> dict[str, None
 def _nearest_field(name: str) -> str:
     """Return "; did you mean task.duration?" for `duration`, `tasks.duration` or a similar name."""
     last = name.rpartition(".")[2]
-    if same := [dotted for dotted in _FIELDS if dotted.endswith(f".{last}")]:
+    if same := [dotted for dotted in FIELDS if dotted.endswith(f".{last}")]:
         return f"; did you mean {' or '.join(same)}?"
-    return nearest(name, _FIELDS) or nearest(last, [*PARTS, *(dotted.partition(".")[2] for dotted in _FIELDS)])
+    return nearest(name, FIELDS) or nearest(last, [*PARTS, *(dotted.partition(".")[2] for dotted in FIELDS)])
 
 
 def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
@@ -239,8 +239,8 @@ def as_toml(scenario: Scenario) -> str:
 
 def changed_fields(scenario: Scenario) -> dict[str, dict[str, Any]]:
     """Return by part the fields of a scenario that differ from their defaults; parts without one are missing."""
-    values = {dotted: operator.attrgetter(dotted)(scenario) for dotted in _FIELDS}
-    return _by_part({dotted: value for dotted, value in values.items() if value != _FIELDS[dotted].default})
+    values = {dotted: operator.attrgetter(dotted)(scenario) for dotted in FIELDS}
+    return _by_part({dotted: value for dotted, value in values.items() if value != FIELDS[dotted].default})
 
 
 def toml_value(name: str, value: Any) -> str:

@@ -76,12 +76,12 @@ def _of_inset(scenario: Any) -> Rules:
 
 def _of_times(scenario: Any) -> Rules:
     """Yield the rules by which no time rounds to zero steps."""
-    step, delay = scenario.task.step, scenario.noise.message_delay
+    step = scenario.task.step
     for fault in scenario.faults.schedule:
         lasts = fault[2] == math.inf or round(fault[2] / step) > round(fault[1] / step)
         rule = f"must contain faults of at least one step of {step:g} s, after both ends are rounded to steps [s]"
         yield lasts, "faults.schedule", rule, fault
-    is_short = delay == 0 or 1 <= round(delay / step) <= 1000
+    is_short = scenario.noise.message_delay == 0 or 1 <= scenario.delay_steps <= 1000
     yield is_short, "noise.message_delay", f"must be 0 or from 1 to 1000 steps of {step:g} s [s]"
 
 

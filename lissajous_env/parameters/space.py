@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.parameters.scenario_file import TEXTS, by_field, check_keys, overridden
+from lissajous_env.parameters.scenario_file import FIELDS, TEXTS, by_field, check_keys, overridden
 from lissajous_env.settings.checks import LAST_SEED, is_number, whole_number
 from lissajous_env.settings.formulas import Formula, Names
 from lissajous_env.wording import require
@@ -41,7 +41,7 @@ def _random(function: str, at: float, *arguments: Any) -> Any:
         raise ValueError(f"a range from {low:g} to {high:g}; the lower end comes first")
     if function == "uniform":
         return low + (high - low) * at
-    return low * (high / low) ** at if function == "log_uniform" else low + int(at * (high - low + 1))
+    return low * (high / low) ** at if function == "log_uniform" else range(low, high + 1)[int(at * (high - low + 1))]
 
 
 def _by_share(values: Sequence[Any], shares: Iterable[float], at: float) -> Any:
@@ -73,7 +73,7 @@ class ScenarioSpace:
             Under the key `choices`, a part itself has a list of mappings, of which one is drawn: values of fields that
             belong together, with `weights` not all equally often. `variables` are numbers for expressions. `scale` may
             draw `length` and `time`, by which `Scenario.scaled` finally multiplies all lengths and times. Expressions
-            can use every other value that is drawn, in any order.
+            can use every other value that is drawn, in any order, and fields of the base, but not their properties.
         require: Formulas of fields and properties of the scenario, such as `"sensing_radius < curve.half_height"`; a
             scenario for which one is False is drawn anew.
         shifts: For each shift, the draws that differ, in the form of `draw`.
@@ -226,17 +226,21 @@ class ScenarioSpace:
                     return value_of(known)
             part, _, field_name = name.partition(".")
             choice = value_of(f"{part}.choices") if f"{part}.choices" in self._draws else {}
-            return choice[field_name] if field_name in choice else _property(self.base, name)
+            if field_name in choice:
+                return choice[field_name]
+            if name not in FIELDS:  # what follows from fields of the base would not follow from drawn ones
+                raise ValueError(f"{name}, which is neither a field nor a variable")
+            return _property(self.base, name)
 
         changed: dict[str, Any] = {}
-        for name in self._draws:
-            part, _, field_name = name.partition(".")
-            if part in PARTS:
-                chosen = value_of(name) if field_name == "choices" else {field_name: value_of(name)}
-                changed |= {f"{part}.{key}": value for key, value in chosen.items()}
-        changed.update(self.given)
-        scale = {name: value_of(f"scale.{name}") for name in _SCALE if f"scale.{name}" in self._draws}
         try:
+            for name in self._draws:
+                part, _, field_name = name.partition(".")
+                if part in PARTS:
+                    chosen = value_of(name) if field_name == "choices" else {field_name: value_of(name)}
+                    changed |= {f"{part}.{key}": value for key, value in chosen.items()}
+            changed.update(self.given)
+            scale = {name: value_of(f"scale.{name}") for name in _SCALE if f"scale.{name}" in self._draws}
             scenario = overridden(self.base, changed).scaled(**scale)
         except ValueError as error:
             raise type(error)(f"seed {seed} of {self.name}: {error}") from error

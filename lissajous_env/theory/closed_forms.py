@@ -65,14 +65,20 @@ def detection_time_bound(phase_rate: float, num_robots: int, clusters: int = 1) 
 
 
 def fewest_robots(half_width: float, half_height: float, sensor_radius: float) -> tuple[int, int, int]:
-    """Return the fewest robots that (7) and (8) permit for a sensor, and the smallest odd a and smallest b of (7)."""
+    """Return the fewest robots N with a curve that meets (7) and (8), and the smallest odd a and smallest b of (7).
+
+    The curve has a + b = N and no common divisor of a and b, so one of them may be larger than the smallest of (7).
+    """
 
     def fewest(extent: float, half_turn: float) -> int:
         # A sensor of exactly the bound counts as large enough, whatever the last digit.
         return math.ceil(half_turn / math.asin(min(sensor_radius / extent, 1.0)) - 1e-9)
 
     a, b = fewest(half_height, math.pi / 2) | 1, fewest(half_width, math.pi / 2)
-    return max(a + b, fewest(math.hypot(half_width, half_height), math.pi)), a, b
+    robots = max(a + b, fewest(math.hypot(half_width, half_height), math.pi))
+    while all(math.gcd(odd, robots) > 1 for odd in range(a, robots - b + 1, 2)):
+        robots += 1
+    return robots, a, b
 
 
 # Equilibria: p, clusters and alpha.

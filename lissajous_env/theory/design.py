@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lissajous_env.settings.parts import Curve
+from lissajous_env.settings.parts import Curve, Robot
 from lissajous_env.theory import closed_forms, geometry
 
 HEADROOM = 0.1
@@ -25,10 +25,6 @@ class Design:
     """The curve (3), and with it the rectangle and its inset."""
     phase_rate: float
     """Phase rate along the curve, omega [rad/s]."""
-    p: int
-    """p of `best_formation`."""
-    alpha: int
-    """alpha of `best_formation`."""
     robot_radius_bound: float
     """Bound r_max of (6) [m], below which the bodies must be; 0 if robots share places in each stable equilibrium."""
     sensor_radius_bound: float
@@ -51,7 +47,8 @@ class Design:
     def overrides(self) -> dict[str, Any]:
         """Fields of curve and formation that turn a scenario into this design."""
         halves = {"curve.half_width": self.curve.half_width, "curve.half_height": self.curve.half_height}
-        return halves | formation_fields(self.curve, self.phase_rate, self.p, self.alpha)
+        p, alpha = best_formation(self.curve, self.curve.a + self.curve.b)
+        return halves | formation_fields(self.curve, self.phase_rate, p, alpha)
 
 
 def formation_fields(curve: Curve, phase_rate: float, p: int, alpha: int) -> dict[str, Any]:
@@ -107,11 +104,10 @@ def best_design(
     half_width: float,
     half_height: float,
     num_robots: int,
-    robot_radius: float,
+    robot: Robot,
     sensor_radius: float,
     speed: float,
     turning_radius: float = 0.0,
-    grip: float = math.inf,
     inset: float = 0.0,
 ) -> Design:
     """Return the design that meets the bounds: the one with the least T_max, else the one with the best margin.
@@ -120,18 +116,17 @@ def best_design(
         half_width: A, half of the width of the rectangle [m].
         half_height: B, half of its height [m].
         num_robots: N, at least 2.
-        robot_radius: r_i, radius of a robot's body [m].
+        robot: The robots, of which the body and the grip count.
         sensor_radius: r_s, radius of a robot's sensing disc [m].
         speed: Top speed of the robots [m/s].
         turning_radius: Radius of the tightest circle of the robots [m]; 0 if they turn on the spot.
-        grip: Largest lateral acceleration of the robots [m/s^2].
         inset: Width of the strip along the edge in which nothing is driven [m].
     """
 
     def rank(design: Design) -> tuple[bool, float, float]:
         """Order the designs, the best one first."""
-        bodies, sensors = design.robot_radius_bound / robot_radius, sensor_radius / design.sensor_radius_bound
-        is_infeasible = bool(design.violations(robot_radius, sensor_radius))
+        bodies, sensors = design.robot_radius_bound / robot.radius, sensor_radius / design.sensor_radius_bound
+        is_infeasible = bool(design.violations(robot.radius, sensor_radius))
         return is_infeasible, 0.0 if is_infeasible else -design.phase_rate, -min(bodies, sensors)
 
     designs, has_places = [], closed_forms.has_unclustered_equilibrium(num_robots)
@@ -140,13 +135,10 @@ def best_design(
             continue
         whole = Curve(half_width, half_height, a, num_robots - a, inset=inset or None)
         curve = whole.driven
-        p, alpha = best_formation(curve, num_robots)
         reach = max(closed_forms.coverage_radius(curve), closed_forms.detection_radius(curve, num_robots))
         design = Design(
             curve=whole,
-            phase_rate=largest_phase_rate(curve, speed, turning_radius, grip),
-            p=p,
-            alpha=alpha,
+            phase_rate=largest_phase_rate(curve, speed, turning_radius, robot.lateral_acceleration_max),
             robot_radius_bound=closed_forms.robot_radius_bound(curve, num_robots) if has_places else 0.0,
             sensor_radius_bound=reach + math.sqrt(2) * inset,
             tight_share=geometry.tight_share(curve, turning_radius),

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.settings.checks import LAST_SEED
+from lissajous_env.settings.checks import LAST_SEED, whole_number
 from lissajous_env.wording import require, shown
 
 
@@ -56,11 +56,8 @@ def drawn_seeds(count: int) -> np.ndarray:
 
 def fold_seed(seed: int) -> int:
     """Map a whole number of at least 0 to a seed of a world; numbers below 2^31 are unchanged."""
-    fits = isinstance(seed, (int, np.integer)) and seed >= 0
-    require(fits, "seed", "must be a whole number of at least 0", seed)
-    if seed < 2**31:
-        return int(seed)
-    return int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
+    seed = whole_number("seed", seed, 0)
+    return seed if seed <= LAST_SEED else int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
 
 
 def checked_seeds(seeds: Any, count: int) -> np.ndarray:

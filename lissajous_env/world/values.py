@@ -96,7 +96,7 @@ def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, dev
     t, s = scenario.target_capacity, scenario.task.substeps
     columns, rows = scenario.task.grid or (1, 1)
     words = (columns + 63) // 64
-    delay = round(scenario.noise.message_delay / scenario.task.step)
+    delay = scenario.delay_steps
     hops = scenario.spreading
     labels = hops.history_length, hops.rows + 2 * MARGIN, label_row_length(hops.columns)
     k = scenario.messages.size

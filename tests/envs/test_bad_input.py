@@ -147,6 +147,7 @@ def test_actions_of_agents(name):
     actions = {agent: action for agent, action in (good_actions(agents) | changes).items() if action is not None}
     assert_refused(agents.simulation, lambda: agents.step(actions), words)
     # A refused action leaves no trace: the next good step is that of an environment that was never asked.
+    assert np.isfinite(agents.simulation.action.numpy()).all()
     assert str(agents.step(good_actions(agents))) == str(other.step(good_actions(other)))
 
 
@@ -181,7 +182,7 @@ MADE = {
 TEAM, MASK = r"actions must be numbers of shape \(5, 1\), got", r"reset_mask must be bool of shape \(3,\), got"
 DISCRETE = r"whole numbers? (of shape \(3, 5\)|from 0 to 6), got"
 CALLS = [
-    *(("parallel", "reset", {"seed": seed}, "seed must be a whole number") for seed in (-1, 1.5, "1", [3])),
+    *(("parallel", "reset", {"seed": seed}, "seed must be a whole number") for seed in (-1, 1.5, "1", [3], True)),
     *(("parallel", "step", {"actions": actions}, "actions must be a dict of agents and their actions, got")
       for actions in (None, np.zeros((5, 1)), [np.zeros(1)] * 5)),
     *(("team", "step", {"action": action}, TEAM) for action in (np.zeros((4, 1)), np.zeros(1), 0.0, None)),

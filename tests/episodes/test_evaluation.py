@@ -71,12 +71,6 @@ def test_surplus_worlds_repeat_the_last_seed():
             runner.play(seeds)
 
 
-def test_a_recording_is_stopped_too():
-    scenario = lissajous_env.scenario("failure", **SHORT)
-    with pytest.raises(InvalidActionError, match=r"policy failing .* in step 7 of failure in world 0 \(seed 4\)"):
-        record(Failing(scenario), scenario, seed=4)
-
-
 @pytest.mark.parametrize(("action", "words"), [
     (np.zeros((2, 5)), r"action must have shape \(2, 5, 1\), got \(2, 5\)"),
     (np.zeros((1, 5, 1)), r"got \(1, 5, 1\)"),

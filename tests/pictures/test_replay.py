@@ -168,6 +168,11 @@ def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeyp
     monkeypatch.setattr(recordings, "MOST_BYTES", 10_000)
     with pytest.raises(ValueError, match=r"a recording must contain at most 10,000 bytes: use a coarser task\.grid"):
         recordings.record(Straight(), lissajous_env.scenario("experiment", **SHORT))
+    # Each of hundreds of detections is a target of its own, with its places at 101 moments.
+    monkeypatch.setattr(recordings, "MOST_BYTES", 700_000)
+    again = lissajous_env.scenario("rough", **{"targets.respawn": True, "task.duration": 10.0, "sensing.radius": 9.0})
+    with pytest.raises(ValueError, match="a recording must contain at most 700,000 bytes"):
+        recordings.record(baselines.make("still", again), again)
 
 
 def test_a_pair_is_in_contact_until_one_of_it_is_gone():
@@ -199,7 +204,7 @@ def test_the_targets_in_sight_are_those_of_the_simulation(name, score):
         assert np.mean(shares) == pytest.approx(recording.score[score])
     page = contents(recording)
     assert page["curve"]["shape"] == [3, 0]
-    assert page["scenario"]["ring"] == []
+    assert page["scenario"]["links"] == []
     assert next(iter(page["score"])) == task_score(scenario).name
 
 

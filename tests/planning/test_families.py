@@ -79,6 +79,7 @@ def test_the_task_is_in_scale_with_its_motion():
 def test_a_scenario_is_the_task_as_it_is():
     evaders = lissajous_env.scenario("evaders")
     assert Request(evaders).scenario_of(5) == evaders
+    assert Request(lissajous_env.scenario(evaders, **{"task.grid": None})).scenario_of(5) == evaders
     changed_ = Request(evaders, sensor_radius=0.7, rogue_speed=0.2).scenario_of(5)
     assert (changed_.sensing_radius, changed_.rogue_speed) == (0.7, 0.2)
     assert changed_.curve == evaders.curve
@@ -117,6 +118,7 @@ def top_speed(world):
         ({**HALL, "robots": 5, "robot": "car"}, "turning_radius must be given for robots of kind car [m], got None"),
         ({"scenario": "evaders", "clearance": -1.0}, "clearance must be from 0 to 10000 [m], got -1.0"),
         ({"scenario": "intercept"}, "task.action of intercept must be control for a plan: all patrols drive robots by"),
+        ({"scenario": lissajous_env.scenario("evaders", rogues="agents")}, "targets.rogues of evaders must be"),
         ({"scenario": "evaders", "entry": "nowhere"}, "entry must be one of inside, boundary, unseen, got 'nowhere'"),
     ],
 )

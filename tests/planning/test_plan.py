@@ -192,20 +192,15 @@ def test_a_look_ends_early_and_compares_as_a_plan_does(small):
 
 def test_ctrl_c_prints_the_best_so_far(small, capsys, monkeypatch):
     """Story: Ctrl-C during the first looks; the best are played to the end, printed, and the exit code is 130."""
-    looked = Search._look
+    in_order = Search._in_order
 
-    def interrupted(self, threads):
-        on_progress = self._on_progress
-        self._on_progress = lambda share: interrupt() if len(self.looks) > 8 else None
-        try:
-            looked(self, threads)
-        finally:
-            self._on_progress = on_progress
+    def interrupted(self, *given):
+        for result in in_order(self, *given):
+            yield result
+            if len(self.looks) == 8 and not self.interrupted:
+                raise KeyboardInterrupt
 
-    def interrupt():
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Search, "_look", interrupted)
+    monkeypatch.setattr(Search, "_in_order", interrupted)
     code, said, error = called(capsys, "plan", small)
     assert code == 130
     assert "Plans for 3.6 m x 1.6 m, 5 robots" in said
@@ -286,8 +281,9 @@ def test_the_best_plans_of_families_are_played_to_the_end_in_their_order():
 
 
 def test_a_family_without_a_plan_says_whether_its_plans_collide_when_they_are_played_to_the_end():
-    family = Family("hand", looks=[planned(1.0), planned(2.0)])
+    family = Family("hand", looks=[planned(1.0, too_close=True), planned(2.0)])
     search = Search(family.looks[0].plan.scenario, [family])
+    assert search._cutoff() == 3 * 2.0, "plans that are too close come after all others"
     assert search.refusals()["hand"].endswith("2 without collisions, but none was simulated to the end")
     search._finals = {0: planned(1.0, collisions=2)}
     assert search.refusals()["hand"].endswith("but 1 of them collided in simulations to the end")
@@ -322,6 +318,14 @@ def test_a_time_below_the_bound_is_refused_with_the_bound(small, capsys):
     assert code == 1
     assert re.search(r"2 robots cannot: the lower bound for every policy is [\d.]+ s", said)
     assert "0 plans were tried" in said
+
+
+def test_a_plan_of_a_scenario_with_any_name_is_played_from_its_folder(tmp_path):
+    for name, written in {"my hall": "my-hall-1", "-": "plan-1", "x" * 120: f"{'x' * 80}-1"}.items():
+        plan = planned(1.0)
+        object.__setattr__(plan.plan.scenario, "name", name)
+        report.write(report.open_folder(tmp_path / written, 1), [plan], Episodes())
+        assert lissajous_env.scenario(tmp_path / written / "1" / "scenario.toml").name == written
 
 
 @pytest.mark.parametrize("name", [report.FIGURES, "12"])

@@ -20,6 +20,7 @@ from baselines.planning.rehearse import Episodes, play, remove_early
 from baselines.planning.request import Request
 from baselines.planning.search import PlanOutcome
 from baselines.policies.settings import PolicySettings
+from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED
 
@@ -106,13 +107,9 @@ def test_the_worst_case_is_that_of_brute_force_and_the_largest_of_the_episodes()
     best = play(Plan("hand", task, PolicySettings("partition")), Episodes(count=4))
     scenario, times = best.plan.scenario, [row["guaranteed_detection_time"] for row in best.rows]
     assert best.figures.worst_case == max(times) < math.inf
-    simulation, sensors = Simulation(scenario, seed=int(np.argmax(times))), []
-    policy = best.plan.settings.make(scenario)
-    policy.reset()
-    sensors.append(sensors_of(simulation, 1))
-    for _ in range(scenario.task.steps):
-        simulation.step(policy.act(simulation.observation))
-        sensors.append(sensors_of(simulation, 1))
+    simulation, sensors = Simulation(scenario), []
+    runner = EpisodeRunner(best.plan.settings.make(scenario), simulation)
+    runner.play([int(np.argmax(times))], lambda _: sensors.append(sensors_of(simulation, 1)))
     half = scenario.curve.half_width, scenario.curve.half_height
     ages = Field(np.array(sensors), half, scenario.sensing_radius, 0.3, scenario.task.step, finer=3).run()
     assert ages.max() * scenario.task.step == pytest.approx(max(times), rel=0.1)
@@ -129,14 +126,10 @@ def test_the_best_partition_of_drives_is_as_good_as_that_of_cars():
 
 def positions_of(plan, seeds):
     """Return the positions (W, T, N, 2) of the robots in episodes of a plan, played apart [m]."""
-    simulation = Simulation(plan.scenario, len(seeds))
-    simulation.reset(seeds=seeds)
-    policy, places = plan.settings.make(plan.scenario, len(seeds)), []
-    policy.reset()
-    for _ in range(plan.scenario.task.steps):
-        simulation.step(policy.act(simulation.observation))
-        places.append(simulation.robots.position.numpy()[..., :2].copy())
-    return np.stack(places, axis=1)
+    simulation, places = Simulation(plan.scenario, len(seeds)), []
+    runner = EpisodeRunner(plan.settings.make(plan.scenario, len(seeds)), simulation)
+    runner.play(seeds, lambda _: places.append(simulation.robots.position.numpy()[..., :2].copy()))
+    return np.stack(places[1:], axis=1)
 
 
 @pytest.mark.parametrize("open_ground", [False, True])

@@ -69,9 +69,10 @@ def test_the_best_of_the_rehearsed_patrols_is_chosen(objective, patrols):
 
 def test_rehearsals_for_detection_play_the_rogues_of_the_scenario():
     hunted = lissajous_env.scenario(SCENARIO, **{"targets.rogues": "flee", "targets.speed_limit": 9.0})
-    stages = [portfolio.rehearsal_of(hunted, objective) for objective in (DETECTION, GUARANTEE)]
-    assert [stage.targets.rogues for stage in stages] == ["flee", None]
-    assert [stage.task.contamination is None for stage in stages] == [True, False]
+    for scenario, rogues in ((hunted, "flee"), (lissajous_env.scenario(hunted, rogues="agents"), None)):
+        stages = (portfolio.rehearsal_of(scenario.resolve(), objective) for objective in (DETECTION, GUARANTEE))
+        fields = [(stage.targets.rogues, stage.task.contamination is None) for stage in stages]
+        assert fields == [(rogues, True), (None, False)]
 
 
 def test_a_patrol_that_does_not_suit_the_scenario_is_passed_over(patrols):

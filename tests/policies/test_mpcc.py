@@ -3,7 +3,6 @@
 import dataclasses
 import importlib
 import math
-from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ CURVE = Curve()
 P = MpccParameters()
 
 
-@cache
 def load_benchmark():
     """Import benchmarks/mpcc.py, which holds the problem once more in CasADi and the closed loop in NumPy."""
     return importlib.import_module("mpcc")
@@ -160,6 +158,7 @@ def test_parameters_of_a_robot():
     assert MpccParameters.of(Scenario(robot=Robot())).offset == 3.681
     p = MpccParameters.of(Scenario(robot=Robot(wheelbase=0.2, model_offset=3.804)), stages=7)
     assert (p.offset, p.wheelbase, p.stages) == (3.804, 0.2, 7)
+    assert [MpccParameters.of(Scenario(), step=step).shift for step in (0.05, 0.1, 0.4)] == [1.0, 1.0, 0.25]
     for throttle, least in ((0.0, 0.1), (0.12, 0.12)):
         assert MpccParameters.of(Scenario(robot=Robot(throttle_min=throttle))).throttle_min == pytest.approx(least)
 

@@ -72,7 +72,7 @@ def stories(draw):
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
     period = draw(st.sampled_from([0.1, 0.05, 0.033]))
     begin = [draw(st.sampled_from([0.0, 1.0, 123.456, EPOCH])) for _ in range(2)]
-    apart, backwards = draw(st.sampled_from([0.9, 0.1])), draw(st.booleans())
+    apart, forwards = draw(st.sampled_from([0.9, 0.1])), draw(st.sampled_from([1, -1]))
     samples = []
     for robot in range(2):
         rates, phases = random.uniform(0.3, 1.5, 2), random.uniform(0, 2 * np.pi, 4)
@@ -82,7 +82,6 @@ def stories(draw):
         y = 0.3 * np.sin(rates[1] * times + phases[1])
         vx = 0.3 * rates[0] * np.cos(rates[0] * times + phases[0])
         vy = 0.3 * rates[1] * np.cos(rates[1] * times + phases[1])
-        forwards = -1 if backwards else 1
         heading, speed = np.arctan2(forwards * vy, forwards * vx), forwards * np.hypot(vx, vy)
         samples += map(Sample, [robot] * len(times), *(v.tolist() for v in (times + 0.1, x, y, heading, speed)))
     samples.sort(key=lambda sample: sample.time)
@@ -108,7 +107,6 @@ def differences(one, other):
 def compare(folder, story, *bags, **how):
     wanted, got = scored(folder, list(story.messages())), scored(folder, *bags, **how)
     assert differences(wanted.rows[0], got.rows[0]) == []
-    return wanted, got
 
 
 def other_clocks(folder, story):
@@ -226,8 +224,8 @@ LAWS = (
     a_rigid_motion_with_its_origin_and_heights,
     written_and_scored_again,
 )
-GENERATED = {"suppress_health_check": list(HealthCheck), "database": None, "derandomize": True}
-GENERATED["phases"] = (Phase.generate, Phase.shrink)
+GENERATED = {"suppress_health_check": list(HealthCheck), "database": None, "derandomize": True,
+             "phases": (Phase.generate, Phase.shrink)}  # fmt: skip
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)

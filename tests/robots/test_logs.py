@@ -146,6 +146,10 @@ def test_interpolation_is_exact_for_a_cubic():
     places = motion_of(Track(time, place, 0 * time, 3 * time**2)).at(np.linspace(0, 2.5, 11))[0]
     np.testing.assert_allclose(places[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
     np.testing.assert_allclose(motion_of(Track(time, 0 * place, time, 0 * time)).at(time[1:] / 2)[1], time[1:] / 2)
+    # Oracle: a way without noise leads through all poses, also with a corner at every fifth of them.
+    corners = np.cumsum(np.repeat([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] * 20, 5, axis=0), axis=0)
+    track = Track(0.05 * np.arange(200), corners, *np.full((2, 200), np.nan))
+    np.testing.assert_array_equal(motion_of(track).track.position, corners)
 
 
 @pytest.mark.parametrize("turn", [1.0, 3.0])

@@ -142,11 +142,10 @@ def test_a_field_is_given_by_any_name_and_for_shifts_too(overrides):
 
 def test_an_environment_takes_given_fields_as_a_training_does():
     # Both are before the scale, in the units of the space.
-    monitoring = scenario_space("monitoring-v1")
+    given = scenario_space("monitoring-v1").overridden({"sensing.radius": 0.9})
     env = lissajous_env.parallel_env("monitoring-v1:test", **{"sensing.radius": 0.9})
     env.reset(seed=4)
-    seed = int(env.scenario.name.rpartition("-")[2])
-    assert env.scenario.sensing.radius == monitoring.overridden({"sensing.radius": 0.9}).sample(seed).sensing.radius
+    assert env.scenario.sensing.radius == given.sample(int(env.scenario.name.rpartition("-")[2])).sensing.radius
     for wrong in ({"sensing.radios": 0.9}, {"duration": 3.0}):
         with pytest.raises(UnknownSettingError):
             lissajous_env.parallel_env("monitoring-v1", **wrong)
@@ -175,7 +174,9 @@ def test_a_shift_changes_its_draws_alone():
         ({"curve": {"choices": [{"a": 1}], "weights": [1, 2]}}, "draw.curve.weights must be 1 numbers"),
         ({"curve": {"weights": [1, 2]}}, r"draw.curve.weights must be given with choices, got \[1, 2\]"),
         ({"curve": {"half_height": "__import__('os')"}}, "formula must be an expression of .*, uniform, log_uniform"),
-        ({"curve": {"half_height": "robot.nothing"}}, "no number of a scenario"),
+        ({"curve": {"half_height": "robot.nothing"}}, "robot.nothing, which is neither a field nor a variable"),
+        ({"targets": {"count": "2 * num_robots"}}, "seed 0 of space: .*num_robots, which is neither a field nor a"),
+        ({"targets": {"count": "whole(0.5, 3)"}}, "space: .*'float' object cannot be interpreted as an integer"),
         ({"curve": {"half_height": "uniform(1, 2) + uniform(1, 2)"}}, "draw.curve.half_height must call at most one"),
         ({"noise": {"speed": "noise.position", "position": "noise.speed"}}, "noise.speed, which depends on itself"),
         ({"curve": 3}, "draw.curve must be a mapping from fields to draws, got 3"),

@@ -135,6 +135,12 @@ def test_fewest_robots_is_where_7_and_8_begin_to_hold(half_width, half_height, s
     assert math.sin(math.pi / n) * math.hypot(half_width, half_height) <= enough
     assert a == 1 or half_height * math.sin(math.pi / (2 * (a - 2))) > sensor * (1 - 1e-6)
     assert b == 1 or half_width * math.sin(math.pi / (2 * (b - 1))) > sensor * (1 - 1e-6)
+    fewest, widths = (
+        max(a + b, math.pi / math.asin(min(sensor / math.hypot(half_width, half_height), 1))),
+        range(a, n, 2),
+    )
+    assert any(math.gcd(odd, n) == 1 for odd in widths if n - odd >= b), "there is a curve"
+    assert all(math.gcd(odd, few) > 1 for few in range(math.ceil(fewest - 1e-6), n) for odd in range(a, few - b + 1, 2))
 
 
 # The curve. Oracle: numbers computed independently, finite differences.

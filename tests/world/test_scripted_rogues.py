@@ -135,4 +135,4 @@ def test_commands_name_a_script(capsys, tmp_path):
     assert json.loads(said)["detection_time_mean"] == due["detection_time_mean"]
     code, _, said = called(capsys, "evaluate", "evaders", "sweep", "--rogues", "agents", *short)
     assert code == 2
-    assert "rogues of a command must be the name of a rogue, such as flee, or a folder, got agents" in said
+    assert "targets.rogues of evaders must be None, or the name or the folder of a rogue" in said

@@ -240,7 +240,7 @@ def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
         (noise.heading == 0, "2: noise.heading", normal, f"{noise.heading:g}"),
         (noise.speed == 0, "2: noise.speed", normal, f"{noise.speed:g}"),
         (fastest <= _IN_RANGE * robot.top_speed, "2: robot.speed_max", seen, f"{robot.top_speed:.3g}"),
-        (round(noise.message_delay / task.step) == 0, "3: noise.message_delay", prompt, f"{noise.message_delay:g}"),
+        (scenario.delay_steps == 0, "3: noise.message_delay", prompt, f"{noise.message_delay:g}"),
         (task.on_collision != "stop", "5: task.on_collision", shows, task.on_collision),
     )
     return tuple(f"{field} {rule}, got {value}" for holds, field, rule, value in rules if not holds)

@@ -92,7 +92,7 @@ class Safe(Filter):
         constants.robots_seen, constants.sight = scenario.sensing.robots_seen, sight_of_cars(scenario)
         constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
         constants.speed_unit = scenario.robot.top_speed
-        constants.delay = round(scenario.noise.message_delay / scenario.task.step) * scenario.task.step
+        constants.delay = scenario.delay_steps * scenario.task.step
         constants.listens = int(sight_speed < formation_speed)
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)

@@ -15,9 +15,6 @@ from lissajous_env.world.selection import of_world
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import HIDDEN, NEVER, PRESENT
 
-_TESTED = 10
-"""Steps after which the tracks of the robots are compared."""
-
 
 @dataclass(frozen=True, eq=False)
 class PlayedEpisode:
@@ -130,8 +127,7 @@ def replay(played: PlayedEpisode, path: Path, device: Any = "cpu") -> tuple[floa
     _introduce(simulation, path)
     for now in moments[1:].tolist():
         simulation.step(played.action[now][None])
-        # A robot that has moved otherwise does not come back to its path.
-        if now % _TESTED == 0 and (of_world(simulation.robots.path, 0)[..., :2] != played.path[now]).any():
+        if (of_world(simulation.robots.path, 0)[..., :2] != played.path[now]).any():
             raise RuntimeError(f"robots must move as in the first run, but do not in step {now} of seed {played.seed}")
     (row,), (times, detected) = simulation.score(), simulation.detection_times(0)
     return float(times[0]), bool(detected[0]), float(row[WORST_CASE.name])

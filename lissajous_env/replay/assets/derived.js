@@ -30,15 +30,8 @@ function distance(episode, i, j, f) {
   return Math.hypot(x[a] - x[b], y[a] - y[b], z[a] - z[b]);
 }
 
-// Pairs of ring neighbours, each once.
-export function edges(episode) {
-  const ring = episode.about.ring;
-  if (ring.length < 2) return [];
-  return ring.length === 2 ? [[ring[0], ring[1]]] : ring.map((robot, k) => [robot, ring[(k + 1) % ring.length]]);
-}
-
 export function ringDistances(episode) {
-  return edges(episode).map(([i, j]) => Float32Array.from(episode.x, (_, f) => distance(episode, i, j, f)));
+  return episode.about.links.map(([i, j]) => Float32Array.from(episode.x, (_, f) => distance(episode, i, j, f)));
 }
 
 // Smallest distance of any two robots; null for crowds, which would take too long.
@@ -60,7 +53,7 @@ export function separations(episode) {
 
 // Targets that have appeared and been detected up to each moment.
 export function detections(episode) {
-  const { appears, found } = episode.raw.targets;
+  const { appears, found } = episode.targets;
   const appeared = new Float64Array(episode.moments),
     detected = new Float64Array(episode.moments);
   const enter = (into, step) => {
@@ -82,11 +75,11 @@ export function detections(episode) {
 export function inSight(episode) {
   const { moments, raw, about, targets } = episode,
     [seen, there] = [new Float64Array(moments), new Float64Array(moments)];
-  for (let t = 0; t < raw.targets.count; t++) {
+  for (let t = 0; t < targets.count; t++) {
     for (let f = 0; f < moments; f++) {
       const step = f * raw.every,
-        left = about.leave && raw.targets.found[t] >= 0 && raw.targets.found[t] <= step;
-      if (raw.targets.appears[t] > step || left) continue;
+        left = about.leave && targets.found[t] >= 0 && targets.found[t] <= step;
+      if (targets.appears[t] > step || left) continue;
       there[f] += 1;
       seen[f] += targets.seen[t * moments + f];
     }
@@ -96,9 +89,10 @@ export function inSight(episode) {
 
 // Cumulative sums of the terms of the reward that are not always zero, and of all: {used: [{name, values}], all}.
 export function returns(episode) {
-  const used = episode.terms
-    .map((values, k) => ({ name: episode.raw.reward.names[k], values: summed(values) }))
-    .filter((_, k) => episode.terms[k].some((value) => value !== 0));
+  const { names, terms } = episode.raw.reward;
+  const used = terms
+    .map((values, k) => ({ name: names[k], values: summed(values) }))
+    .filter((_, k) => terms[k].some((value) => value !== 0));
   const all = Float64Array.from(episode.x, (_, f) => used.reduce((sum, row) => sum + row.values[f], 0));
   return { used, all };
 }
