@@ -84,7 +84,7 @@ def first_detection(
                     least = share
                     first = i
             entry = bins.entry[w, entry][1]
-    elif farthest > 0.0:
+    else:
         for i in range(robots.sensor.shape[1]):
             if wp.length_sq(robots.sensor[w, i] - after) < farthest * farthest:
                 share = share_until_detection(w, i, before, after, radius, robots)
