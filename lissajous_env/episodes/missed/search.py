@@ -18,6 +18,7 @@ from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.discs import in_discs
 from lissajous_env.episodes.missed.played import Path, PlayedEpisode, crossing_steps
 from lissajous_env.world.robots.contacts import closest_approach
+from lissajous_env.world.state import NOWHERE
 
 wp.set_module_options(OPTIONS)
 
@@ -39,9 +40,7 @@ class Lattice:
     """A lattice over the rectangle of an episode with T steps, N robots and S sub-steps."""
 
     path: wp.array3d(dtype=wp.vec2)
-    """(T + 1, N, S + 1) positions of the robots through the step that led to a moment [m]."""
-    works: wp.array2d(dtype=wp.bool)
-    """(T + 1, N) robots that sense in that step."""
+    """(T + 1, N, S + 1) positions of the robots through the step that led to a moment [m], NOWHERE without sensing."""
     radius: float
     """Sensing radius, with a margin for rounding [m]."""
     half: wp.vec2
@@ -71,8 +70,6 @@ def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: 
         if wp.length_sq(lattice.middle[i] - end) > lattice.near[i] * lattice.near[i]:
             continue
         for step in range(first + 1, last + 1):
-            if not lattice.works[step, i]:
-                continue
             for s in range(pieces):
                 share = float((step - first - 1) * pieces + s)
                 before = wp.lerp(start, end, share / count) - lattice.path[step, i, s]
@@ -87,8 +84,7 @@ def is_sensed(place: wp.vec2, step: int, lattice: Lattice) -> bool:
     """Return whether a disc senses a position at the end of a step."""
     last = lattice.path.shape[2] - 1
     for i in range(lattice.path.shape[1]):
-        away = lattice.path[step, i, last] - place
-        if lattice.works[step, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
+        if wp.length_sq(lattice.path[step, i, last] - place) < lattice.radius * lattice.radius:
             return True
     return False
 
@@ -199,8 +195,7 @@ class _Search:
         if self.moved > 0:
             self.period = min(math.ceil(least * self.spacing.max() / self.moved), scenario.task.steps)
         self.lattice = Lattice()
-        self.lattice.path = wp.array(played.path, dtype=wp.vec2)
-        self.lattice.works = wp.array(played.works, dtype=wp.bool)
+        self.lattice.path = wp.array(np.where(played.works[..., None, None], played.path, NOWHERE), dtype=wp.vec2)
         self.lattice.half, self.lattice.spacing = wp.vec2(*self.half), wp.vec2(*self.spacing)
         self.lattice.radius = scenario.sensing_radius + _MARGIN * (self.half.sum() + scenario.sensing_radius)
 
