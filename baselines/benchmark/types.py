@@ -113,6 +113,9 @@ class Cell:
     policy: str
     factory: Factory = field(repr=False)
 
+    def __str__(self) -> str:
+        return f"{self.scenario.name} {self.policy}"
+
 
 @dataclass(frozen=True)
 class Failure:
