@@ -31,7 +31,6 @@ from torchrl.envs import EnvBase
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.envs.batch import Batch
 from lissajous_env.world import columns
-from lissajous_env.world.selection import drawn_seeds
 
 ROBOTS = "robot"
 
@@ -75,12 +74,11 @@ class LissajousTorchEnv(EnvBase):
         state: bool = False, threads: int | None = None, **overrides: Any,
     ):  # fmt: skip
         settings: dict[str, Any] = {"num_groups": num_groups, "discrete_actions": discrete_actions, "threads": threads}
-        self.batch = Batch(scenario, num_worlds, device=str(device), overrides=overrides, **settings)
+        self.batch = Batch(scenario, num_worlds, device=str(device), seed=seed, overrides=overrides, **settings)
         super().__init__(device=wp.device_to_torch(self.batch.simulation.device), batch_size=(num_worlds,))
         self.group_map = {side.agent: list(side.names) for side in self.batch.sides}
         self._with_state = state
         self._declare()
-        self._set_seed(seed)
 
     @property
     def scenarios(self) -> list[Scenario]:
@@ -124,7 +122,7 @@ class LissajousTorchEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         """Seed the next episodes, as the argument `seed`; later seeds are drawn from it."""
-        self.batch.seed(int(drawn_seeds(1)[0]) if seed is None else seed)
+        self.batch.seed(seed)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
