@@ -91,7 +91,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         self.batch.step({self._side.agent: given})
         rows = self.batch.rows(self._side)
         terminated, over = bool(rows.terminated.all()), bool(self.batch.over[0])
-        self._running = not (terminated or over)
+        self._running = not over
         if self.render_mode == "human":
             self.render()
         reward = rows.reward[0]
