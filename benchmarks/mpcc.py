@@ -13,13 +13,11 @@ import numpy as np
 from baselines.benchmark.statistics import number
 from baselines.mpcc.solver import Mpcc, MpccParameters, Solution
 from lissajous_env.parameters.scenario import Curve, Robot
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import requiring
 from lissajous_env.theory import closed_forms
 
-try:
+with requiring("benchmarks/mpcc.py", "bench"):
     import casadi as ca
-except ImportError as error:
-    raise missing("benchmarks/mpcc.py", "bench", error) from error
 
 RING = (0, 1, 4, 2, 3)
 PHASE_RATE = 0.3

@@ -24,6 +24,9 @@ from training.rogue_trainer import undetected_times
 from training.settings import RogueTraining
 
 HELD_OUT = range(10_000, 10_256)
+"""Held-out seeds of policies."""
+ROGUES_HELD_OUT = range(10_000, 10_064)
+"""Held-out seeds of rogues; an episode has 96 of them."""
 SCRIPTS = "wander", "flee", "shadow", "follow-gap"
 """Scripts whose undetected times are stored beside those of a rogue."""
 _PACKAGE = Path(checkpoint.__file__).parents[1]
@@ -80,7 +83,7 @@ def _times_of(source: Path, card: Card) -> dict[str, Any]:
     times = {}
     for rogue in (*SCRIPTS, "learned"):
         moved_by = str(source) if rogue == "learned" else rogue
-        summary = undetected_times(stored["against"], settings.make_scenario(moved_by), HELD_OUT)
+        summary = undetected_times(stored["against"], settings.make_scenario(moved_by), ROGUES_HELD_OUT)
         times[rogue] = {key: round(value, 4) for key, value in summary.items()}
         print(stored["against"], rogue, times[rogue])
     return {stored["against"]: times}

@@ -11,7 +11,7 @@ import re
 import sys
 import types
 import warnings
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Self
@@ -152,21 +152,23 @@ class MissingExtraError(ValueError, ImportError):
     """Error for missing libraries of an extra; the message explains how to install them."""
 
 
-def of_extra(module: str, what: str, extra: str) -> Any:
-    """Return a module of the libraries of an extra, which something requires.
+@contextlib.contextmanager
+def requiring(what: str, extra: str) -> Iterator[None]:
+    """Let imports in a block, which something requires, raise an error that names the extra of their libraries.
 
     Raises:
-        MissingExtraError: it is not installed.
+        MissingExtraError: one of them is not installed.
     """
     try:
-        return importlib.import_module(module)
+        yield
     except ImportError as error:
-        raise missing(what, extra, error) from error
+        raise MissingExtraError(
+            f'{what} requires the libraries of the extra {extra} ({error}): pip install ".[{extra}]" in a checkout, '
+            f'pip install "lissajous-env[{extra}]" elsewhere'
+        ) from error
 
 
-def missing(what: str, extra: str, error: ImportError) -> MissingExtraError:
-    """Return the error that names the extra to install."""
-    return MissingExtraError(
-        f'{what} requires the libraries of the extra {extra} ({error}): pip install ".[{extra}]" in a checkout, '
-        f'pip install "lissajous-env[{extra}]" elsewhere'
-    )
+def of_extra(module: str, what: str, extra: str) -> Any:
+    """Return a module of the libraries of an extra; see `requiring`."""
+    with requiring(what, extra):
+        return importlib.import_module(module)

@@ -19,7 +19,7 @@ from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, Simulation
 from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
-from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
+from lissajous_env.episodes.missed.foresight import Foresight, Labels, Moment
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import require
 from lissajous_env.world.columns import DETECTION_TIME
@@ -65,6 +65,7 @@ class RogueTrainer:
         torch.manual_seed(settings.seed)
         self.scenario = settings.make_scenario()
         self.card = rogue_card(self.scenario, settings.to_dict())
+        self.code = checkpoint.code_of([self.scenario], [settings.against])
         sizes = [len(self.card.inputs), *_LAYERS]
         hidden = [part for pair in pairwise(sizes) for part in (nn.Linear(*pair), nn.ReLU())]
         self.actor = nn.Sequential(*hidden, nn.Linear(sizes[-1], self.card.action_size)).to(settings.device)
@@ -75,7 +76,12 @@ class RogueTrainer:
         self._labelled: list[Tensor] = []
         """Rows, actions and weights of all rounds."""
         if (settings.out / checkpoint.FILE).exists():
-            self._resume()
+            with checkpoint.resuming(settings, self.card, self.code) as (description, arrays):
+                self.history |= description["rogues"]
+                self.normalization = arrays["normal.mean"], arrays["normal.spread"]
+                if self.history["scores"] is None:
+                    self._labelled = [torch.from_numpy(arrays[name]).to(settings.device) for name in _LABELLED]
+                load_state(self.actor, self.optimizer, arrays)
 
     def run(self) -> dict[str, Any]:
         """Train until the last round."""
@@ -117,15 +123,15 @@ class RogueTrainer:
                     f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}",
                 )
 
-    def _visit(self, k: int) -> Visits:
+    def _visit(self, k: int) -> list[Moment]:
         """Play an episode in each world in round k, and record the rogues."""
-        settings, visits = self.settings, Visits()
+        settings, moments = self.settings, []
         scenario = settings.make_scenario(_SCRIPTS[k] if k < len(_SCRIPTS) else str(settings.out))
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         runner = EpisodeRunner(as_factory(settings.against)(scenario, settings.worlds, settings.device), simulation)
         seed = FIRST_SEED * (1 + settings.seed) + k * settings.worlds
-        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
-        return visits
+        runner.play(range(seed, seed + settings.worlds), lambda taken: moments.append(Moment.of(simulation)))
+        return moments
 
     def _tensors(self, labels: Labels) -> list[Tensor]:
         """Return rows that are normalized, actions and weights of labels."""
@@ -166,15 +172,8 @@ class RogueTrainer:
         if self.history["scores"] is None:
             state |= {name: part.cpu().numpy() for name, part in zip(_LABELLED, self._labelled, strict=True)}
         history = self.history | {"seconds": round(self.history["seconds"], 1)}
-        checkpoint.save(self.folder, self.network(), self.card, state=state, notes={"rogues": history})
-
-    def _resume(self) -> None:
-        with checkpoint.resuming(self.settings, self.card) as (description, arrays):
-            self.history |= description["rogues"]
-            self.normalization = arrays["normal.mean"], arrays["normal.spread"]
-            if self.history["scores"] is None:
-                self._labelled = [torch.from_numpy(arrays[name]).to(self.settings.device) for name in _LABELLED]
-            load_state(self.actor, self.optimizer, arrays)
+        notes = {"rogues": history, "code": self.code}
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=notes)
 
     def _evaluated(self, rogues: str) -> dict[str, float]:
         settings, scenario = self.settings, self.settings.make_scenario(rogues)

@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 from collections.abc import Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -25,8 +24,8 @@ from lissajous_env.world.columns import DETECTION_RATE, OBSERVED, task_score
 
 NO_BASE = "none"
 """Value of `base` for a network that corrects no policy."""
-TRAINING_SPLIT, VALIDATION_SPLIT = "train", "validation"
-"""Splits of a space for training and for validation; no training uses the split `test`."""
+VALIDATION_SPLIT = "validation"
+"""Split of a space for validations; a training draws from the split `train`, and nothing uses the split `test`."""
 MAX_VALIDATION_SCENARIOS = 16
 """Largest number of scenarios of a validation, the first ones of their split."""
 
@@ -123,7 +122,7 @@ class TrainingSettings(SharedSettings, part="training"):
         if self.space is not None:
             self._require(self.worlds % self.groups == 0, "worlds", f"must be a multiple of groups ({self.groups})")
         if self.rival is not None:
-            with self.without_warnings():
+            with quietly():  # the scenario has given its warnings
                 registry.resolve(self.rival).check(self.make_scenario())
 
     @cached_property
@@ -136,13 +135,9 @@ class TrainingSettings(SharedSettings, part="training"):
         if named.space_and_split(self.scenario) is None:
             return None
         if ":" in self.scenario:
-            rule = f"must be the name of a space without a split, because a training uses the split {TRAINING_SPLIT}"
+            rule = "must be the name of a space without a split, because a training uses the split train"
             raise ValueError(f"scenario {rule} and is validated on {VALIDATION_SPLIT}, got {self.scenario}")
         return named.scenario_space(self.scenario)
-
-    def without_warnings(self) -> AbstractContextManager:
-        """Return a context in which scenarios of a space that violate assumptions of the paper are not reported."""
-        return nullcontext() if self.space is None else quietly()
 
     @property
     def corrected_base(self) -> str | None:
@@ -172,7 +167,7 @@ class TrainingSettings(SharedSettings, part="training"):
     def _make_scenarios(self, overrides: Mapping[str, Any], count: int) -> list[Scenario]:
         if self.space is None:
             return [named.scenario(self.scenario, **overrides)]
-        with self.without_warnings():
+        with quietly():
             return list(itertools.islice(self.space.overridden(overrides).scenarios(VALIDATION_SPLIT), count))
 
     @cached_property

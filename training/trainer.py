@@ -26,6 +26,7 @@ from torch import Tensor, nn
 
 import baselines
 from lissajous_env.console.terminal import make_console, print_line
+from lissajous_env.parameters.assumptions import quietly
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import ABSENT, TeamNetwork, prefixed, within
@@ -66,10 +67,12 @@ def train(
     console = console or make_console()
     say = partial(print_line, console)
     torch.set_num_threads(settings.threads or 1)
-    with checkpoint.locked(settings.out) as folder, settings.without_warnings():
+    with checkpoint.locked(settings.out) as folder, quietly():
         training, began, diagnostics = Training(settings), time.monotonic(), {}
         card = Card.of(settings.make_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
-        history = _resume_or_begin(settings, training, card, say)
+        code = checkpoint.code_of(settings.make_validation_scenarios(), [settings.rival])
+        history = _resume_or_begin(settings, training, card, code, say)
+        notes = {"training": history, "code": code}
         curve, rivals, numbers = history["curve"], history["rivals"], training.numbers
         began -= curve[-1]["seconds"] if curve else 0.0
         limit, against = limit_of(settings.collisions, rivals), history["rival"] or "before the training"
@@ -86,8 +89,8 @@ def train(
                 best = history["best"]
                 if best is None or rating_of(point, limit) > rating_of(best, limit):
                     history["best"] = point
-                    checkpoint.save(folder, network, card, notes={"training": history}, subfolder=checkpoint.BEST)
-                checkpoint.save(folder, network, card, state=training.save_state(), notes={"training": history})
+                    checkpoint.save(folder, network, card, notes=notes, subfolder=checkpoint.BEST)
+                checkpoint.save(folder, network, card, state=training.save_state(), notes=notes)
                 log(point)
             if done:
                 say(f"{settings.out / checkpoint.BEST}: {described(history['best'], against)}")
@@ -96,11 +99,11 @@ def train(
 
 
 def _resume_or_begin(
-    settings: TrainingSettings, training: "Training", card: Card, say: Callable[[str], None]
+    settings: TrainingSettings, training: "Training", card: Card, code: dict[str, Any], say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Load the last checkpoint if there is one, otherwise validate the rival; return the history."""
     if (settings.out / checkpoint.FILE).exists():
-        with checkpoint.resuming(settings, card) as (description, arrays):
+        with checkpoint.resuming(settings, card, code) as (description, arrays):
             training.load_state(arrays)
             say(f"{settings.out} has {training.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return description["training"]

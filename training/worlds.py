@@ -4,7 +4,7 @@ Row w N + i is robot i of world w. Worlds of a space of scenarios have room for 
 are zeros.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,12 +12,12 @@ from torch import Tensor
 
 import baselines
 from baselines.policies.base import Policy
+from lissajous_env.device.copies import Stateful
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.sides import padded
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import GONE, HIDDEN, WORKING
 from lissajous_env.world.targets.motion import DRIFTING, FLEEING, WANDERING
-from training.learned.networks import prefixed, within
 from training.learned.perception import FAR, actions_of, axes_of, base_action, columns_of, half_of, perceive, to_walls
 from training.settings import TrainingSettings
 
@@ -88,8 +88,11 @@ class Rollout(NamedTuple):
     deviation: float
 
 
-class Worlds:
-    """W worlds of a scenario, or of a space, with the actions of the base; inputs of actor and critic."""
+class Worlds(Stateful):
+    """W worlds of a scenario, or of a space, with the actions of the base; inputs of actor and critic.
+
+    `save_state` and `load_state` are for worlds of a scenario.
+    """
 
     def __init__(self, settings: TrainingSettings, worlds: int, seed: int):
         groups = 1 if settings.space is None else settings.groups
@@ -102,8 +105,8 @@ class Worlds:
         self._base = settings.corrected_base
         self._bases: list[Policy] = []
         """Policies that the network corrects, one for each group; empty without any."""
-        self._base_actions: list[np.ndarray] = []
-        """Actions (W, N, A) of these policies for the present states."""
+        self._base_actions = np.zeros((worlds, self.side.slots, self.side.action_size), np.float32)
+        """Actions of these policies for the present states."""
         self.steps = self.batch.scenario.task.steps
         # Worlds of a group end together, so that it can draw its next scenario.
         shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
@@ -121,9 +124,10 @@ class Worlds:
 
     def perception(self) -> list[np.ndarray]:
         """Return the inputs of the actor, as `perceive` does: own numbers (B, A), tokens (B, K, F), presence (B, K)."""
-        scenarios = [simulation.scenario for simulation in self.batch.simulations]
-        base_actions: Sequence[np.ndarray | None] = self._base_actions or [None] * len(scenarios)
-        parts = [perceive(*group) for group in zip(self._observations(), scenarios, base_actions, strict=True)]
+        parts = []
+        for group, (simulation, observation) in enumerate(self._observed()):
+            of_base = self.batch.of_group(self._base_actions, group) if self._bases else None
+            parts.append(perceive(observation, simulation.scenario, of_base))
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def truth(self) -> Truth:
@@ -140,8 +144,8 @@ class Worlds:
         """Advance all worlds with outputs (B, A) of the network; `begin` must follow."""
         batch, side = self.batch, self.side
         actions = actions.reshape(batch.num_worlds, side.slots, -1).astype(np.float32)
-        for group, (simulation, observation) in enumerate(zip(batch.simulations, self._observations(), strict=True)):
-            part = actions[batch.worlds_of(group), : simulation.num_robots]
+        for group, (simulation, observation) in enumerate(self._observed()):
+            part = batch.of_group(actions, group)
             part[...] = actions_of(part, observation, simulation.scenario)
         acted = batch.live(side).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})
@@ -173,25 +177,12 @@ class Worlds:
             else baselines.make(self._base, simulation.scenario, simulation.num_worlds)
             for base, simulation in zip(before, simulations, strict=True)
         ]
-        self._base_actions = [base_action(*group) for group in zip(self._bases, self._observations(), strict=True)]
+        for group, (_, observation) in enumerate(self._observed()):
+            self.batch.of_group(self._base_actions, group)[...] = base_action(self._bases[group], observation)
 
-    def _observations(self) -> list[np.ndarray]:
-        return [simulation.observation.numpy() for simulation in self.batch.simulations]
-
-    def save_state(self) -> dict[str, np.ndarray]:
-        """Copy everything that changes during steps, as arrays by name; not for a space of scenarios."""
-        arrays = prefixed("batch", self.batch.save_state()) | {"left": self._left.copy()}
-        for base in self._bases:
-            arrays |= prefixed("base", base.save_state()) | {"base_actions": self._base_actions[0]}
-        return arrays
-
-    def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Resume from what `save_state` returned."""
-        self._left = saved["left"].copy()
-        self.batch.load_state(within("batch", saved))
-        for base in self._bases:
-            base.load_state(within("base", saved))
-            self._base_actions = [saved["base_actions"].copy()]
+    def _observed(self) -> Iterator[tuple[Simulation, np.ndarray]]:
+        """Yield the simulation of each group, and its rows."""
+        return ((simulation, simulation.observation.numpy()) for simulation in self.batch.simulations)
 
     def _flat(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Join arrays (W, n, ...) of the groups to (B, ...), with zeros for slots without a robot."""

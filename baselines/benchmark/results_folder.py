@@ -16,11 +16,8 @@ from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell
 from baselines.policies import registry
 from lissajous_env.console.terminal import plain
-from lissajous_env.identity import fingerprint
-from lissajous_env.parameters.robot_models import MODELS
-from lissajous_env.parameters.rogues import ROGUES, folder_of
 from lissajous_env.parameters.scenario_file import scenario_of_json
-from lissajous_env.storage.files import read_json, undamaged
+from lissajous_env.storage.files import parse_json, read_bytes, undamaged
 from lissajous_env.storage.folder import Folder, read_lines
 from lissajous_env.wording import outside, shown
 
@@ -28,10 +25,10 @@ SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
 CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
 FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
 """Files of the folder; the first two are stored, and all others are derived from them."""
+_LARGEST = 1 << 26
+"""Largest size of the settings [bytes]."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
-_ROBOTS, _ROGUES = "robots of kind ", "rogues "
-"""Beginnings of the names of entries of `played` that are no policies."""
 
 _Key = tuple[str, str, int]
 
@@ -53,7 +50,7 @@ class Results:
         place = folder if isinstance(folder, Path) else folder.path
         path = place / SETTINGS
         wanted = None if settings is None else as_settings(settings, cells)
-        stored = read_json(path) if path.exists() else None
+        stored = parse_json(read_bytes(path, _LARGEST), path) if path.exists() else None
         if stored is None and (wanted is None or (place / EPISODES).exists()):
             raise ValueError(f"{place} must contain {SETTINGS} of a benchmark; choose another folder")
         self.stored: Any = wanted if stored is None else stored
@@ -106,7 +103,8 @@ class Results:
         """
         begun = {policy for _, policy, _ in self._rows}
         scenarios = [name for name in stored["scenarios"] if name in wanted["scenarios"]]
-        code = [name for name in stored["played"] if name in begun or name.startswith((_ROBOTS, _ROGUES))]
+        of_others = registry.ROBOTS, registry.ROGUES
+        code = [name for name in stored["played"] if name in begun or name.startswith(of_others)]
         code = [name for name in code if name in wanted["played"]]
         before, now = (
             {name: settings[name] for name in _FIXED}
@@ -158,20 +156,8 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
         "device": settings.device,
         "versions": score_versions(),
         "scenarios": {name: scenario.to_dict() for name, scenario in scenarios.items()},
-        "played": _played(cells),
+        "played": registry.code_of(scenarios.values(), {cell.policy: cell.factory for cell in cells}),
     })  # fmt: skip
-
-
-def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
-    """Return digests of the code of policies, of models of robots and of rogues; the included ones have the version."""
-    models = [MODELS[kind] for kind in sorted({cell.scenario.robot.kind for cell in cells})]
-    code = {_ROBOTS + model.name: fingerprint(model.move) for model in models if not MODELS.is_included(model)}
-    for name in sorted({cell.scenario.targets.rogues or "" for cell in cells} - {""}):
-        if (folder := folder_of(name)) is not None:
-            code[_ROGUES + name] = registry.fingerprint_of(registry.resolve(str(folder)))
-        elif name in ROGUES and not ROGUES.is_included(ROGUES[name]):
-            code[_ROGUES + name] = fingerprint(ROGUES[name].decide)
-    return {cell.policy: registry.fingerprint_of(cell.factory) for cell in cells} | code
 
 
 def score_versions() -> dict[str, str]:

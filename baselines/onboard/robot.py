@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from baselines.onboard import signals
 from baselines.onboard.row import Row
-from baselines.onboard.signals import Command, Message, Odometry, Twist, conversion_to_commands, detection_rows
+from baselines.onboard.signals import Command, Message, Odometry, Twist, are_finite, conversion_to_commands
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.safety.proved import Proved
@@ -199,20 +200,20 @@ class Onboard:
         Raises:
             ValueError: `robots` or `targets` have another shape, the pose is not of numbers, or a message is none.
         """
-        robots, targets = detection_rows("robots", robots, 4), detection_rows("targets", targets, 2)
+        robots, targets = signals.detection_rows("robots", robots, 4), signals.detection_rows("targets", targets, 2)
         self._listen(now, heard)
         measured = odometry if odometry is not None and odometry.is_finite else None
         fault = self._lasting_fault(now, measured)
         self._latched = self._latched or fault
         reasons = [self._latched] if self._latched else []
         reasons += ["there is no pose"] if odometry is None else self._faults(now, measured)
-        if not all(np.isfinite(numbers).all() for numbers in (robots, targets, () if phase is None else phase)):
+        if not are_finite([*robots.flat, *targets.flat, *(() if phase is None else phase)]):
             reasons.append("a number of the phase or of the sensor's data is not finite")
             robots, targets, phase = robots[:0], targets[:0], None
         if not works:
             reasons.append("the robot does not work")
         pose = measured or self._row.pose
-        if pose is None or not math.isfinite(now):
+        if pose is None or not are_finite([now]):
             return self._stopped(now, reasons[0])
         due = round((now - self._begun) / self.scenario.task.step) + 1 - self._steps
         if not 0 <= due <= _MOST_STEPS:
@@ -257,7 +258,7 @@ class Onboard:
     def _lasting_fault(self, now: float, pose: Odometry | None) -> str:
         """Store the time, and return a fault of the clock or the place, after which the robot stays stopped, or ""."""
         before, step, limits, curve = self._now, self.scenario.task.step, self.limits, self.scenario.curve
-        if not math.isfinite(now):
+        if not are_finite([now]):
             return "the clock is not finite"
         self._now, passed = now, now - before
         if math.isnan(before):

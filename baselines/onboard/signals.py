@@ -1,7 +1,7 @@
 """Signals of a robot outside the simulator: its pose, messages and detections, and the commands for its actuators."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +10,14 @@ import warp as wp
 from lissajous_env.logs.commands import COMMAND_NAMES, conversion_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import require, shown
+
+_LARGEST = 1e15
+"""Number from which on numbers count as infinite, because their squares have no room in float32."""
+
+
+def are_finite(numbers: Iterable[float]) -> bool:
+    """Return whether all numbers are finite, and less than 1e15 in size."""
+    return all(abs(number) < _LARGEST for number in numbers)
 
 
 class Odometry(NamedTuple):
@@ -28,13 +36,13 @@ class Odometry(NamedTuple):
 
     @property
     def is_finite(self) -> bool:
-        """Return whether every number is finite.
+        """Return whether every number is finite, as `are_finite` does.
 
         Raises:
             ValueError: one is not a number.
         """
         try:
-            return all(map(math.isfinite, self))
+            return are_finite(self)
         except TypeError:
             raise ValueError(f"odometry must have five numbers, got {shown(self)}") from None
 
@@ -59,9 +67,8 @@ class Message(NamedTuple):
 
     def is_sound(self, size: int) -> bool:
         """Return whether the numbers are finite, `size` of them are the policy's, and the phase is one."""
-        total = self.sent_at + self.cos_phase + self.sin_phase + self.x + self.y + sum(self.numbers)
         is_phase = abs(math.hypot(self.cos_phase, self.sin_phase) - 1) < 1e-3
-        return math.isfinite(total) and len(self.numbers) == size and is_phase
+        return are_finite((*self[1:6], *self.numbers)) and len(self.numbers) == size and is_phase
 
 
 def detection_rows(name: str, given: Any, width: int) -> np.ndarray:
@@ -71,7 +78,8 @@ def detection_rows(name: str, given: Any, width: int) -> np.ndarray:
         ValueError: it has another shape, or does not contain numbers.
     """
     try:
-        rows = np.asarray(given, dtype=np.float32)
+        with np.errstate(over="ignore"):  # such numbers become infinite
+            rows = np.asarray(given, dtype=np.float32)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be rows of {width} numbers, got {shown(given)}") from None
     if rows.size == 0:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark.bounds import BEST_KNOWN as KNOWN
+from baselines.benchmark.best_known import BEST_KNOWN as KNOWN
 from baselines.benchmark.shown import Entry
 from baselines.benchmark.statistics import between, number
 from baselines.planning.plans import SETTLED_TIME, Planned, worst_cases

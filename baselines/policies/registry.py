@@ -7,7 +7,7 @@ also give `module:factory` or an object of Python (`as_factory`).
 import contextlib
 import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from baselines.policies.safety.safe import Safe
 from lissajous_env import identity
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.identity import OWN_PACKAGES
+from lissajous_env.parameters import rogues
 from lissajous_env.parameters.named import build as build_scenario
 from lissajous_env.parameters.named import denotes_scenario
 from lissajous_env.parameters.robot_models import MODELS, model_of
@@ -118,6 +119,8 @@ LOADERS: dict[str, Loader] = {}
 _VELOCITY = "velocity"
 """Kind of policies whose actions are velocities, as in `Scenario.actuation`."""
 _STEERED_BY = "rule", "plan", "network"
+ROBOTS, ROGUES = "robots of kind ", "rogues "
+"""Beginnings of the names of models of robots and of rogues in `code_of`."""
 
 
 def register(
@@ -187,10 +190,13 @@ def _is_own(factory: Any) -> bool:
 
 
 def split_suffix(name: str) -> tuple[str, str]:
-    """Split the name or the folder of a policy into the part before the suffix of a filter, and the suffix or ""."""
-    name = str(name)
-    suffix = next(filter(name.endswith, _FILTERS), "")
-    return (name, "") if os.path.isdir(name) else (name.removesuffix(suffix), suffix)
+    """Split the name or the folder of a policy into the part before the suffix of a filter, and the suffix or "".
+
+    The name of a registered policy stands for it, also where a folder has the same name.
+    """
+    suffix = next(filter(str(name).endswith, _FILTERS), "")
+    plain = str(name).removesuffix(suffix)
+    return (str(name), "") if plain not in POLICIES.load() and os.path.isdir(name) else (plain, suffix)
 
 
 def entry_of(name: str) -> Entry | None:
@@ -270,6 +276,23 @@ def fingerprint_of(factory: Factory) -> dict[str, str]:
     parts = _loader_of(plain).fingerprint(plain) if is_folder(factory.name) else identity.fingerprint(factory.factory)
     of_filter = {} if factory.filter is None else identity.fingerprint(factory.filter)
     return parts | {f"{suffix} {part}": digest for part, digest in of_filter.items()}
+
+
+def code_of(scenarios: Iterable[Scenario], factories: Mapping[str, Factory]) -> dict[str, dict[str, str]]:
+    """Return what identifies the code of policies by name, and of the models of robots and the rogues of scenarios.
+
+    Models and rogues of this package are identified by its version, which results store beside these parts.
+    """
+    code = {name: fingerprint_of(factory) for name, factory in factories.items()}
+    for scenario in scenarios:
+        model, name = MODELS[scenario.robot.kind], scenario.targets.rogues or ""
+        if not MODELS.is_included(model):
+            code[ROBOTS + model.name] = identity.fingerprint(model.move)
+        if name and (folder := rogues.folder_of(name)) is not None:
+            code[ROGUES + name] = fingerprint_of(resolve(str(folder)))
+        elif name in rogues.ROGUES and not rogues.ROGUES.is_included(rogues.ROGUES[name]):
+            code[ROGUES + name] = identity.fingerprint(rogues.ROGUES[name].decide)
+    return code
 
 
 def as_factory(policy: Any, name: str = "") -> Factory:

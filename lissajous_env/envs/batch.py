@@ -144,6 +144,10 @@ class Batch(Stateful):
         """Return the slice of the worlds of a group."""
         return slice(group * self.group_size, (group + 1) * self.group_size)
 
+    def of_group(self, rows: Any, group: int) -> Any:
+        """Return the part of rows (W, N, ...) of robots that are in the worlds of a group, without padding."""
+        return rows[self.worlds_of(group), : self.simulations[group].num_robots]
+
     def seed(self, seed: Any, worlds: Any = None) -> None:
         """Set the seeds of the next episodes of some worlds; None leaves them as they are.
 
@@ -229,7 +233,7 @@ class Batch(Stateful):
             policy = self.robot_policy
             of_robots = actions["robot"] if policy is None else policy.act(simulation.observation)
             if self.space is not None:
-                of_robots = of_robots[self.worlds_of(group), : simulation.num_robots]
+                of_robots = self.of_group(of_robots, group)
             simulation.take(of_robots, actions.get("rogue"))
         self._advance()
 

@@ -137,7 +137,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
             check_agents(actions, self.agents)
             raise
         if self._on_device:
-            for array, given in zip(self._arrays(), self._actions, strict=True):
+            for array, given in zip(self._arrays, self._actions, strict=True):
                 array.assign(given.reshape(array.shape))
         self.simulation.advance()
         return self._results()
@@ -190,20 +190,17 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
         self._on_device = not self.simulation.device.is_cpu
         self._names = self._sides[0].names[: self.simulation.num_robots]
-        self._actions = [array.numpy().reshape(-1) for array in self._arrays()]
+        rogues = [self.simulation.rogues.action] if len(self._sides) > 1 else []
+        self._arrays = [self.simulation.action, *rogues]
+        self._actions = [array.numpy().reshape(-1) for array in self._arrays]
         self._fetch()
-
-    def _arrays(self) -> list[Any]:
-        """Return the arrays of the actions of each side."""
-        rogues = self.simulation.rogues
-        return [self.simulation.action, *([rogues.action] if len(self._sides) > 1 else [])]
 
     def _fetch(self) -> None:
         """Copy the results of a step to the host; on the CPU they are views of the simulation's memory."""
         self._rows = [Rows(*(array[0] for array in self.batch.views(0, side))) for side in self._sides]
 
     def __getstate__(self) -> dict[str, Any]:
-        return super().__getstate__() | {"_rows": None, "_actions": None}
+        return super().__getstate__() | {"_rows": None, "_arrays": None, "_actions": None}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__dict__.update(saved)

@@ -134,7 +134,7 @@ class Side:
 
         Raises:
             KeyError: an agent is missing.
-            ValueError: an action has a wrong shape, is an index outside the table, or is not finite.
+            ValueError: an action has a wrong shape, is an index outside the table, or is not finite; `flat_out` is 0.
         """
         if self._pick_all and len(slots) == self.slots:
             given = self._pick_all(actions)
@@ -147,10 +147,9 @@ class Side:
                     return
             except (TypeError, ValueError, RuntimeError):
                 pass
+        flat_out[:] = 0.0  # so that no number that is refused stays
         rows = [self._read_one(self.names[slot], on_host(action)) for slot, action in zip(slots, given, strict=True)]
-        rows_out = flat_out.reshape(-1, self.action_size)
-        rows_out[:] = 0.0
-        rows_out[list(slots)] = np.reshape(rows, (len(rows), self.action_size))
+        flat_out.reshape(-1, self.action_size)[list(slots)] = np.reshape(rows, (len(rows), self.action_size))
 
     def _read_one(self, agent: str, action: Any) -> np.ndarray:
         """Return the row of an action."""

@@ -147,6 +147,7 @@ def test_actions_of_agents(name):
     actions = {agent: action for agent, action in (good_actions(agents) | changes).items() if action is not None}
     assert_refused(agents.simulation, lambda: agents.step(actions), words)
     # A refused action leaves no trace: the next good step is that of an environment that was never asked.
+    assert np.isfinite(agents.simulation.action.numpy()).all()
     assert str(agents.step(good_actions(agents))) == str(other.step(good_actions(other)))
 
 

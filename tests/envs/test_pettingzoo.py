@@ -33,12 +33,8 @@ pytestmark = pytest.mark.filterwarnings("error", "ignore::lissajous_env.paramete
 
 
 @EVERY_KIND
-def test_parallel_api(kind):
+def test_the_checkers_of_pettingzoo(kind):
     parallel_api_test(make(kind, **SHORT), num_cycles=100)
-
-
-@EVERY_KIND
-def test_aec_api(kind):
     api_test(lissajous_env.env(**KINDS[kind] | SHORT), num_cycles=100)
 
 

@@ -42,9 +42,10 @@ def is_at_rest(output):
         ({"pose": None}, "there is no pose"),
         ({"pose": POSE._replace(x=math.nan)}, "the pose is not finite"),
         ({"pose": POSE._replace(speed=math.inf)}, "the pose is not finite"),
+        ({"pose": POSE._replace(heading=1e300)}, "the pose is not finite"),  # where a row has float32
         ({"robots": [(0.1, math.nan, 0, 0)]}, "sensor's data is not finite"),
         ({"targets": [(math.inf, 0)]}, "sensor's data is not finite"),
-        ({"phase": (math.nan, 0.0)}, "the phase or of the sensor's data is not finite"),
+        ({"phase": (1e39, 0.0)}, "the phase or of the sensor's data is not finite"),
         ({"works": False}, "does not work"),
     ],
 )

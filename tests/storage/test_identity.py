@@ -12,7 +12,6 @@ import pytest
 from rich.console import Console
 
 import lissajous_env
-from baselines.benchmark import results_folder
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.policies import registry
@@ -114,6 +113,6 @@ def test_a_folder_contains_one_version_of_a_model_of_robots_and_of_a_rogue(tmp_p
     lissajous_env.rogue("mine")(lambda rows: np.zeros((*rows.shape[:2], 2), dtype=np.float32))
     robot_models.register_robot_model(dataclasses.replace(POINT, name="mine"))
     run(settings, still, [scenario()], QUIET)
-    monkeypatch.setattr(results_folder, "fingerprint", lambda kernel: {"code": "elsewhere:move"})
+    monkeypatch.setattr("lissajous_env.identity.fingerprint", lambda kernel: {"code": "elsewhere:move"})
     with pytest.raises(ValueError, match=r"(?s)played\.robots of kind mine.*played\.rogues mine"):
         run(settings, still, [scenario()], QUIET)

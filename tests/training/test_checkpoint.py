@@ -144,10 +144,13 @@ def digest_of(arrays):
     return hashlib.sha256(b"".join(rows)).hexdigest()
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float16, np.int64, np.int8, bool])
-def test_weights_of_other_numbers_are_refused(folder, dtype):
-    put_weights(folder, {name: array.astype(dtype) for name, array in make_team().arrays.items()})
-    with pytest.raises(ValueError, match=r"checkpoint\.safetensors .*, but \S+ must be float32, got"):
+@pytest.mark.parametrize("dtype", [np.float64, np.float16, np.int64, np.int8, bool, np.nan, np.inf, -np.inf])
+def test_weights_of_other_numbers_and_those_that_are_not_finite_are_refused(folder, dtype):
+    kind, words = (np.float32, "must be finite") if isinstance(dtype, float) else (dtype, "must be float32, got")
+    arrays = {name: array.astype(kind) for name, array in make_team().arrays.items()}
+    arrays["last.bias"][0] = dtype if isinstance(dtype, float) else 1
+    put_weights(folder, arrays)
+    with pytest.raises(ValueError, match=rf"checkpoint\.safetensors must be an undamaged checkpoint, but \S+ {words}"):
         checkpoint.read(folder)
 
 
@@ -159,15 +162,6 @@ def test_numbers_that_numpy_lacks_are_refused(folder, dtype):
     head = json.dumps(header).encode()
     put(path, len(head).to_bytes(8, "little") + head + 3 * width * b"\x01")
     with pytest.raises(ValueError, match=r"checkpoint\.safetensors must be an undamaged checkpoint, but "):
-        checkpoint.read(folder)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_weights_that_are_not_finite_are_refused(folder, value):
-    arrays = {name: array.copy() for name, array in make_team().arrays.items()}
-    arrays["last.bias"][0] = value
-    put_weights(folder, arrays)
-    with pytest.raises(ValueError, match=r"checkpoint\.safetensors must be .*, but last.bias must be finite"):
         checkpoint.read(folder)
 
 

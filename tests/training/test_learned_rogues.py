@@ -16,7 +16,7 @@ from tests.command_line import called
 from training.learned import checkpoint
 from training.learned.networks import RogueNetwork
 from training.learned.policy import find
-from training.learned.rogue import as_rogue, open_rogue, rogue_card
+from training.learned.rogue import open_rogue, rogue_card
 from training.rogue_trainer import train_rogues, undetected_times
 from training.settings import RogueTraining
 
@@ -90,13 +90,14 @@ def test_a_killed_imitation_resumes_after_its_last_round(trained, tmp_path, monk
     assert history["scores"] == trained[1]["scores"]
 
 
-def test_a_rogue_acts_as_its_network_says():
+def test_a_rogue_acts_as_its_network_says(tmp_path):
     # Oracle: the network in float64 NumPy, on the rows of the simulation, clipped and shortened as documented.
     scenario = lissajous_env.scenario("experiment", rogues="agents", **SMALL)
     card = rogue_card(scenario)
     network = make_network(len(card.inputs))
     simulation = lissajous_env.Simulation(scenario, 3)
-    decide = as_rogue("mine", network, card).decide
+    checkpoint.save(tmp_path, network, card)
+    decide = open_rogue(tmp_path).decide
     still = np.zeros(simulation.action_shape, np.float32)
     for _ in range(5):
         simulation.step(still, np.zeros(simulation.rogues.action.shape, np.float32))
@@ -126,7 +127,8 @@ def test_a_rogue_fits_scenarios_with_fewer_and_more_robots(tmp_path):
     # Law: entries of absent robots are zero, so a rogue acts the same without them; of more, the nearest count.
     card = rogue_card(lissajous_env.scenario("evaders"))
     network, size = make_network(len(card.inputs)), len(card.inputs)
-    decide = as_rogue("mine", network, card).decide
+    checkpoint.save(tmp_path, network, card)
+    decide = open_rogue(tmp_path).decide
     rows = np.random.default_rng(0).normal(size=(1, 7, size + 14)).astype(np.float32)
     np.testing.assert_array_equal(decide(rows), decide(rows[..., :size]))
     rows[..., size - 14 :] = 0

@@ -13,9 +13,12 @@ from test_trainer import QUIET, SMALL
 
 import lissajous_env
 import training
+from baselines.policies import registry
 from lissajous_env.console import cli
 from lissajous_env.console.terminal import plain
+from lissajous_env.parameters.rogues import ROGUES, Rogue
 from lissajous_env.parameters.scenario_file import scenario_of_json
+from lissajous_env.plugins import import_module
 from training.learned import checkpoint
 from training.settings import TrainingSettings
 from training.trainer import train
@@ -33,10 +36,18 @@ duration = 2.0
 """
 EXTRAS = """
 import lissajous_env
+from baselines.policies.base import Policy
 
 @lissajous_env.observation_entry(low=-4.0, high=4.0)
 def doubled(world):
     return 2.0 * world.robots.position[..., 0] / world.scenario.curve.half_width
+
+class Slow(Policy):
+    def decide(self, observation):
+        return 0.1 * 2.5 + 0 * observation[..., :1]
+
+def leftwards(rows):
+    return 0.0 * rows[..., :2] - 1.0
 """
 
 
@@ -97,11 +108,22 @@ def test_a_benchmark_leaves_out_scenarios_of_other_robots(here, capsys):
     assert {row["scenario"] for row in json.loads(capsys.readouterr().out)["episodes"]} == {"mine"}
 
 
-def test_a_scenario_that_has_changed_is_not_trained_on(here):
-    trained()
-    (here / "mine.toml").write_text(MINE.replace("2.5", "2.25"))
-    with pytest.raises(ValueError, match="the scenario has changed"):
-        train(settings(steps=1280), QUIET)
+def test_a_training_is_resumed_with_the_same_scenario_and_the_same_code_alone(here, monkeypatch):
+    # Story: a file of the user is edited between two calls; once that is undone, the training goes on.
+    (here / "my_team.py").write_text(EXTRAS)
+    team = import_module("my_team")
+    monkeypatch.setitem(registry.POLICIES, "slow", registry.Entry("slow", "curve", team.Slow))
+    monkeypatch.setitem(ROGUES, "leftwards", Rogue("leftwards", team.leftwards))
+    changes = {"base": "slow", "overrides": {"targets.rogues": "leftwards", "targets.speed_limit": 1.0}}
+    trained(**changes)
+    assert "module my_team" in registry.fingerprint_of(registry.resolve("run")), "a policy has the code of its base"
+    codes = "the code of slow has changed; the code of rogues leftwards has changed$"
+    for file, text, words in (("mine.toml", MINE, "the scenario has changed$"), ("my_team.py", EXTRAS, codes)):
+        (here / file).write_text(text.replace("2.5", "2.25"))
+        with pytest.raises(ValueError, match=words):
+            train(settings(steps=1280, **changes), QUIET)
+        (here / file).write_text(text)
+    assert train(settings(steps=1280, **changes), QUIET)["curve"][-1]["steps"] >= 1280
 
 
 def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, monkeypatch):

@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 from safetensors import safe_open
 from safetensors.numpy import save as to_safetensors
 
+from baselines.policies import registry
 from lissajous_env import Scenario
 from lissajous_env.identity import digest_of, versions
 from lissajous_env.parameters.extensions import Extension, load_extension
@@ -118,14 +119,16 @@ def read_state(folder: str | Path) -> dict[str, np.ndarray]:
 
 
 def digests(folder: str | Path) -> dict[str, str]:
-    """Return digests of the card and the weights, which identify a policy in a folder.
+    """Return digests of the card and the weights, and those of the base, which identify a policy in a folder.
 
     Raises:
         ValueError: there is no checkpoint, or it is damaged.
     """
     with _opened(folder) as (description, _):
-        card = digest_of(json.dumps(vars(description["card"]), sort_keys=True).encode())
-        return {"card of the checkpoint": card, "weights of the checkpoint": description["sha256"]["weights"][:16]}
+        card, weights = description["card"], description["sha256"]["weights"][:16]
+        own = digest_of(json.dumps(vars(card), sort_keys=True).encode())
+        base = {} if card.base is None else registry.fingerprint_of(registry.resolve(card.base))
+        return {"card of the checkpoint": own, "weights of the checkpoint": weights} | base
 
 
 @contextlib.contextmanager
@@ -157,19 +160,28 @@ def _digest(arrays: Mapping[str, np.ndarray]) -> str:
     return digest.hexdigest()
 
 
+def code_of(scenarios: Sequence[Scenario], policies: Sequence[str | None]) -> dict[str, dict[str, str]]:
+    """Return what identifies this package, and the code of users that plays beside the network of a training."""
+    package = {"lissajous-env": {"version": versions()["lissajous-env"]}}
+    return package | registry.code_of(scenarios, {policy: registry.as_factory(policy) for policy in policies if policy})
+
+
 @contextlib.contextmanager
-def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+def resuming(
+    settings: Any, card: Card, code: Mapping[str, Any]
+) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
     """Yield the description and the arrays from which the caller resumes a training in its block.
 
     Args:
         settings: Settings of the training, with its folder `out`; those that `may_change` names may differ.
         card: Card of its policy, with its settings and scenario.
+        code: What `code_of` returned, which `save` stored as `code`.
 
     Raises:
-        ValueError: the settings or the scenario differ, with all differences; or the block raises an error.
+        ValueError: the settings, the scenario or the code differ, with all differences; or the block raises an error.
     """
     folder, description = settings.out, read_description(settings.out)
-    stored = description["card"]
+    stored, before = description["card"], description.get("code")
     differences = [
         f"{name} = {stored.settings.get(name)!r} there, {value!r} here"
         for name, value in card.settings.items()
@@ -177,8 +189,10 @@ def resuming(settings: Any, card: Card) -> Iterator[tuple[dict[str, Any], dict[s
     ]
     if card.scenario_fields != stored.scenario_fields:
         differences.append("the scenario has changed")
+    before = before if isinstance(before, Mapping) else {}
+    differences += [f"the code of {name} has changed" for name in code if before.get(name) != code[name]]
     if differences:
-        rule = "must be an empty folder or contain a training with the same settings"
+        rule = "must be an empty folder or contain a training with the same settings and code"
         raise ValueError(f"out {rule}, got {folder}: {'; '.join(differences)}")
     arrays = read_state(folder)
     with undamaged(folder / FILE, "state of this training"):

@@ -35,13 +35,8 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     return policy
 
 
-def own_scenario(name: str | Path) -> Scenario:
-    """Return the scenario on which an included policy, or the policy in a folder, was trained.
-
-    Raises:
-        ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
-    """
-    return checkpoint.scenario_of_card(checkpoint.read(find(name))[1])
+def _own_scenario(folder: str) -> Scenario:
+    return checkpoint.scenario_of_card(checkpoint.read_description(folder)["card"])
 
 
 def find(name: str | Path) -> Path:
@@ -64,7 +59,11 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    LOADERS[checkpoint.FILE] = Loader(load, own_scenario, checkpoint.digests)
+    LOADERS[checkpoint.FILE] = Loader(
+        load,
+        lambda folder: checkpoint.scenario_of_card(checkpoint.read_description(folder)["card"]),
+        checkpoint.digests,
+    )
     for name in names():
         description = checkpoint.read_description(_SHIPPED / name)
         card = description["card"]

@@ -25,6 +25,9 @@ def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
 def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
     """Return the rogue of a checkpoint; its name is by default that of the folder.
 
+    A scenario may have other numbers of robots than that of the training: the network reads the nearest robots, and the
+    entries of absent ones are zero in every row.
+
     Raises:
         ValueError: there is none, it is damaged, or its policy drives robots.
     """
@@ -35,15 +38,6 @@ def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
     names = [entry for entry, *_ in entries[: len(card.inputs)]]
     if wrong := [entry for entry, wanted in zip(card.inputs, names, strict=True) if entry != wanted]:
         raise ValueError(f"inputs of {folder} must be the entries of a rogue's row in their order, got {wrong[0]}")
-    return as_rogue(name or str(folder), network, card)
-
-
-def as_rogue(name: str, network: RogueNetwork, card: Card) -> Rogue:
-    """Return a rogue with a name whose actions a network computes.
-
-    A scenario may have other numbers of robots than that of the training: the network reads the nearest robots, and the
-    entries of absent ones are zero in every row.
-    """
     against = str(card.settings.get("against") or "")
     words = f"learned on {card.scenario}" + (f" against {against}" if against else "")
-    return Rogue(name, lambda rows: network(rows).clip(-1.0, 1.0), words)
+    return Rogue(name or str(folder), lambda rows: network(rows).clip(-1.0, 1.0), words)

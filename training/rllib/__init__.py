@@ -4,12 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from lissajous_env import LissajousParallelEnv, Scenario
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import requiring
 
-try:
+with requiring("training.rllib", "cluster"):
     from ray.rllib.env.multi_agent_env import MultiAgentEnv
-except ImportError as error:
-    raise missing("training.rllib", "cluster", error) from error
 
 __all__ = ["LissajousMultiAgentEnv"]
 

@@ -1,11 +1,9 @@
 """Stable-Baselines3: the batch of worlds as a `VecEnv`, and its models as policies."""
 
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import requiring
 
-try:
+with requiring("training.sb3", "train"):
     from training.sb3.model_policy import ModelPolicy
     from training.sb3.vec_env import RobotVecEnv, RogueVecEnv
-except ImportError as error:
-    raise missing("training.sb3", "train", error) from error
 
 __all__ = ["ModelPolicy", "RobotVecEnv", "RogueVecEnv"]

@@ -1,11 +1,9 @@
 """TorchRL and BenchMARL: the environment, tasks, and modules as policies."""
 
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import requiring
 
-try:
+with requiring("training.torchrl", "marl"):
     from training.torchrl.env import LissajousTorchEnv
     from training.torchrl.module_policy import ModulePolicy
-except ImportError as error:
-    raise missing("training.torchrl", "marl", error) from error
 
 __all__ = ["LissajousTorchEnv", "ModulePolicy"]

@@ -144,9 +144,7 @@ class LissajousTorchEnv(EnvBase):
         after = self._read(rewards=True)
         for side in self.batch.sides:
             if not torch.isfinite(actions[side.agent]).all():  # the simulation has replaced it by zero
-                w, i = (~torch.isfinite(actions[side.agent])).nonzero()[0, :2].tolist()
-                got = actions[side.agent][w, i].tolist()
-                raise ValueError(f"action of {side.names[i]} in world {w} must be finite, got {got}")
+                side.read_actions(actions[side.agent], actions[side.agent].shape)  # raises an error that names it
         return after
 
     def _read(self, rewards: bool = False) -> TensorDict:

@@ -7,16 +7,14 @@ Fields of the scenario are `+task.PART.FIELD`; with `task.state=true` central cr
 `experiment.loggers`, BenchMARL logs to Weights & Biases, too, which requires `wandb`.
 """
 
-from lissajous_env.plugins import missing
+from lissajous_env.plugins import requiring
 
-try:
+with requiring("training.torchrl.hydra_run", "marl"):
     from benchmarl.environments import task_config_registry
     from benchmarl.run import hydra_experiment
     from hydra.core.config_store import ConfigStore
 
     from training.torchrl.benchmarl import LissajousTask
-except ImportError as error:
-    raise missing("training.torchrl.hydra_run", "marl", error) from error
 
 
 for task in LissajousTask:
