@@ -20,9 +20,9 @@ from pathlib import Path
 
 import figures
 
-from baselines.benchmark import bounds
-from baselines.benchmark.bounds import bounds_of
+from baselines.benchmark import best_known
 from baselines.benchmark.statistics import number
+from baselines.benchmark.table import bounds_of
 from baselines.benchmark.types import WITH_GRID, as_played
 from baselines.planning import portfolio
 from baselines.planning.families import as_family, defaults, lines, partitions, with_parameters
@@ -45,7 +45,7 @@ def alike(task: Scenario) -> Family:
     """Return the stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
     start = task.curve, task.formation, task.num_robots
     return as_family(task, [
-        plan for plan in bounds.all_known()
+        plan for plan in best_known.all_known()
         if (plan.scenario.curve, plan.scenario.formation, plan.scenario.num_robots) == start
     ])  # fmt: skip
 
@@ -69,7 +69,7 @@ def filtered(family: Family, task: Scenario) -> Family:
     return with_parameters(task, f"{family.name}-proved", policies, first, others)
 
 
-def ranked(figures: Figures | bounds.BestKnown, goal: str) -> tuple[float, float]:
+def ranked(figures: Figures | best_known.BestKnown, goal: str) -> tuple[float, float]:
     """Return the numbers of which a plan that is better for a goal has less."""
     whole, settled = figures.worst_case, figures.settled
     return (whole, settled) if goal == WHOLE else (settled, whole)
@@ -86,23 +86,25 @@ def keep(name: str, finals: Sequence[Planned], command: str) -> list[str]:
     allowed = [plan for plan in finals if not plan.figures.collisions and math.isfinite(plan.figures.worst_case)]
     written = []
     for goal, folder in ((WHOLE, name), (SETTLED, f"{name}-{SETTLED}")):
-        bounds.all_known.cache_clear()  # the second goal is compared with what the first one has written
-        stored_ones = [ranked(plan, goal) for plan in bounds.all_known() if plan.name in (name, f"{name}-{SETTLED}")]
+        best_known.all_known.cache_clear()  # the second goal is compared with what the first one has written
+        stored_ones = [
+            ranked(plan, goal) for plan in best_known.all_known() if plan.name in (name, f"{name}-{SETTLED}")
+        ]
         best = min(allowed, key=lambda plan: ranked(plan.figures, goal), default=None)
         if best is not None and _shorter(best.figures, goal) < min(stored_ones, default=(math.inf, math.inf)):
             _write(folder, name, best, command)
             written.append(folder)
-    bounds.all_known.cache_clear()
+    best_known.all_known.cache_clear()
     return written
 
 
-def keep_figures(stored_plan: bounds.BestKnown, figures: Figures) -> None:
+def keep_figures(stored_plan: best_known.BestKnown, figures: Figures) -> None:
     """Store figures of a stored plan in place of its own; remove the plan if it collides or has no bound."""
     if figures.collisions or not math.isfinite(figures.worst_case):
-        shutil.rmtree(bounds.FOLDER / stored_plan.name)
+        shutil.rmtree(best_known.FOLDER / stored_plan.name)
     else:
-        _write_figures(bounds.FOLDER / stored_plan.name, figures, stored_plan.command)
-    bounds.all_known.cache_clear()
+        _write_figures(best_known.FOLDER / stored_plan.name, figures, stored_plan.command)
+    best_known.all_known.cache_clear()
 
 
 def _shorter(figures: Figures, goal: str) -> tuple[float, float]:
@@ -112,7 +114,7 @@ def _shorter(figures: Figures, goal: str) -> tuple[float, float]:
 
 
 def _write(folder: str, name: str, best: Planned, command: str) -> None:
-    path = bounds.FOLDER / folder
+    path = best_known.FOLDER / folder
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
     home = [f'name = "{folder}-best-known"', f'base = "{name}"']
@@ -125,7 +127,7 @@ def _write(folder: str, name: str, best: Planned, command: str) -> None:
 def _write_figures(path: Path, figures: Figures, command: str) -> None:
     entries = {"command": command, "worst_case": _short(figures.worst_case), "settled": _short(figures.settled)}
     write_atomically(
-        path / bounds.FOUND, "".join(f"{key} = {toml_value(key, value)}\n" for key, value in entries.items())
+        path / best_known.FOUND, "".join(f"{key} = {toml_value(key, value)}\n" for key, value in entries.items())
     )
 
 
@@ -135,11 +137,11 @@ def _short(seconds: float) -> float:
 
 def measure_again(name: str) -> None:
     """Store the figures of the stored plans of a scenario, as they are now."""
-    for plan in bounds.all_known():
+    for plan in best_known.all_known():
         if plan.name in (name, f"{name}-{SETTLED}"):
             task = as_played(name)
             with quietly():
-                figures = play(Plan(bounds.BEST_KNOWN, task, plan.settings, plan.name), Episodes()).figures
+                figures = play(Plan(best_known.BEST_KNOWN, task, plan.settings, plan.name), Episodes()).figures
             now = f"{figures.worst_case:.3g} s, {figures.collisions} collisions"
             print(f"{plan.name}: {plan.worst_case:g} s as stored, now {now}")
             keep_figures(plan, figures)
@@ -199,7 +201,7 @@ def main() -> None:
             words = f"worst {stats.worst_case:.3g} s, second half {stats.settled:.3g} s, {stats.collisions} collisions"
             print(f"  {final.plan.settings.policy}: {words} ({final.plan.about})", flush=True)
     if options.store:
-        names = dict.fromkeys(plan.name.removesuffix(f"-{SETTLED}") for plan in bounds.all_known())
+        names = dict.fromkeys(plan.name.removesuffix(f"-{SETTLED}") for plan in best_known.all_known())
         titles = "scenario", "lower bound [s]", "best known [s]", "best default [s]"
         titles = (*titles, "second half: best known [s]", "best default [s]")
         figures.store({"known": {"columns": titles, "rows": [row_of(name) for name in names]}})

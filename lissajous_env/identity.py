@@ -4,6 +4,7 @@ The files of its modules identify the code of a user, so that results of differe
 distribution is identified by its version, which results store beside these parts.
 """
 
+import contextlib
 import functools
 import hashlib
 import inspect
@@ -73,8 +74,10 @@ def command() -> str:
 
 
 def machine(device: str) -> dict[str, Any]:
-    """Return a description of this machine and of a device."""
-    warp_device = as_device(device)
+    """Return a description of this machine and of a device, which may be one of other machines of a cluster."""
+    gpu = ""
+    with contextlib.suppress(ValueError):
+        gpu = "" if as_device(device).is_cpu else f": {as_device(device).name}"
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
@@ -82,7 +85,7 @@ def machine(device: str) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "memory_gib": round(memory() / 2**30, 1),
         "os": platform.platform(),
-        "device": device if warp_device.is_cpu else f"{device}: {warp_device.name}",
+        "device": device + gpu,
     }
 
 

@@ -20,7 +20,7 @@ from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, Simulation
 from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
-from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
+from lissajous_env.episodes.missed.foresight import Foresight, Labels, Moment
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import require
 from lissajous_env.world.columns import DETECTION_TIME
@@ -121,15 +121,15 @@ class RogueTrainer:
             if k < 2 or k % 4 == 3 or is_last:
                 self.say(f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}")
 
-    def _visit(self, k: int) -> Visits:
+    def _visit(self, k: int) -> list[Moment]:
         """Play an episode in each world in round k, and record the rogues."""
-        settings, visits = self.settings, Visits()
+        settings, moments = self.settings, []
         scenario = settings.make_scenario(_SCRIPTS[k] if k < len(_SCRIPTS) else str(settings.out))
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         runner = EpisodeRunner(as_factory(settings.against)(scenario, settings.worlds, settings.device), simulation)
         seed = FIRST_SEED * (1 + settings.seed) + k * settings.worlds
-        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
-        return visits
+        runner.play(range(seed, seed + settings.worlds), lambda taken: moments.append(Moment.of(simulation)))
+        return moments
 
     def _tensors(self, labels: Labels) -> list[Tensor]:
         """Return rows that are normalized, actions and weights of labels."""

@@ -128,8 +128,12 @@ def _play_batch(packed: bytes, numbers: list[int], wanted: dict[str, str]) -> Ro
         raise ValueError(
             f"every node must have the same {', '.join(differing)}; {ray.util.get_node_ip_address()} has not"
         )
-    # A failure is words: the error itself may be of a class that the driver cannot load.
-    return next(batches_or_failure(cell, settings, numbers))
+    rows: Rows = []
+    for result in batches_or_failure(cell, settings, numbers):  # several, for a policy of fewer worlds
+        if isinstance(result, Failure):
+            return result  # in words: the error itself may be of a class that the driver cannot load
+        rows += result
+    return rows
 
 
 def _sources(cell: Cell) -> dict[str, str]:

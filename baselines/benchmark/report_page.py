@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.benchmark.bounds import Bounds, bounds_in_words
 from baselines.benchmark.plot_styles import COLOURS, styles_of
 from baselines.benchmark.statistics import (
     DERIVED,
@@ -20,12 +19,12 @@ from baselines.benchmark.statistics import (
     in_words,
     with_numbers,
 )
-from baselines.benchmark.table import Overall, Row, Rows, Table, grouped, numbers
+from baselines.benchmark.table import Bounds, Overall, Row, Rows, Table, grouped, numbers
 from baselines.benchmark.types import Failure
 from baselines.policies.registry import split_suffix
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay import contents
-from lissajous_env.replay.bundle import as_json, bundled
+from lissajous_env.replay.page import as_json, html_page
 from lissajous_env.wording import counted
 from lissajous_env.world.columns import (
     COLLISIONS,
@@ -56,7 +55,7 @@ _ROBOTS = {
 _DIGITS = 5
 """Significant digits of the numbers in the page."""
 _EPISODES = "the episodes"
-"""Placeholder of the episodes in the page of the frame."""
+"""Placeholder of the episodes in the page of a replay, which the report shows in a frame."""
 
 Key = tuple[str, str, int]
 """Scenario, policy and seed of an episode."""
@@ -154,13 +153,14 @@ def page(
         "replays": {name: [scenario_of[s], number_of[p], seed] for name, (s, p, seed) in replayed.items()},
     }
     played = f"{counted(len(rows), 'episode')} of {counted(len(policies), 'policy', 'policies')}"
-    words = {"title": "Benchmark", "counted": f"{played} on {counted(len(scenario_of), 'scenario')}"}
-    viewer, blocks = "", {name: replays[key] for name, key in replayed.items()}
-    if replays:  # the replay page without episodes, in a frame
+    texts = {"title": "Benchmark", "counted": f"{played} on {counted(len(scenario_of), 'scenario')}"}
+    player, blocks = "", {name: replays[key] for name, key in replayed.items()}
+    if replays:
         empty = {"format": contents.FORMAT, "at": "@at@", "episodes": [_EPISODES]}
-        viewer = bundled("page.html", "main.js", empty, {"title": "Replay"})
-        blocks = {"viewer-page": viewer.replace(as_json(_EPISODES), "@episodes@", 1)} | blocks
-    return bundled("report.html", "report.js", data, words, ("style.css", "report.css"), blocks, viewer)
+        player = html_page("page.html", "main.js", empty, texts={"title": "Replay"})
+        blocks = {"viewer-page": player.replace(as_json(_EPISODES), "@episodes@", 1)} | blocks
+    styles = "style.css", "report.css"
+    return html_page("report.html", "report.js", data, texts, styles, blocks, framed=player)
 
 
 def _columns(table: Table) -> list[dict[str, Any]]:
@@ -262,7 +262,7 @@ def _facts(scenario: Scenario, bounds: Bounds, reference: str | None) -> list[tu
         (scenario.detection_time_label, f"{scenario.detection_time_bound:.3g} s"),
         *((("policies are compared with", reference),) if reference is not None else ()),
     )
-    words = bounds_in_words(bounds).removeprefix(", ")
+    words = bounds.in_words().removeprefix(", ")
     return [*facts, *((("bounds", words),) if words else ())]
 
 

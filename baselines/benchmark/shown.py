@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.text import Text
 
-from baselines.benchmark.bounds import BEST_KNOWN, bounds_in_words
+from baselines.benchmark.best_known import BEST_KNOWN
 from baselines.benchmark.results_folder import CSV, MARKDOWN, REPORT, SUMMARY
 from baselines.benchmark.statistics import (
     DASH,
@@ -96,7 +96,7 @@ def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -
         scenario, bounds = table.scenarios[name], table.bounds[name]
         columns = columns_of(scenario, policies)
         words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
-        title = Text.assemble((name, "bold"), words, bounds_in_words(bounds))
+        title = Text.assemble((name, "bold"), words, bounds.in_words())
         print_lines(console, title, columns, lines_of(policies, columns, bounds.best_known), where)
     for overall in table.overall:
         count, columns = len(overall.scenarios), with_numbers(overall.policies, OVERALL)

@@ -1,17 +1,18 @@
-"""The results table: an estimate of every column for each policy on each scenario, which all views show.
+"""The results table: an estimate of every column for each policy on each scenario, and bounds, which all views show.
 
 Ratios and comparisons with the reference are columns of the score rows, too, so one function estimates all columns.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cache, cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.benchmark.bounds import Bounds, bounds_of, least_mean_time
+from baselines.benchmark.best_known import known_plans
 from baselines.benchmark.statistics import (
     IMPROVEMENT,
     OVER_LOWER_BOUND,
@@ -20,11 +21,14 @@ from baselines.benchmark.statistics import (
     WORST_CASE_OVER_BEST,
     Estimate,
     column_of,
+    number,
     score_names,
     summarize,
     summarize_largest,
     with_numbers,
 )
+from lissajous_env.episodes.guarantee import IdealFormation
+from lissajous_env.episodes.lower_bounds import mean_time_lower_bound, worst_case_lower_bound
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import AT_END, DETECTION_TIME, LARGEST, OPEN, WORST_CASE, Column, task_score
 
@@ -46,6 +50,32 @@ class Overall:
     kind: str
     scenarios: tuple[str, ...]
     policies: Estimates
+
+
+class Bounds(NamedTuple):
+    """Bounds on the scores of one scenario [s]; NaN for those that do not exist, or are below a control step."""
+
+    mean_time: float
+    """Lower bound of the mean detection time of every policy without long-range sensing; NaN where the task has another
+    score."""
+    worst_case: float
+    """Lower bound of the worst-case undetected time; the length of an episode where no policy guarantees anything."""
+    in_formation: float
+    """Worst-case undetected time of the formation in its equilibrium; inf if a target can stay undetected for ever."""
+    best_known: float = math.nan
+    """Shortest worst-case undetected time of a stored plan (`known_plans`) without collisions."""
+    best_known_settled: float = math.nan
+    """The same of the second halves of the episodes."""
+
+    def in_words(self) -> str:
+        """Return the bounds in words, each after a comma."""
+        words = f", lower bound {number(self.mean_time)} s" if math.isfinite(self.mean_time) else ""
+        words += f", guaranteed at least {number(self.worst_case)} s" if math.isfinite(self.worst_case) else ""
+        if math.isfinite(self.best_known):
+            words += f", best known {number(self.best_known)} s (second halves {number(self.best_known_settled)} s)"
+        if self.in_formation == math.inf:
+            words += ", in formation never"
+        return words + (f", in formation {number(self.in_formation)} s" if math.isfinite(self.in_formation) else "")
 
 
 @dataclass(frozen=True)
@@ -89,6 +119,30 @@ class Table:
     def bounds(self) -> dict[str, Bounds]:
         """Return the bounds of each scenario, for which its formation is simulated."""
         return {name: bounds_of(scenario) for name, scenario in self.scenarios.items()}
+
+
+def least_mean_time(scenario: Scenario) -> float:
+    """Return `Bounds.mean_time` of a scenario."""
+    bound = mean_time_lower_bound(scenario) if task_score(scenario) is DETECTION_TIME else math.nan
+    return _beyond_a_step(bound, scenario)
+
+
+@cache
+def bounds_of(scenario: Scenario) -> Bounds:
+    """Return the bounds of a scenario; if it computes contamination, the formation is simulated once for them."""
+    worst_case = in_formation = math.nan
+    if scenario.task.contamination is not None:
+        worst_case = _beyond_a_step(worst_case_lower_bound(scenario), scenario)
+        with suppress(ValueError):  # targets that are too fast for its grid
+            in_formation = IdealFormation(scenario).guaranteed_time(scenario.rogue_speed)
+    known = known_plans(scenario)
+    best = min((plan.worst_case for plan in known), default=math.nan)
+    settled = min((plan.settled for plan in known), default=math.nan)
+    return Bounds(least_mean_time(scenario), worst_case, in_formation, best, settled)
+
+
+def _beyond_a_step(bound: float, scenario: Scenario) -> float:
+    return bound if bound >= scenario.task.step else math.nan
 
 
 def numbers(rows: Iterable[Row], column: Column) -> np.ndarray:

@@ -3,11 +3,9 @@
 import csv
 import io
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from baselines.benchmark.bounds import bounds_in_words
 from baselines.benchmark.results_folder import CSV, MARKDOWN, SUMMARY
 from baselines.benchmark.shown import Entry, lines_of
 from baselines.benchmark.statistics import MAIN, added_columns, columns_of, with_numbers
@@ -76,7 +74,7 @@ def table_of(table: Table) -> dict[str, list]:
     of_policies = dict(enumerate(of for policies in table.estimates.values() for of in policies.values()))
     columns = with_numbers(of_policies, dict.fromkeys((*scores, *MAIN, *added_columns(of_policies.values()))))
     for name, policies in table.estimates.items():
-        where = f"`{name}`{bounds_in_words(table.bounds[name])}"
+        where = f"`{name}`{table.bounds[name].in_words()}"
         for line in lines_of(policies, columns, table.bounds[name].best_known):
             label = f"*{line.name}*" if line.is_best_known else f"`{line.name}`"
             rows.append([where, label, *map(str, line.entries)])
@@ -104,8 +102,8 @@ def _paper_table(table: Table, scenario: str) -> str:
     lines = [
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",
-        rf"\caption{{\texttt{{{_escaped(scenario)}}}{_escaped(bounds_in_words(bounds))}. {_CAPTION}}}",
-        rf"\label{{tab:{re.sub(r'[^A-Za-z0-9-]', '-', scenario)}}}",
+        rf"\caption{{\texttt{{{_escaped(scenario)}}}{_escaped(bounds.in_words())}. {_CAPTION}}}",
+        rf"\label{{tab:{scenario}}}",
         rf"\begin{{tabular}}{{@{{}}l{'r' * len(columns)}@{{}}}}",
         r"\toprule",
         f"policy & {' & '.join(_escaped(column.heading) for column in columns)} \\\\",

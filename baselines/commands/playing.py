@@ -81,7 +81,7 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
         raise ValueError("names must be scenarios and then a policy, got nothing")
     *scenarios, policy = names
     for name in scenarios:
-        if registry.is_folder(name) or (name in registry.names() and not denotes_scenario(name)):
+        if not denotes_scenario(name) and (registry.is_folder(name) or name in registry.names()):
             words = "scenario must be given before the policy (that of a policy's folder is FOLDER/scenario.toml)"
             raise ValueError(f"{words}, got {few_of(names)}")
     if denotes_scenario(policy) and policy not in registry.names() and not registry.is_folder(policy):

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
-from baselines.benchmark.bounds import BEST_KNOWN, BestKnown, known_plans
+from baselines.benchmark.best_known import BEST_KNOWN, BestKnown, known_plans
 from baselines.planning.plans import Choices, Family, Plan, Variables, absolute, robots_top_speed
 from baselines.policies import registry
 from baselines.policies.as_cars import like_cars

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.benchmark.bounds import BEST_KNOWN
+from baselines.benchmark.best_known import BEST_KNOWN
 from baselines.planning.families import DEFAULTS, families_of
 from baselines.planning.plans import Family, Plan, Planned, Variables, best_of, in_turn, sorted_both_ways
 from baselines.planning.rehearse import BEST_EPISODES, CONFIRMING_EPISODES, Episodes, LateError, look_at, play

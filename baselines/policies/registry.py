@@ -190,10 +190,13 @@ def _is_own(factory: Any) -> bool:
 
 
 def split_suffix(name: str) -> tuple[str, str]:
-    """Split the name or the folder of a policy into the part before the suffix of a filter, and the suffix or ""."""
-    name = str(name)
-    suffix = next(filter(name.endswith, _FILTERS), "")
-    return (name, "") if os.path.isdir(name) else (name.removesuffix(suffix), suffix)
+    """Split the name or the folder of a policy into the part before the suffix of a filter, and the suffix or "".
+
+    The name of a registered policy stands for it, also where a folder has the same name.
+    """
+    suffix = next(filter(str(name).endswith, _FILTERS), "")
+    plain = str(name).removesuffix(suffix)
+    return (str(name), "") if plain not in POLICIES.load() and os.path.isdir(name) else (plain, suffix)
 
 
 def entry_of(name: str) -> Entry | None:

@@ -51,14 +51,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     os.environ.pop("MPLBACKEND", None)  # matplotlib refuses that of a notebook elsewhere; pictures need none
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"  # without its place in the code
     code = _exit_code(list(sys.argv[1:] if arguments is None else arguments))
-    try:
-        print(end="", flush=True)
-    except OSError as error:
-        # The reader closed the pipe, or the disk is full; the remaining output must not fail again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = code or FAILED
-        if not isinstance(error, BrokenPipeError):
-            complain(f"error: the output cannot be written: {error.strerror}")
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        try:
+            stream.flush()
+        except OSError as error:
+            # The remaining output must not fail again at exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            if not isinstance(error, BrokenPipeError):  # the disk is full; a reader of a pipe may leave when it likes
+                code = code or FAILED
+                complain(f"error: the output cannot be written: {error.strerror}")
     sys.exit(code)
 
 

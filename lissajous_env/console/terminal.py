@@ -62,7 +62,8 @@ class Output:
     def print_json(self, result: Any) -> None:
         """Print a result if --json is given."""
         if self.json:
-            print(json.dumps(plain(result), indent=2, allow_nan=False))
+            with contextlib.suppress(BrokenPipeError):  # as `_Console`
+                print(json.dumps(plain(result), indent=2, allow_nan=False))
 
 
 DEFAULT_OUTPUT = Output()
@@ -140,9 +141,17 @@ def _literal(name: str, text: str) -> Any:
         raise ValueError(f"--set {name} {rule}, got {text!r}") from None
 
 
+class _Console(Console):
+    """Console that ends no command when the reader of a pipe has left: the command still writes its files."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nothing from now on."""
+        self.quiet = True
+
+
 def make_console(stderr: bool = False, quiet: bool = False) -> Console:
     """Return a console with the width of COLUMNS or the terminal, or of 120 characters without either."""
-    console = Console(stderr=stderr, quiet=quiet, emoji=False)  # a name between two colons is no emoji
+    console = _Console(stderr=stderr, quiet=quiet, emoji=False)  # a name between two colons is no emoji
     if not console.is_terminal and not os.environ.get("COLUMNS", "").isdigit():
         console.width = _PIPE
     console.width = min(console.width or 80, 1000)

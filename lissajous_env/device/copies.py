@@ -56,11 +56,14 @@ class Stateful:
                 f"saved state must contain only the arrays of {type(self).__name__}, got {few_of(unknown)}"
             )
         for name, array in own.items():
-            array.assign(saved[name]) if isinstance(array, wp.array) else np.copyto(array, saved[name])
+            if isinstance(array, wp.array):
+                array.assign(saved[name])
+            elif array.flags.writeable:
+                np.copyto(array, saved[name])
 
 
 class Copyable(Stateful):
-    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above, without code in subclasses."""
+    """Base class of objects that `copy` and `pickle` copy as described above, without code in subclasses."""
 
     def __new__(cls, *args: Any, **more: Any) -> Any:
         """Store the arguments, with which a copy is constructed."""
@@ -71,7 +74,9 @@ class Copyable(Stateful):
     def __reduce__(self) -> tuple:
         args, more = self.__dict__[_ARGUMENTS]
         cls = ByValue(type(self)) if type(self).__module__ in MAIN_MODULES else type(self)
-        values = {name: value for name, value in _entries(self) if _is_value(value)}
+        values = {
+            name: value for name, value in _entries(self) if isinstance(value, Copyable) or not _is_or_has_opaque(value)
+        }
         own = {name: array for name, array in self.save_state().items() if name.partition(".")[0] not in values}
         return _construct, (cls, args, more), (values, own)
 
@@ -86,8 +91,8 @@ def _picklable(argument: Any) -> Any:
     return str(argument) if isinstance(argument, wp.Device) else argument
 
 
-def _construct(cls: type, args: tuple, more: dict[str, Any]) -> Any:
-    return cls(*args, **more)
+def _construct(cls: Any, args: tuple, more: dict[str, Any]) -> Any:
+    return (cls.value if isinstance(cls, ByValue) else cls)(*args, **more)  # `copy.copy` does not unpack it
 
 
 def _arrays(
@@ -113,24 +118,21 @@ def _entries(owner: Any) -> list[tuple[Any, Any]]:
     if is_struct(owner):
         return list(fields_of(owner).items())
     entries = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
+    if isinstance(owner, Stateful):
+        entries = owner.__getstate__()  # without views, which are made anew
     return [] if _is_opaque(owner) else [(key, value) for key, value in entries.items() if key != _ARGUMENTS]
 
 
-def _is_value(value: Any) -> bool:
-    """Return whether an attribute is copied by value; an array that is a view of a Warp array is not."""
-    if isinstance(value, np.ndarray):
-        return value.base is None
-    return isinstance(value, Copyable) or not _is_or_has_opaque(value)
-
-
 def _is_or_has_opaque(value: Any, within: tuple[int, ...] = ()) -> bool:
-    """Return whether a value is a Warp array or `_is_opaque`, or contains one."""
+    """Return whether a value is a Warp array, a view of one or `_is_opaque`, or contains such a value."""
+    if isinstance(value, np.ndarray):
+        while isinstance(value.base, np.ndarray):
+            value = value.base
+        return value.base is not None
     if isinstance(value, wp.array) or _is_opaque(value):
         return True
-    if isinstance(value, np.ndarray) or id(value) in within:
-        return False
     copies_itself = type(value).__reduce__ is not object.__reduce__
-    if copies_itself and not isinstance(value, (Copyable, list, tuple, dict)):
+    if id(value) in within or (copies_itself and not isinstance(value, (Copyable, list, tuple, dict))):
         return False
     return any(_is_or_has_opaque(entry, (*within, id(value))) for _, entry in _entries(value))
 

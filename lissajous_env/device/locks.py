@@ -1,22 +1,22 @@
 """Locks that a forked process can use: turns at an object, and the compiler's lock.
 
-Threads do not survive a fork, but the locks that they own do. So a child renews the lock of an object, and refuses
-an object on which another thread was working. It waits for kernels that are being compiled, for at most a few seconds,
-because the compiler has locks of its own.
+Threads do not survive a fork, but the locks that they own do. So a child renews the locks of all objects, and refuses
+an object on which another thread was working. A fork waits until kernels that are being compiled are ready, because the
+compiler has locks of its own.
 """
 
 import functools
 import os
 import threading
+import weakref
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 COMPILING = threading.RLock()
-"""Owned while kernels are compiled or loaded, which Warp cannot do twice at once, or while standard error is silent."""
-_forks = 0
-"""Number of forks by which this process has come from the first one that imported this module."""
+"""Owned while kernels are compiled or loaded, which Warp cannot do twice at once, while standard error is silent, or
+while helpers of `device/work.py` start."""
 
 
 class Turn:
@@ -30,12 +30,17 @@ class Turn:
         owner: Name of the object, for messages.
 
     Attributes:
-        lock: Lock of the thread that has the turn; a forked process replaces it, and then has more `forks`.
+        lock: Lock of the thread that has the turn; a forked process replaces it.
         taken: True if the work of a turn has begun and not ended.
     """
 
     def __init__(self, owner: str):
-        self.owner, self.lock, self.forks, self.taken = owner, threading.RLock(), _forks, False
+        self.owner, self.lock, self.taken = owner, threading.RLock(), False
+        _turns.add(self)
+
+
+_turns: weakref.WeakSet[Turn] = weakref.WeakSet()
+"""All turns of this process."""
 
 
 def in_turn(method: _Method) -> _Method:
@@ -48,8 +53,6 @@ def in_turn(method: _Method) -> _Method:
     @functools.wraps(method)
     def waiting(self: Any, *args: Any, **named: Any) -> Any:
         turn = self.turn
-        if turn.forks != _forks:  # a thread of the parent may own the lock; its turn remains taken
-            turn.lock, turn.forks = threading.RLock(), _forks
         with turn.lock:
             if turn.taken:
                 words = "a signal handler or an extension must not call it, nor a process that was forked meanwhile"
@@ -63,10 +66,11 @@ def in_turn(method: _Method) -> _Method:
     return waiting  # type: ignore[return-value]
 
 
-def _count_fork() -> None:
-    global _forks
-    _forks += 1
+def _renew_locks() -> None:
+    """Replace locks that a thread of the parent may own; its turn remains taken."""
+    for turn in _turns:
+        turn.lock = threading.RLock()
 
 
-os.register_at_fork(after_in_child=_count_fork)
+os.register_at_fork(after_in_child=_renew_locks)
 os.register_at_fork(before=COMPILING.acquire, after_in_parent=COMPILING.release, after_in_child=COMPILING.release)

@@ -6,7 +6,7 @@ A kernel is one that `@stage` of `device/stage.py` has made. Its parameters are 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -150,15 +150,19 @@ def launcher(device: Any) -> Callable[..., None]:
         arguments = (*inputs, *outputs)
         key = kernel, dim, *[argument if isinstance(argument, (int, float)) else id(argument) for argument in arguments]
         known = ready.get(key)
-        if known is None or any(content_of(struct) != content for struct, content in known[2]):
+        if known is None or any(content_of(struct) != content for struct, content in known[3]):
             if len(ready) >= _MOST_LAUNCHES:
                 ready.clear()
             with compile_quietly():
-                recorded = wp.launch(kernel, dim, inputs, outputs=outputs, device=device, record_cmd=True)
-            call = Call(recorded) if device.is_cpu else cast(Any, recorded).launch
+                recorded: Any = wp.launch(kernel, dim, inputs, outputs=outputs, device=device, record_cmd=True)
+            call = Call(recorded) if device.is_cpu else recorded.launch
             structs = [(argument, content_of(argument)) for argument in arguments if is_struct(argument)]
             # The arguments are stored, so that no other object can have their ids.
-            known = ready[key] = call, arguments, structs
-        known[0]()
+            known = ready[key] = call, recorded.launch, arguments, structs
+        call, launch_again, *_ = known
+        if device.is_capturing:  # by a user, whose graph is made of launches
+            launch_again()
+        else:
+            call()
 
     return launch

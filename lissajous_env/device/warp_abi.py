@@ -41,12 +41,14 @@ def folder_of(module: Any, block_dim: int | None) -> str:
 class Call:
     """A launch on a CPU whose arguments are laid out once, as the compiled kernel reads them.
 
+    It runs at once, also while a graph is captured, of which it is no part.
+
     Args:
         launch: Recorded launch that `wp.launch` returned.
     """
 
     def __init__(self, launch: Any):
-        self._launch = launch
+        self._launch = launch  # refers to the compiled module
         self._bounds, *values = launch.params
         self._arguments = _arguments_of(tuple(map(type, values)))(*values)
         self._function = launch.hooks.forward
@@ -54,10 +56,7 @@ class Call:
 
     def __call__(self) -> None:
         """Make the launch."""
-        if self._launch.device.is_capturing:  # by a user, whose graph is made of launches
-            self._launch.launch()
-        else:
-            self._function(*self._pointers)
+        self._function(*self._pointers)
 
     @functools.cached_property
     def addresses(self) -> tuple[int, int, int]:

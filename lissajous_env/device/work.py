@@ -19,13 +19,13 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS, load_together
 from lissajous_env.device.devices import cores
-from lissajous_env.device.locks import Turn, in_turn
+from lissajous_env.device.locks import COMPILING, Turn, in_turn
 from lissajous_env.device.warp_abi import Call
 
 wp.set_module_options(OPTIONS)
 
 _LEAST_STACK = 768 << 10
-"""Least stack of a helper [bytes], where threads of the process have less."""
+"""Stack of a helper [bytes]; more where the process has set a larger one for its threads."""
 _TASKS_PER_THREAD = 4
 """Number of tasks for each thread; with several, a slower thread can execute fewer of them."""
 _APART = wp.constant(16)
@@ -187,8 +187,9 @@ _started: list[_Helper] = []
 
 def _helpers(count: int) -> list[_Helper]:
     """Return the first helpers."""
-    while len(_started) < count:
-        _started.append(_Helper())
+    if len(_started) < count:
+        with COMPILING:  # one at a time, because a helper sets the size of stacks for the whole process meanwhile
+            _started.extend(_Helper() for _ in range(count - len(_started)))
     return _started[:count]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from lissajous_env.episodes.missed import MissedRogue
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.replay import contents
-from lissajous_env.replay.bundle import bundled
+from lissajous_env.replay.page import html_page
 from lissajous_env.storage.files import replacing
 
 FRAME_HEIGHT = 860
@@ -31,7 +31,8 @@ class Replay:
         policies = " against ".join(str(episode.score.get("policy", "")) or "an episode" for episode in episodes)
         shown = [contents.contents(self.recording, missed=self.missed), *map(contents.contents, episodes[1:])]
         title = f"{self.recording.scenario.name}: {policies}"
-        return bundled("page.html", "main.js", {"format": contents.FORMAT, "episodes": shown}, {"title": title})
+        data = {"format": contents.FORMAT, "episodes": shown}
+        return html_page("page.html", "main.js", data, texts={"title": title})
 
     def save(self, path: str | Path) -> None:
         """Write the page, first under a temporary name."""

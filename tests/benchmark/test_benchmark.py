@@ -87,15 +87,12 @@ def test_a_torn_last_line_is_dropped_and_its_episode_played_again(whole, copied,
     assert (copied / "episodes.csv").read_bytes() == (whole[0] / "episodes.csv").read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("damaged", "words"),
-    [
-        ("", "is damaged"), ("nonsense", "is damaged"), ("[]", "is damaged"),
-        ('{"scenario": 3}', "the columns of a score"), ({"policy": "sweep"}, "settings.json does not name"),
-        ({"episode": 7}, "one of 5 episodes from seed 0 on, got 7"),
-        ({"seed": 7}, "must be one of 5 episodes"), ({"collisions": "many"}, "collisions must be a whole number"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("damaged", "words"), [
+    ("", "is damaged"), ("nonsense", "is damaged"), ("[]", "is damaged"),
+    ('{"scenario": 3}', "the columns of a score"), ({"policy": "sweep"}, "settings.json does not name"),
+    ({"episode": 7}, "one of 5 episodes from seed 0 on, got 7"),
+    ({"seed": 7}, "must be one of 5 episodes"), ({"collisions": "many"}, "collisions must be a whole number"),
+])  # fmt: skip
 def test_a_damaged_line_is_refused_by_file_and_number(copied, damaged, words):
     first, second, *others = lines(copied)
     line = damaged if isinstance(damaged, str) else json.dumps(json.loads(second) | damaged)
@@ -105,15 +102,12 @@ def test_a_damaged_line_is_refused_by_file_and_number(copied, damaged, words):
     assert lines(copied)[1] == line
 
 
-@pytest.mark.parametrize(
-    ("column", "value", "words"),
-    [
-        ("targets", True, "a whole number"), ("targets", None, "a whole number"),
-        ("detected_fraction", 1.01, r"from 0 to 1 or null \(no target appeared\)"),
-        ("contact_time", None, r"number of at least 0 \[s\], got None"), ("return_mean", 10**400, "a finite number"),
-        ("spacing_factor", [1], "a number"), ("seed", 0.0, "a whole number"), ("scenario", None, "text"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("column", "value", "words"), [
+    ("targets", True, "a whole number"), ("targets", None, "a whole number"),
+    ("detected_fraction", 1.01, r"from 0 to 1 or null \(no target appeared\)"),
+    ("contact_time", None, r"number of at least 0 \[s\], got None"), ("return_mean", 10**400, "a finite number"),
+    ("spacing_factor", [1], "a number"), ("seed", 0.0, "a whole number"), ("scenario", None, "text"),
+])  # fmt: skip
 def test_a_value_that_no_score_has_is_refused_by_rule_and_value(whole, column, value, words):
     row = json.loads(lines(whole[0])[0])
     assert refusal_of(row) is refusal_of(row | {"recovery_time": None}) is None
@@ -129,14 +123,11 @@ def test_other_settings_are_refused_and_both_are_shown(copied):
     assert before == {path.name: path.read_bytes() for path in copied.iterdir() if path.name != LIST}
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"episodes": -1}, "must be one of -1 episodes"), ({"policies": []}, r"settings\.json is damaged"),
-        ({"scenarios": {"mine": 3}}, r"settings\.json must be an undamaged .* be a table of its parts, got int"),
-        ({"versions": {"lissajous-env": "0.1.0"}}, "versions.lissajous-env: '0.1.0' there"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "words"), [
+    ({"episodes": -1}, "must be one of -1 episodes"), ({"policies": []}, r"settings\.json is damaged"),
+    ({"scenarios": {"mine": 3}}, r"settings\.json must be an undamaged .* be a table of its parts, got int"),
+    ({"versions": {"lissajous-env": "0.1.0"}}, "versions.lissajous-env: '0.1.0' there"),
+])  # fmt: skip
 def test_settings_that_no_call_wrote_are_refused(copied, change, words):
     path = copied / "settings.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
@@ -238,17 +229,14 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
     assert lines(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"scenarios": ("failur",)}, "did you mean failure"),
-        ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
-        ({"scenarios": ("failure", "evaders")}, "one for evaders, which has robots of kind car; got kuramoto"),
-        ({"address": ""}, "address must be given only with engine ray"), ({"seed": 2**31 - 2}, "seed must be"),
-        ({"scenarios": ("failure", "failure")}, "each entry once"), ({"replays": -1}, "replays must be a whole"),
-        ({"against": "sweep"}, r"against must be one of the policies \(kuramoto, open-loop\), got sweep"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"scenarios": ("failur",)}, "did you mean failure"),
+    ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
+    ({"scenarios": ("failure", "evaders")}, "one for evaders, which has robots of kind car; got kuramoto"),
+    ({"address": ""}, "address must be given only with engine ray"), ({"seed": 2**31 - 2}, "seed must be"),
+    ({"scenarios": ("failure", "failure")}, "each entry once"), ({"replays": -1}, "replays must be a whole"),
+    ({"against": "sweep"}, r"against must be one of the policies \(kuramoto, open-loop\), got sweep"),
+])  # fmt: skip
 def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
         run(small(tmp_path / "out", **changes), console=QUIET)

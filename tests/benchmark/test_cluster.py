@@ -15,6 +15,7 @@ from baselines.benchmark import cluster
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.types import Cell
 from lissajous_env import scenario as make_scenario
+from lissajous_env.identity import machine
 
 ray = pytest.importorskip("ray")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -124,13 +125,17 @@ def test_a_node_is_killed_and_every_episode_is_there_once(two_nodes, tmp_path):
 
 
 def test_policies_that_fail_are_reported_and_the_others_go_on(two_nodes, tmp_path, monkeypatch):
-    # Story: one raises, as it would here; one kills its worker each time; one does so once, and all its episodes come.
+    # Story: one raises, as it would here; one kills its worker each time; one does so once, and all its episodes come;
+    # one plays a single world at a time.
     once = type("Once", (Deadly,), {"once": str(tmp_path / "once")})
-    own = {"raising": Raising, "deadly": Deadly, "once": once}
+    single = lambda scenario, _, device: Quick(scenario, 1, device)  # noqa: E731
+    own = {"raising": Raising, "deadly": Deadly, "once": once, "single": single}
     settings = small(tmp_path / "out", policies=("kuramoto",), episodes=2, engine="ray")
     monkeypatch.setattr(cluster, "_RETRIES", 1)
     outcome = measure(settings, own, console=QUIET)
-    assert sorted(numbered(settings.out)) == sorted((name, k) for name in ("kuramoto", "once") for k in range(2))
+    assert sorted(numbered(settings.out)) == sorted(
+        (name, k) for name in ("kuramoto", "once", "single") for k in range(2)
+    )
     raising, deadly = outcome.failures
     assert (raising.scenario, raising.policy) == ("failure", "raising")
     assert raising.error.startswith("ZeroDivisionError: division by zero (test_cluster.py, line ")
@@ -139,7 +144,7 @@ def test_policies_that_fail_are_reported_and_the_others_go_on(two_nodes, tmp_pat
     assert "WorkerCrashedError" in deadly.error
     own["raising"] = own["deadly"] = Quick
     healed = measure(small(settings.out, policies=("kuramoto",), episodes=2), own, console=QUIET)  # on this machine
-    assert (healed.failures, healed.resumed, len(healed.rows)) == ([], 4, 8)
+    assert (healed.failures, healed.resumed, len(healed.rows)) == ([], 6, 10)
 
 
 def test_what_cannot_be_played_on_a_cluster_is_refused(tmp_path, monkeypatch):
@@ -151,6 +156,7 @@ def test_what_cannot_be_played_on_a_cluster_is_refused(tmp_path, monkeypatch):
         cluster._play_batch(b"", [0], {"lissajous-env": "0"})
     with pytest.raises(ValueError, match="device of engine ray must be cpu or cuda"):
         run(small(tmp_path / "out", engine="ray", device="cuda:1"), console=QUIET)
+    assert machine("cuda:99")["device"] == "cuda:99"  # as on a driver without the devices of its nodes
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ValueError, match=r'pip install "lissajous-env\[cluster\]"'):
         run(small(tmp_path / "out", engine="ray"), console=QUIET)

@@ -29,19 +29,16 @@ def test_references_have_the_scores_0_and_1_and_a_training_twice_counts_as_once(
 RULES = "[policies]\nwatch-v1 = ['lanes']\nintercept-v1 = {}\nhotspots-v1 = ['lanes']"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("nam = 1", "must have the keys name, by, command, machine, policies, got nam; did you mean name"),
-        ("", "must have the keys name, by, command, machine, policies, policies is missing"),
-        ("[policies]\nwatch-v2 = ['lanes']", "tasks|watch-v1, intercept-v1, hotspots-v1, got watch-v2; did you mean"),
-        ("[policies", "mine.toml must be a TOML file that can be read: "),
-        (RULES.format("'lanes'"), "intercept-v1 of mine.toml must be a list of policies, one for each training, got"),
-        (RULES.format("['lanes', 'lanes']"), "must have as many trainings for each task, got {'watch-v1': 1, 'int"),
-        (RULES.format("['laness']"), "policy must be .* got 'laness'; did you mean lanes"),
-        (RULES.format("['nowhere:rule']"), "policy must be module:factory that can be loaded, got 'nowhere:rule'"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    ("nam = 1", "must have the keys name, by, command, machine, policies, got nam; did you mean name"),
+    ("", "must have the keys name, by, command, machine, policies, policies is missing"),
+    ("[policies]\nwatch-v2 = ['lanes']", "tasks|watch-v1, intercept-v1, hotspots-v1, got watch-v2; did you mean"),
+    ("[policies", "mine.toml must be a TOML file that can be read: "),
+    (RULES.format("'lanes'"), "intercept-v1 of mine.toml must be a list of policies, one for each training, got"),
+    (RULES.format("['lanes', 'lanes']"), "must have as many trainings for each task, got {'watch-v1': 1, 'int"),
+    (RULES.format("['laness']"), "policy must be .* got 'laness'; did you mean lanes"),
+    (RULES.format("['nowhere:rule']"), "policy must be module:factory that can be loaded, got 'nowhere:rule'"),
+])  # fmt: skip
 def test_an_entry_names_what_is_wrong(tmp_path, text, words):
     path = tmp_path / "mine.toml"
     path.write_text("".join(f'{key} = "x"\n' for key in ENTRY) + text)

@@ -16,11 +16,11 @@ from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines.benchmark import bounds, shown, types
+from baselines.benchmark import best_known, shown, types
 from baselines.benchmark.report_page import page as report_page
 from baselines.benchmark.shown import lines_of
 from baselines.benchmark.statistics import MAIN, OVER_LOWER_BOUND, SHOWN, in_words, number, with_numbers
-from baselines.benchmark.table import Table, with_derived
+from baselines.benchmark.table import Table, bounds_of, with_derived
 from baselines.benchmark.types import Benchmark, BenchmarkOutcome, cells_of
 from baselines.benchmark.written import latex, markdown, summarized, table_of
 from baselines.policies.base import UnsuitableScenarioError
@@ -68,7 +68,7 @@ def test_over_the_lower_bound_is_a_mean_and_a_bound_of_nothing_has_no_ratio():
     assert estimate.low < estimate.value < estimate.high
     experiment = lissajous_env.scenario("experiment")
     assert mean_time_lower_bound(experiment) == 0
-    assert math.isnan(bounds.bounds_of(experiment).mean_time)
+    assert math.isnan(bounds_of(experiment).mean_time)
 
 
 def derived(first, second):
@@ -310,7 +310,7 @@ def test_the_command_makes_the_table_of_the_docs():
     page = (figures.ROOT / "docs" / "comparison.md").read_text(encoding="utf-8")
     stored = re.search(r"<!-- figures: policies -->\s+(.*?)\s+<!-- end -->", page, re.DOTALL)[1]
     assert stored.splitlines()[0] == f"| scenario | policy | {' | '.join(column.heading for column in MAIN)} |"
-    known = {plan.name for plan in bounds.all_known()} & set(types.SCENARIOS)
+    known = {plan.name for plan in best_known.all_known()} & set(types.SCENARIOS)
     assert {name for name, names in policies_of(stored).items() if "*best known*" in names} == known
     cells = cells_of(Benchmark(), scenarios=[types.as_played(name) for name in types.SCENARIOS])
     listed = {(name, policy.strip("`")) for name, of in policies_of(stored).items() for policy in of - {"*best known*"}}

@@ -53,35 +53,32 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
     assert all(len(line) <= width for line in out.splitlines() if not line.startswith("Columns that do not fit"))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["benchmrk"], "did you mean benchmark?"),
-        (["run", "failure", "kuramoto", "--set", "task.duration=-3"], "must be from 0.001 to 100000000 [s], got -3"),
-        (["evaluate", "failure", "kuramoto", "--set", "name=evil"], "override must name one of curve"),
-        (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "-" * 100_000 + "1"], "--set curve.a must be given"),
-        (["guarantee", "ideal", "ideal"], "scenarios must differ in name, got 2 of ideal"),
-        (["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"], "out must be in an existing folder"),
-        (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),
-        (["evaluate", "failure", ""], "got ''"),
-        (["evaluate"], "names must be scenarios and then a policy, got nothing"),
-        (["evaluate", "failure", "all"], "policy must be the name of one policy, got 'all'"),
-        (["exploit", "monitoring-v1:train:2", "kuramoto-mpcc"], "one scenario must be given, got monitoring-v1-"),
-        (["evaluate", "still"], "scenario must be given before the policy"),
-        (["evaluate", "failure", "knot"], "policy must be given after the scenario, got failure, knot"),
-        (["evaluate", "failure", "stil"], "got 'stil'; did you mean still?"),
-        (["evaluate", "failure", "failure", "kuramoto"], "scenarios must contain each entry once"),
-        (["evaluate", "failure", "x\udcff"], "got 'x"),
-        (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
-        (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
-        (["evaluate", "x[/b]/7"], "folder of a policy must exist, got x[/b]/7"),
-        (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
-        (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
-        (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
-        (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .mp4 or .gif"),
-        (["replay", "nowhere.npz"], "nowhere.npz"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["benchmrk"], "did you mean benchmark?"),
+    (["run", "failure", "kuramoto", "--set", "task.duration=-3"], "must be from 0.001 to 100000000 [s], got -3"),
+    (["evaluate", "failure", "kuramoto", "--set", "name=evil"], "override must name one of curve"),
+    (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "-" * 100_000 + "1"], "--set curve.a must be given"),
+    (["guarantee", "ideal", "ideal"], "scenarios must differ in name, got 2 of ideal"),
+    (["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"], "out must be in an existing folder"),
+    (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),
+    (["evaluate", "failure", ""], "got ''"),
+    (["evaluate"], "names must be scenarios and then a policy, got nothing"),
+    (["evaluate", "failure", "all"], "policy must be the name of one policy, got 'all'"),
+    (["exploit", "monitoring-v1:train:2", "kuramoto-mpcc"], "one scenario must be given, got monitoring-v1-"),
+    (["evaluate", "still"], "scenario must be given before the policy"),
+    (["evaluate", "failure", "knot"], "policy must be given after the scenario, got failure, knot"),
+    (["evaluate", "failure", "stil"], "got 'stil'; did you mean still?"),
+    (["evaluate", "failure", "failure", "kuramoto"], "scenarios must contain each entry once"),
+    (["evaluate", "failure", "x\udcff"], "got 'x"),
+    (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
+    (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
+    (["evaluate", "x[/b]/7"], "folder of a policy must exist, got x[/b]/7"),
+    (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
+    (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
+    (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
+    (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .mp4 or .gif"),
+    (["replay", "nowhere.npz"], "nowhere.npz"),
+])  # fmt: skip
 def test_bad_input_is_one_clear_line_and_exit_code_2(arguments, words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert words in refusal_of(capsys, *arguments)
@@ -98,18 +95,13 @@ def test_benchmark_prints_a_table_and_resumes(tmp_path, capsys):
     assert "6 of 6 episodes were already in" in again[1]
     assert "kuramoto" in first[1]
     assert (tmp_path / "episodes.csv").read_text().splitlines()[0] == ",".join(NAMES)
-    code, _, error = called(capsys, *BENCHMARK, "--set", "task.duration=3", "--out", tmp_path)
-    assert code == 2
-    assert "scenarios.failure.task.duration: 2.0 there, 3.0 now" in error
+    assert called(capsys, *BENCHMARK, "--set", "task.duration=3", "--out", tmp_path)[0] == 2
 
 
-@pytest.mark.parametrize(
-    ("command", "ending"),
-    [
-        (lambda: True, (0, "")), (lambda: 3, (3, "")), (lambda: sys.exit("no end"), (1, "error: no end\n")),
-        (lambda: exec("raise RuntimeError('a\\nb')"), (1, "error: RuntimeError: a (<string>, line 1);")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("command", "ending"), [
+    (lambda: True, (0, "")), (lambda: 3, (3, "")), (lambda: sys.exit("no end"), (1, "error: no end\n")),
+    (lambda: exec("raise RuntimeError('a\\nb')"), (1, "error: RuntimeError: a (<string>, line 1);")),
+])  # fmt: skip
 def test_a_command_of_another_package_ends_with_its_exit_code_or_reason(command, ending, monkeypatch, capsys):
     monkeypatch.setattr(cli, "commands", lambda: {"mine": SimpleNamespace(load=lambda: command)})
     code, _, error = called(capsys, "mine")
@@ -127,7 +119,10 @@ def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path, capsys, monkeypatc
     assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 1
 
 
-def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path, capsys):
+def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("failure", "still"):  # a folder of results may have the name of its scenario
+        (tmp_path / name).mkdir()
     fields = ("--set", "task.duration=2", "targets.count=7", "targets.arrival_rate=0")
     file = tmp_path / "rows.csv"
     code, out, _ = called(capsys, "evaluate", "failure", "still", "--episodes", 3, *fields, "--out", file)
@@ -180,18 +175,15 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys, monkeyp
     assert "episode.npz" in refusal_of(capsys, "replay", "episode.npz", "--out", "film.gif")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["benchmark", "--epsiodes", "3"], "--epsiodes"),
-        (["plan", "evaders", "--robots", "8:3"], "robots must be a number or a range such as 3:8, from 2 to 64, got"),
-        (["train", "--steps", "0"], "training.steps must be a whole number from 1 to 1000000000000000, got 0"),
-        (["run"], "--help"),
-        (["scenarios", "--episodes"], "--episodes"),
-        (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
-        (["train", "--noise", "nan"], "noise must be from 1e-06 to 10, got nan"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["benchmark", "--epsiodes", "3"], "--epsiodes"),
+    (["plan", "evaders", "--robots", "8:3"], "robots must be a number or a range such as 3:8, from 2 to 64, got"),
+    (["train", "--steps", "0"], "training.steps must be a whole number from 1 to 1000000000000000, got 0"),
+    (["run"], "--help"),
+    (["scenarios", "--episodes"], "--episodes"),
+    (["evaluate", "failure", "still", "--episodes", "few"], "'few'"),
+    (["train", "--noise", "nan"], "noise must be from 1e-06 to 10, got nan"),
+])  # fmt: skip
 def test_an_invalid_command_line_ends_with_exit_code_2_and_names_the_option(arguments, words, capsys):
     code, out, error = called(capsys, *arguments)
     assert (code, out) == (2, "")
@@ -219,16 +211,12 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
 SHORT = ["--episodes", "2", "--set", "task.duration=1"]
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["scenarios"], ["policies"], ["plan", "perturbation", "--plans", "4"],
-        ["evaluate", "failure", "still", *SHORT],
-        ["run", "failure", "still", "--set", "task.duration=1"],
-        ["benchmark", "--scenarios", "failure", "--policies", "still", "kuramoto", *SHORT, "--out", "results"],
-    ],
-    ids=lambda arguments: arguments[0],
-)  # fmt: skip
+@pytest.mark.parametrize("arguments", [
+    ["scenarios"], ["policies"], ["plan", "perturbation", "--plans", "4"],
+    ["evaluate", "failure", "still", *SHORT],
+    ["run", "failure", "still", "--set", "task.duration=1"],
+    ["benchmark", "--scenarios", "failure", "--policies", "still", "kuramoto", *SHORT, "--out", "results"],
+], ids=lambda arguments: arguments[0])  # fmt: skip
 def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys, tmp_path, monkeypatch):
     def refuse(word):
         raise AssertionError(word)

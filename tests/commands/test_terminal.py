@@ -58,11 +58,17 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
     assert shown(width, TERM="dumb", NO_COLOR="1") == text
 
 
-@pytest.mark.parametrize(("line", "code"), [("nothing <&- >&- 2>&-", 2), ("--help > /dev/full", 1)])
-def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, code):
+RUN = "run failure still --set task.duration=1"
+
+
+@pytest.mark.parametrize(("line", "code", "files"), [
+    ("nothing <&- >&- 2>&-", 2, []), ("--help > /dev/full", 1, []), (f"{RUN} --out a.npz | true", 0, ["a.npz"]),
+    (f"{RUN} --json --out b.npz 2>&1 | true", 0, ["b.npz"]),
+])  # fmt: skip
+def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, code, files, tmp_path):
     command = f"set -o pipefail; {sys.executable} -m lissajous_env {line}"
-    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
-    assert ended.returncode == code
+    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert (ended.returncode, sorted(path.name for path in tmp_path.iterdir())) == (code, files)
     assert "Traceback" not in ended.stderr
     assert "Exception ignored" not in ended.stderr
     assert "\ufffd" not in ended.stdout

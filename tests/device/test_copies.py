@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import baselines
 import lissajous_env
 
 pytest.importorskip("stable_baselines3")
@@ -70,3 +71,25 @@ def test_a_copy_after_steps_continues_like_the_original(name):
     assert len(set(expected)) > 7
     assert [advance(twin, step) for step in range(5, 20)] == expected
     assert advance(again, 5) == expected[0]
+
+
+class Recalling(baselines.Policy):
+    """Its memory begins as None and then is a view; other arrays cannot be written to."""
+
+    last = None
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        self.begun, self.parts = np.broadcast_to(0.1, self.action.shape), [self.scenario.equilibrium, self.action]
+
+    def decide(self, observation):
+        self.last = (0.5 * (self.begun if self.last is None else self.last) + observation[..., :2])[:, :]
+        return self.last
+
+
+def test_a_policy_with_views_and_constants_is_copied_in_mid_episode():
+    policy, rows = Recalling("experiment", 2), simulation("experiment", 2, 1).observation
+    first = policy.act(rows).numpy().tolist()
+    copies = copy.deepcopy(policy), copy.copy(policy), pickle.loads(pickle.dumps(policy))
+    second = policy.act(rows).numpy().tolist()
+    assert [twin.act(rows).numpy().tolist() for twin in copies] == [second] * 3 != [first] * 3

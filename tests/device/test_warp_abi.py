@@ -45,13 +45,17 @@ def test_a_struct_has_a_name_fields_and_bytes(pair):
 
 
 def test_a_recorded_launch_has_the_function_and_its_arguments(pair):
-    # Oracle: what Warp's own launch writes.
+    # Oracle: what Warp's own launch writes, and a graph that a user captures meanwhile: the call is no part of it.
     out = wp.zeros(3, dtype=wp.float32, device="cpu")
     with compile_quietly():
         recorded = wp.launch(scale, 3, [pair, 2.0], outputs=[out], device="cpu", record_cmd=True)
     call = warp_abi.Call(recorded)
-    call()
+    with wp.ScopedCapture("cpu") as capture:
+        call()
     assert out.numpy().tolist() == [4.0, 8.0, 12.0]
+    out.zero_()
+    wp.capture_launch(capture.graph)
+    assert out.numpy().tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_module_has_a_folder_in_the_cache():
@@ -63,6 +67,7 @@ def test_a_module_has_a_folder_in_the_cache():
 
 def test_a_struct_that_changes_between_two_launches_is_taken_as_it_is(pair):
     # Story: a policy launches its kernel with the same arguments, of which one has a new field value, then an array.
+    # A user may capture it in a graph.
     out, launch = wp.zeros(3, dtype=wp.float32, device="cpu"), launcher("cpu")
     arguments = scale, 3, [pair, 1.0], [out]
     with compile_quietly():
@@ -73,4 +78,9 @@ def test_a_struct_that_changes_between_two_launches_is_taken_as_it_is(pair):
     assert out.numpy().tolist() == [10.0, 20.0, 30.0]
     pair.values = wp.array(np.float32([7, 8, 9]), device="cpu")
     launch(*arguments)
+    assert out.numpy().tolist() == [70.0, 80.0, 90.0]
+    with wp.ScopedCapture("cpu") as capture:
+        launch(*arguments)
+    out.zero_()
+    wp.capture_launch(capture.graph)
     assert out.numpy().tolist() == [70.0, 80.0, 90.0]

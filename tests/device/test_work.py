@@ -39,15 +39,12 @@ def test_every_task_is_done_once_and_its_launches_in_their_order(threads, busy):
     assert late.numpy().sum() == 0
 
 
-@pytest.mark.parametrize(
-    ("files", "expected"),
-    [
-        ({}, 6),
-        ({"cpu.max": "250000 100000\n"}, 3),
-        ({"cpu.max": "5000 100000\n"}, 1),
-        ({"cpu/cpu.cfs_quota_us": "200000\n", "cpu/cpu.cfs_period_us": "100000\n"}, 2),
-    ],
-)
+@pytest.mark.parametrize(("files", "expected"), [
+    ({}, 6),
+    ({"cpu.max": "250000 100000\n"}, 3),
+    ({"cpu.max": "5000 100000\n"}, 1),
+    ({"cpu/cpu.cfs_quota_us": "200000\n", "cpu/cpu.cfs_period_us": "100000\n"}, 2),
+])  # fmt: skip
 def test_as_many_cores_as_the_process_may_use(tmp_path, monkeypatch, files, expected):
     # Oracle: what Linux says of control groups, of both versions; the process is bound to six cores.
     for name, text in files.items():

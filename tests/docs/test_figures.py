@@ -48,15 +48,12 @@ def test_a_table_is_written_and_tables_are_joined():
     assert joined[6:8] == ["| speeds | slow\\|er | 1 |", "| others | other | 5 |"]
 
 
-@pytest.mark.parametrize(
-    ("asked", "said"),
-    [
-        ("speed", "got 'speed'"),
-        ("speeds / fas / speed [m/s]", "got 2 rows"),
-        ("speeds / slow / time [s]", "a column be 'time \\[s\\]'"),
-        ("speeds, times", "same columns, got speeds and times"),
-    ],
-)
+@pytest.mark.parametrize(("asked", "said"), [
+    ("speed", "got 'speed'"),
+    ("speeds / fas / speed [m/s]", "got 2 rows"),
+    ("speeds / slow / time [s]", "a column be 'time \\[s\\]'"),
+    ("speeds, times", "same columns, got speeds and times"),
+])  # fmt: skip
 def test_a_mark_that_asks_for_what_is_not_there_is_refused(asked, said):
     with pytest.raises(ValueError, match=said):
         figures.filled(f"<!-- figures: {asked} --><!-- end -->", TABLES)

@@ -39,14 +39,11 @@ def test_the_tables_of_a_part_are_those_of_the_pages(part):
         assert all(len(row) == len(table["columns"]) for row in table["rows"])
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (["--rounds", "0"], "must be a whole number of at least 1, got 0"),
-        (["--against", "nowhere"], "must be a checkout or commit of this project, got nowhere"),
-        (["--quick", "--store"], "--store must be without --quick"),
-    ],
-)
+@pytest.mark.parametrize(("given", "said"), [
+    (["--rounds", "0"], "must be a whole number of at least 1, got 0"),
+    (["--against", "nowhere"], "must be a checkout or commit of this project, got nowhere"),
+    (["--quick", "--store"], "--store must be without --quick"),
+])  # fmt: skip
 def test_what_is_wrong_is_named(given, said, capsys):
     with pytest.raises(SystemExit) as end:
         speed.main(given)

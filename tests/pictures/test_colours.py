@@ -12,7 +12,7 @@ from baselines.benchmark.plot_styles import COLOURS, MARKS, style_at, styles_of
 from baselines.policies.registry import split_suffix
 from baselines.reproduce import drawing
 from lissajous_env.render import palette
-from lissajous_env.replay.bundle import text_of
+from lissajous_env.replay.page import text_of
 
 # What is seen without one kind of cones, in linear RGB, at full severity. Oracle: G. M. Machado, M. M. Oliveira and
 # L. A. F. Fernandes, "A physiologically-based model for simulation of color vision deficiency", IEEE TVCG 15(6), 2009.

@@ -8,10 +8,9 @@ from test_plan import planned
 
 import baselines
 import lissajous_env
-from baselines.benchmark import bounds
-from baselines.benchmark.bounds import Bounds, bounds_in_words, bounds_of
+from baselines.benchmark import best_known
 from baselines.benchmark.statistics import number
-from baselines.benchmark.table import Table
+from baselines.benchmark.table import Bounds, Table, bounds_of
 from baselines.benchmark.types import as_played
 from baselines.benchmark.written import latex, table_of
 from baselines.planning.families import as_family
@@ -19,16 +18,16 @@ from baselines.planning.plans import Plan
 from baselines.planning.rehearse import Episodes, play
 from baselines.policies.settings import PolicySettings
 
-STORED = [plan.name for plan in bounds.all_known()]
+STORED = [plan.name for plan in best_known.all_known()]
 
 
 @pytest.mark.parametrize("name", STORED)
 def test_the_stored_figures_are_those_of_the_episodes(name):
     """Oracle: the episodes, on the scenario as a benchmark plays it, with its own start."""
-    (stored,) = (plan for plan in bounds.all_known() if plan.name == name)
+    (stored,) = (plan for plan in best_known.all_known() if plan.name == name)
     task = as_played(name.removesuffix(f"-{known.SETTLED}"))
     assert task.digest() == stored.scenario.digest()
-    figures = play(as_family(task, bounds.known_plans(task)).plan({"stored": name}), Episodes()).figures
+    figures = play(as_family(task, best_known.known_plans(task)).plan({"stored": name}), Episodes()).figures
     assert figures.collisions == 0
     assert (figures.worst_case, figures.settled) == (pytest.approx(stored.worst_case), pytest.approx(stored.settled))
     assert stored.command.startswith(f"python benchmarks/known.py {name.removesuffix(f'-{known.SETTLED}')} --seconds ")
@@ -45,11 +44,11 @@ def test_the_best_known_plans_are_better_than_the_best_default():
 
 
 def test_a_changed_scenario_has_no_best_known_plan():
-    assert bounds.known_plans(lissajous_env.scenario("evaders"))
+    assert best_known.known_plans(lissajous_env.scenario("evaders"))
     for changed in ({"sensing.radius": 0.7}, {"task.duration": 50.0}, {"robot.count": 7}):
         scenario = lissajous_env.scenario("evaders", **changed)
-        assert bounds.known_plans(scenario) == []
-        assert not as_family(scenario, bounds.known_plans(scenario)).first
+        assert best_known.known_plans(scenario) == []
+        assert not as_family(scenario, best_known.known_plans(scenario)).first
         assert math.isnan(bounds_of(scenario).best_known)
 
 
@@ -64,18 +63,18 @@ def test_the_row_stands_below_the_policies():
     assert last[at] == number(results.bounds["evaders"].best_known)
     assert {cell for k, cell in enumerate(last) if k not in (1, at)} == {""}
     assert "best known &" in latex(results)
-    assert "best known 2 s (second halves 1 s)" in bounds_in_words(Bounds(1.0, 1.0, 3.0, 2.0, 1.0))
+    assert "best known 2 s (second halves 1 s)" in Bounds(1.0, 1.0, 3.0, 2.0, 1.0).in_words()
 
 
 def test_only_better_plans_are_stored(tmp_path, monkeypatch):
     """Story: by hand; of two goals met by one plan one folder is written; a plan that collides is never stored."""
-    monkeypatch.setattr(bounds, "FOLDER", tmp_path)
+    monkeypatch.setattr(best_known, "FOLDER", tmp_path)
     try:
         assert known.keep("evaders", [planned(0.5, 0.5, collisions=1), planned(math.inf, math.inf)], "c") == []
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == ["evaders"]
         assert known.keep("evaders", [planned(3.0, 2.0)], "c") == []
         assert known.keep("evaders", [planned(2.5, 2.2), planned(3.0, 2.0)], "d") == ["evaders", "evaders-settled"]
-        ranks = {plan.name: known.ranked(plan, known.WHOLE) for plan in bounds.all_known()}
+        ranks = {plan.name: known.ranked(plan, known.WHOLE) for plan in best_known.all_known()}
         assert ranks == {"evaders": (2.5, 2.2), "evaders-settled": (3.0, 2.0)}
     finally:
-        bounds.all_known.cache_clear()
+        best_known.all_known.cache_clear()

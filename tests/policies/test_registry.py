@@ -95,7 +95,9 @@ def test_learned_policies_are_told_from_classical_ones():
     assert not registry.is_classical("nothing")
 
 
-def test_a_wrapped_policy_has_its_own_name():
+def test_a_wrapped_policy_has_its_own_name_also_beside_a_folder_of_that_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     for name in ("kuramoto-mpcc-safe", "kuramoto-mpcc-proved"):
+        (tmp_path / name).mkdir()
         assert baselines.make(name, "experiment").name == name
     assert registry.describe("random-safe")["kind"] == "car", "a policy for all robots drives cars under a filter"

@@ -13,7 +13,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.commands.reproduce import reproduce
 from lissajous_env.storage import files
-from lissajous_env.storage.files import check_writable_file, read_json, replacing, write_atomically
+from lissajous_env.storage.files import check_writable_file, parse_json, read_bytes, replacing, write_atomically
 from lissajous_env.storage.folder import LIST, Folder, Journal
 
 QUIET = Console(quiet=True)
@@ -57,13 +57,10 @@ def test_files_of_the_user_stay_as_they_are(tmp_path, command):
         assert {name: (tmp_path / name).read_text() for name in NEIGHBOURS} == {n: f"mine: {n}" for n in NEIGHBOURS}
 
 
-@pytest.mark.parametrize(
-    ("command", "name", "kind"),
-    [
-        (benchmark, "settings.json", "file"), (benchmark, "episodes.jsonl", "link"),
-        (benchmark, "report.html", "folder"), (theorem, "README.md", "broken link"), (train, "best", "broken link"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("command", "name", "kind"), [
+    (benchmark, "settings.json", "file"), (benchmark, "episodes.jsonl", "link"),
+    (benchmark, "report.html", "folder"), (theorem, "README.md", "broken link"), (train, "best", "broken link"),
+])  # fmt: skip
 def test_a_file_of_the_user_with_the_name_of_a_result_is_refused_at_once(tmp_path, command, name, kind):
     outside, out = tmp_path / "outside", tmp_path / "out"
     out.mkdir()
@@ -207,21 +204,18 @@ def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, comm
     assert (tmp_path / "file").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ('{"a": NaN}', "only finite numbers, got NaN"),
-        ("1e400", "only finite numbers, got 1e400"),
-        ("-" + 5000 * "9", "only finite numbers, got -999"),
-        (101 * "[" + 101 * "]", "nest at most 100 levels"),
-        (100_000 * '{"a":' + "1" + 100_000 * "}", "nest at most 100 levels"),
-        ("", "Expecting value"), ("{", "Expecting"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "words"), [
+    ('{"a": NaN}', "only finite numbers, got NaN"),
+    ("1e400", "only finite numbers, got 1e400"),
+    ("-" + 5000 * "9", "only finite numbers, got -999"),
+    (101 * "[" + 101 * "]", "nest at most 100 levels"),
+    (100_000 * '{"a":' + "1" + 100_000 * "}", "nest at most 100 levels"),
+    ("", "Expecting value"), ("{", "Expecting"),
+])  # fmt: skip
 def test_json_is_read_strictly(tmp_path, text, words):
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(ValueError, match=rf"a\.json is damaged: .*{words}") as error:
-        read_json(tmp_path / "a.json")
+        parse_json(read_bytes(tmp_path / "a.json", 10**6), tmp_path / "a.json")
     assert len(str(error.value)) < 300 + len(str(tmp_path))
 
 
@@ -235,7 +229,7 @@ def test_what_is_no_plain_file_is_not_read(tmp_path):
         ("pipe", "must be a plain file"), ("bytes", "is damaged"), ("large", "must be at most 99 bytes, got 100"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):
-            read_json(tmp_path / name, 99)
+            parse_json(read_bytes(tmp_path / name, 99), tmp_path / name)
 
 
 @pytest.mark.parametrize("line", ['{"a": NaN}', "[1]", "3", 500 * "[" + 500 * "]"])

@@ -66,17 +66,14 @@ def refused(path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        header((10**10,)),
-        header((-1, 5, 3)),
-        header((13, 5, 3), "|O", b"cos\nsystem\n."),
-        header((40_000_000, 5, 3), rest=b"\0" * 1000),
-        b"\x93NUMPY\x03\x00\xff\xff\xff\xff",
-        b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 65535,
-    ],
-)
+@pytest.mark.parametrize("data", [
+    header((10**10,)),
+    header((-1, 5, 3)),
+    header((13, 5, 3), "|O", b"cos\nsystem\n."),
+    header((40_000_000, 5, 3), rest=b"\0" * 1000),
+    b"\x93NUMPY\x03\x00\xff\xff\xff\xff",
+    b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 65535,
+])  # fmt: skip
 def test_arrays_that_claim_too_much_are_refused_by_name(recording, tmp_path, data):
     rewritten(recording, tmp_path / "bad.npz", position=data)
     assert refused(tmp_path / "bad.npz")
@@ -106,23 +103,20 @@ def test_a_small_file_that_would_unpack_to_much_is_refused(recording, tmp_path, 
     assert "at most" in refused(path)
 
 
-@pytest.mark.parametrize(
-    "about",
-    [
-        lambda about: "[" * 100_000,
-        lambda about: "",
-        lambda about: [about],
-        lambda about: about | {"score": None},
-        lambda about: about | {"score": about["score"] | {"policy": [[]]}},
-        lambda about: about | {"scenario": about["scenario"] | {"name": 10**400}},
-        lambda about: about | {"scenario": about["scenario"] | {"color": "red"}},
-        part("curve", a=10**9 + 1),
-        part("task", duration=10**400),
-        part("curve", radius=1),
-        part("robot", count=6),
-        part("task", grid=[10**9, 1]),
-    ],
-)
+@pytest.mark.parametrize("about", [
+    lambda about: "[" * 100_000,
+    lambda about: "",
+    lambda about: [about],
+    lambda about: about | {"score": None},
+    lambda about: about | {"score": about["score"] | {"policy": [[]]}},
+    lambda about: about | {"scenario": about["scenario"] | {"name": 10**400}},
+    lambda about: about | {"scenario": about["scenario"] | {"color": "red"}},
+    part("curve", a=10**9 + 1),
+    part("task", duration=10**400),
+    part("curve", radius=1),
+    part("robot", count=6),
+    part("task", grid=[10**9, 1]),
+])  # fmt: skip
 def test_words_that_do_not_hold_are_refused_by_name(recording, tmp_path, about):
     rewritten(recording, tmp_path / "bad.npz", about)
     try:

@@ -1,4 +1,4 @@
-"""Bundle a template, style sheets, scripts and data into one HTML file that loads nothing else.
+"""A page of a template, style sheets, scripts and data as one HTML file that loads nothing else.
 
 The scripts are ES modules, which are joined in the order of their imports. The page's security policy permits only
 these scripts, by their hashes, and no network access, so that data are never run.
@@ -24,11 +24,11 @@ _SLOT = re.compile(r"<!-- slot: (\w+) -->")
 _ALLOWED = re.compile(r"script-src ([^;]*); style-src ([^;]*);")
 
 
-def bundled(
+def html_page(
     template: str,
-    entry: str,
+    script: str,
     data: Mapping[str, Any],
-    words: Mapping[str, str],
+    texts: Mapping[str, str],
     styles: Sequence[str] = ("style.css",),
     blocks: Mapping[str, Any] | None = None,
     framed: str = "",
@@ -36,11 +36,11 @@ def bundled(
     """Return a page made from a template.
 
     Args:
-        template: Name of a template, with the slots `policy`, `styles`, `data`, `scripts` and those of `words`; it may
+        template: Name of a template, with the slots `policy`, `styles`, `data`, `scripts` and those of `texts`; it may
             include others.
-        entry: Name of the main module.
+        script: Name of the main module.
         data: Data of the page as JSON values, in the element `script#data`.
-        words: Texts by slot; they are escaped.
+        texts: Texts by slot; they are escaped.
         styles: Names of the style sheets.
         blocks: More data by the id of their elements, for the slot `blocks`.
         framed: Page of this module that is shown in a frame; its scripts are permitted too.
@@ -50,7 +50,7 @@ def bundled(
     """
     sheets = [text_of(name) for name in styles]
     # No two modules declare the same name.
-    module = "\n".join(_EXPORT.sub("", _IMPORT.sub("", text_of(name))) for name in _modules(entry))
+    module = "\n".join(_EXPORT.sub("", _IMPORT.sub("", text_of(name))) for name in _modules(script))
     within = _ALLOWED.search(html.unescape(framed))
     of_scripts, of_styles = within.groups() if within else ("", "")
     policy = (
@@ -59,7 +59,7 @@ def bundled(
         "connect-src 'none'; base-uri 'none'; form-action 'none'"
     ).replace(" ;", ";")
     # A lone surrogate is a character in Python, but invalid in UTF-8.
-    filled = {name: html.escape(text.encode(errors="replace").decode()) for name, text in words.items()}
+    filled = {name: html.escape(text.encode(errors="replace").decode()) for name, text in texts.items()}
     filled |= {
         "styles": "\n".join(_element("style", text) for text in sheets),
         "scripts": _element("script", module, ' type="module"'),
@@ -95,7 +95,7 @@ def _modules(entry: str) -> tuple[str, ...]:
 
 def _element(name: str, text: str, attributes: str = "") -> str:
     if re.search(rf"</{name}|<!--", text, re.IGNORECASE):
-        raise ValueError(f"a bundled {name} must not contain its end tag or a comment")
+        raise ValueError(f"{name} of a page must not contain its end tag or a comment")
     return f"<{name}{attributes}>{text}</{name}>"
 
 
