@@ -18,7 +18,7 @@ from rogues import LEARNED
 
 from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, Simulation
-from lissajous_env.episodes.missed.foresight import Foresight, Visits
+from lissajous_env.episodes.missed.foresight import Foresight, Moment
 from training.learned import checkpoint
 from training.rogue_trainer import undetected_times
 from training.settings import RogueTraining
@@ -48,16 +48,16 @@ def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tup
 def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarray:
     """Play an episode in each world, and again with rogues that know it; return the steps at which rogues appear."""
     driver, steps = as_factory(policy)(simulation.scenario, len(seeds), "cpu"), simulation.scenario.task.steps
-    resting, visits, actions = np.zeros(simulation.rogues.action.shape, np.float32), Visits(), []
+    resting, moments, actions = np.zeros(simulation.rogues.action.shape, np.float32), [], []
     simulation.reset(seeds=seeds)
     driver.reset()
-    visits.record(simulation)
+    moments.append(Moment.of(simulation))
     for _ in range(steps):
         actions.append(np.array(driver.act(simulation.observation)))
         simulation.step(actions[-1], resting)
-        visits.record(simulation)
+        moments.append(Moment.of(simulation))
     foresight = Foresight(simulation.scenario, _MARGIN, _BLUR)
-    values = dict(foresight.values(visits))
+    values = dict(foresight.values(moments))
     ends = np.array(sorted(values))
     simulation.reset(seeds=seeds)
     appears = simulation.targets.appears_at.numpy().copy()

@@ -7,6 +7,7 @@ learner itself reaches (`lissajous_env.episodes.missed.foresight`). All rogues s
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -19,7 +20,7 @@ from baselines.policies.registry import as_factory
 from lissajous_env import Scenario, Simulation
 from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.episodes.evaluation import EpisodeRunner, evaluate
-from lissajous_env.episodes.missed.foresight import Foresight, Labels, Visits
+from lissajous_env.episodes.missed.foresight import Foresight, Labels, Moment
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import require
 from lissajous_env.world.columns import DETECTION_TIME
@@ -60,7 +61,7 @@ class RogueTrainer:
     """A training of rogues in a locked folder."""
 
     def __init__(self, settings: RogueTraining, console: Console, folder: Folder):
-        self.settings, self.console, self.folder = settings, console, folder
+        self.settings, self.folder, self.say = settings, folder, partial(print_line, console)
         torch.set_num_threads(1)
         torch.manual_seed(settings.seed)
         self.scenario = settings.make_scenario()
@@ -87,17 +88,17 @@ class RogueTrainer:
         """Train until the last round."""
         settings, history = self.settings, self.history
         if history["scores"] is not None:
-            print_line(self.console, f"{settings.out} is finished: {history['rounds']:,} rounds")
+            self.say(f"{settings.out} is finished: {history['rounds']:,} rounds")
             return history
-        print_line(self.console, f"rogues on {settings.scenario} against {settings.against}, to {settings.out}")
+        self.say(f"rogues on {settings.scenario} against {settings.against}, to {settings.out}")
         for name in _RIVALS:
             if name not in history["rivals"]:
                 history["rivals"][name] = self._evaluated(name)
-                print_line(self.console, f"{name}: {_words(history['rivals'][name])}")
+                self.say(f"{name}: {_words(history['rivals'][name])}")
         self._imitate()
         history["scores"] = self._evaluated(str(settings.out))
         self._save()
-        print_line(self.console, f"after {history['seconds']:.0f} s: {_words(history['scores'])}")
+        self.say(f"after {history['seconds']:.0f} s: {_words(history['scores'])}")
         return history
 
     def _imitate(self) -> None:
@@ -118,20 +119,17 @@ class RogueTrainer:
             history["rounds"] += 1
             self._save()
             if k < 2 or k % 4 == 3 or is_last:
-                print_line(
-                    self.console,
-                    f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}",
-                )
+                self.say(f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}")
 
-    def _visit(self, k: int) -> Visits:
+    def _visit(self, k: int) -> list[Moment]:
         """Play an episode in each world in round k, and record the rogues."""
-        settings, visits = self.settings, Visits()
+        settings, moments = self.settings, []
         scenario = settings.make_scenario(_SCRIPTS[k] if k < len(_SCRIPTS) else str(settings.out))
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
         runner = EpisodeRunner(as_factory(settings.against)(scenario, settings.worlds, settings.device), simulation)
         seed = FIRST_SEED * (1 + settings.seed) + k * settings.worlds
-        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.record(simulation))
-        return visits
+        runner.play(range(seed, seed + settings.worlds), lambda taken: moments.append(Moment.of(simulation)))
+        return moments
 
     def _tensors(self, labels: Labels) -> list[Tensor]:
         """Return rows that are normalized, actions and weights of labels."""

@@ -17,7 +17,7 @@ from baselines.benchmark.types import Benchmark, Cell
 from baselines.policies import registry
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.scenario_file import scenario_of_json
-from lissajous_env.storage.files import read_json, undamaged
+from lissajous_env.storage.files import parse_json, read_bytes, undamaged
 from lissajous_env.storage.folder import Folder, read_lines
 from lissajous_env.wording import outside, shown
 
@@ -25,6 +25,8 @@ SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
 CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
 FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
 """Files of the folder; the first two are stored, and all others are derived from them."""
+_LARGEST = 1 << 26
+"""Largest size of the settings [bytes]."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 
@@ -48,7 +50,7 @@ class Results:
         place = folder if isinstance(folder, Path) else folder.path
         path = place / SETTINGS
         wanted = None if settings is None else as_settings(settings, cells)
-        stored = read_json(path) if path.exists() else None
+        stored = parse_json(read_bytes(path, _LARGEST), path) if path.exists() else None
         if stored is None and (wanted is None or (place / EPISODES).exists()):
             raise ValueError(f"{place} must contain {SETTINGS} of a benchmark; choose another folder")
         self.stored: Any = wanted if stored is None else stored

@@ -24,28 +24,34 @@ def in_scenario_frame(origin: Origin, x: float, y: float, heading: float) -> tup
     return (*relative(np.array([x, y]), origin).tolist(), math.remainder(heading - origin[2], 2 * math.pi))
 
 
-def relative_to_robot(rows: np.ndarray, frame: str, own: str, pose: Odometry | None, origin: Origin) -> np.ndarray:
+def relative_to_robot(
+    rows: np.ndarray, frame: str, own: str, pose: Odometry | None, origin: Origin
+) -> np.ndarray | None:
     """Return a sensor's detections (K, 2 or 4) relative to the robot, in the directions of the scenario's axes.
+
+    Only those of a frame that ends in `aligned` are known without a pose; those of the others are None then.
 
     Args:
         rows: x, y [m], and velocities [m/s] if there are two more.
-        frame: Frame of the rows: one that ends in `base_link` is the robot's own, one that ends in `aligned` has the
-            origin in the robot and the axes of the scenario; `own` is that of the laboratory, in which the places are
-            absolute.
+        frame: Frame of the rows: `own` is that of the laboratory, in which the places are absolute; another one that
+            ends in `base_link` is the robot's own, and one that ends in `aligned` has the origin in the robot and the
+            axes of the scenario.
         own: Frame of the laboratory.
-        pose: The robot's pose, in the frame of the scenario; None for a frame that ends in `aligned`.
+        pose: The robot's pose, in the frame of the scenario; None if there is none yet.
         origin: The middle of the rectangle in the frame of the laboratory.
 
     Raises:
         ValueError: the frame is none of these.
     """
-    if frame.endswith("aligned") or pose is None:
+    if frame != own and frame.endswith("aligned"):
         return rows
-    vectors = rows.reshape(len(rows), rows.shape[1] // 2, 2).astype(np.float64)
-    if frame.endswith("base_link"):
-        return moved(vectors, (0.0, 0.0, pose.heading)).reshape(rows.shape)
-    if frame != own:
+    if frame != own and not frame.endswith("base_link"):
         raise ValueError(f"frame of a sensor's data must be {own}, or end in base_link or aligned, got {frame!r}")
+    if pose is None:
+        return None
+    vectors = rows.reshape(len(rows), rows.shape[1] // 2, 2).astype(np.float64)
+    if frame != own:
+        return moved(vectors, (0.0, 0.0, pose.heading)).reshape(rows.shape)
     away = relative(vectors[:, :1], origin) - (pose.x, pose.y)
     velocity = moved(np.array([pose.speed, 0.0]), (0.0, 0.0, pose.heading))
     moving = relative(vectors[:, 1:], (0.0, 0.0, origin[2])) - velocity
@@ -104,7 +110,6 @@ class ControlLoop:
 
     def __init__(self, onboard: Onboard, wait: float, wall: Callable[[], float] = monotonic):
         self.onboard, self.works = onboard, True
-        self.heard: dict[int, Message | None] = {sender: None for sender in onboard.neighbours if sender >= 0}
         self._step, self._wait, self._wall = onboard.scenario.task.step, wait, wall
         self._detections: dict[str, tuple[float, Any]] = {}
         self._announced_at = -math.inf
@@ -115,13 +120,18 @@ class ControlLoop:
         """Begin an episode: from now on, the robot drives, by poses that are still to come."""
         self.onboard.reset()
         self.pose: Odometry | None = None
+        self.heard: dict[int, Message | None] = {sender: None for sender in self.onboard.neighbours if sender >= 0}
         self._waits_since: float | None = None  # the time of the announcement of a pose that waits for messages
         self.started, self._is_new, self._acted_at = True, False, -math.inf
         self._due, self._deadline = -math.inf, now + 1.5 * self._step
 
     def take(self, pose: Odometry) -> None:
-        """Store a pose, unless one is waiting for the messages of the neighbours."""
-        if self._waits_since is None:
+        """Store a pose, unless one is waiting for the messages of the neighbours, or the robot acted on a later one.
+
+        So a pose that arrives twice, or after a later one, is not new, unless the clock went back in between.
+        """
+        acted_later = self.pose is not None and pose.stamp <= self.pose.stamp <= self._acted_at
+        if self._waits_since is None and not acted_later:
             self.pose, self._is_new = pose, True
 
     def take_detections(self, part: str, rows: Any, stamp: float) -> None:

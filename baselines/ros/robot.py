@@ -172,11 +172,11 @@ class RobotNode(ros.Node):
             self._tick()
 
     def _see(self, name: str, width: int, message: Any) -> None:
-        frame, pose = message.header.frame_id, self._loop.pose
+        settings, frame = self.settings, message.header.frame_id
         try:
             rows = messages.cloud_rows(message, width)
-            if pose is not None or frame.endswith("aligned"):
-                rows = relative_to_robot(rows, frame, self.settings.frame, pose, self.settings.origin)
+            rows = relative_to_robot(rows, frame, settings.frame, self._loop.pose, settings.origin)
+            if rows is not None:
                 self._loop.take_detections(name, rows, seconds(message.header.stamp))
         except ValueError as error:
             self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)

@@ -150,30 +150,27 @@ class Recorder:
         Raises:
             ValueError: this is not exactly one step after the previous call, or the recording exceeds a gibibyte.
         """
-        now = Snapshot.of(self.simulation, self.world)
+        simulation, w = self.simulation, self.world
+        now = Snapshot.of(simulation, w)
         due = 0 if self._last is None else self._last.step + 1
         if now.step != due:
             raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
-        arrays = vars(now) | self._others() | {"contact": np.insert(now.contact, 0, now.step, axis=1)}
-        for name, history in self._moments.items():
-            history.append(np.array(arrays[name]))
-        self._bytes += sum(history[-1].nbytes for history in self._moments.values())
-        _check_size(self._bytes)
-        self._last = now
-
-    def _others(self) -> dict[str, np.ndarray]:
-        """Return the arrays that are not part of a snapshot."""
-        simulation, w = self.simulation, self.world
         action = of_world(simulation.limited_action, w)
-        return {
+        arrays = vars(now) | {
+            "contact": np.insert(now.contact, 0, now.step, axis=1),
             "speed": of_world(simulation.robots.speed, w),
             "phase": of_world(simulation.robots.phase, w),
             "heard_at": of_world(simulation.links.heard_at, w),
             "introduced_at": introduced_at(simulation, w),
             "observation": of_world(simulation.observation, w),
-            "action": action if of_world(simulation.clock.step, w) > 0 else np.zeros_like(action),
+            "action": action if now.step > 0 else np.zeros_like(action),
             "reward_terms": of_world(simulation.reward_terms, w),
         }
+        for name, history in self._moments.items():
+            history.append(np.array(arrays[name]))
+        self._bytes += sum(history[-1].nbytes for history in self._moments.values())
+        _check_size(self._bytes)
+        self._last = now
 
     def recording(self, policy: str = "") -> Recording:
         """Return the recording so far, with the current score and the name of the policy.

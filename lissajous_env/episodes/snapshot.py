@@ -75,6 +75,7 @@ class Snapshot(Detections):
 
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
-    """Return a grid (R, C) thinned evenly to at most `most` rows and columns."""
-    row, column = (-(-length // max(limit, 1)) for length, limit in zip(cells.shape, most, strict=True))
-    return cells[row // 2 :: row, column // 2 :: column]
+    """Return a grid (R, C) of times as one of at most `most` rows and columns, the earliest of each block of cells."""
+    for axis, (length, limit) in enumerate(zip(cells.shape, most, strict=True)):
+        cells = np.minimum.reduceat(cells, range(0, length, -(-length // max(limit, 1))), axis=axis)
+    return cells

@@ -277,7 +277,7 @@ def _spline(time: np.ndarray, place: np.ndarray, constant: float) -> tuple[np.nd
     spline = BSpline(knots, spsolve(normal.tocsc(), base.T @ (place - place[0])), 3)
     slope, end = spline.derivative()(at) * pieces / lasts, min(2 * lag + 1, pieces / 2)
     length = np.linalg.norm(slope, axis=1)
-    inner = np.searchsorted(at, np.clip(at, end, pieces - end))
+    inner = np.clip(np.arange(k), np.searchsorted(at, end), np.searchsorted(at, pieces - end, side="right") - 1)
     return place[0] + spline(at), slope * np.minimum(1, length[inner] / np.maximum(length, 1e-12))[:, None]
 
 

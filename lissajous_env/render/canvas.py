@@ -78,11 +78,6 @@ def within(points: np.ndarray, room: pygame.Rect) -> np.ndarray:
     return np.asarray(((points >= room.topleft) & (points < room.bottomright)).all(axis=-1))
 
 
-def opaque(size: tuple[int, int]) -> pygame.Surface:
-    """Make a surface without transparency."""
-    return pygame.Surface(size, 0, 32)
-
-
 def transparent(size: tuple[int, int]) -> pygame.Surface:
     """Make a surface that is fully transparent."""
     return pygame.Surface(size, pygame.SRCALPHA, 32)

@@ -6,7 +6,7 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot, thinned
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FINE, View, opaque, transparent
+from lissajous_env.render.canvas import FINE, View, transparent
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.state import WORKING
 
@@ -31,7 +31,7 @@ class Ground:
         self.idle_full = IDLE_BOUNDS * scenario.detection_time_bound
         """Idleness that is drawn in full colour [s]."""
         self._task = scenario.task
-        self.base = opaque(view.fine_size)
+        self.base = pygame.Surface(view.fine_size, depth=32)
         """Bottom layer, with the constant parts."""
         self.base.fill(palette.PAPER)
         self.base.fill(palette.GROUND, self.rectangle)
@@ -58,7 +58,7 @@ class Ground:
         sensed_at = thinned(snapshot.sensed_at, (self.rectangle.height // FINE, self.rectangle.width // FINE))
         idle = np.clip((snapshot.step - sensed_at) * self._task.step / self.idle_full, 0.0, 1.0)[..., None]
         colours = np.array(palette.GROUND) + idle * (np.array(palette.IDLE) - palette.GROUND)
-        cells = opaque(sensed_at.shape[::-1])
+        cells = pygame.Surface(sensed_at.shape[::-1], depth=32)
         # Rows count upwards in the world and downwards in a picture.
         pygame.surfarray.blit_array(cells, np.rint(colours[::-1]).astype(np.uint8).swapaxes(0, 1))
         return pygame.transform.smoothscale(cells, self.rectangle.size)

@@ -6,7 +6,7 @@ import pygame
 from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render.canvas import View, opaque, pixels, printable
+from lissajous_env.render.canvas import View, pixels, printable
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
 from lissajous_env.render.targets import Targets
@@ -28,9 +28,9 @@ class Renderer:
     def __init__(self, scenario: str | Scenario, size: float = 1.0):
         self.scenario = named.build(scenario).resolve()
         self.view = View.of(self.scenario, size)
-        self.picture = opaque(self.view.size)
+        self.picture = pygame.Surface(self.view.size, depth=32)
         """The latest picture, as a pygame surface."""
-        self._fine = opaque(self.view.fine_size)
+        self._fine = pygame.Surface(self.view.fine_size, depth=32)
         self._ground = Ground(self.scenario, self.view)
         self._targets = Targets(self.scenario, self.view)
         self._team = Team(self.scenario, self.view)

@@ -20,7 +20,7 @@ from lissajous_env.episodes.recording import Recording
 from lissajous_env.episodes.snapshot import thinned
 from lissajous_env.render.ground import points_of_curve
 from lissajous_env.render.targets import flash_time, has_sightings
-from lissajous_env.render.team import MOST_CONTACTS, drawn_ring, parts_of_body, trail_time
+from lissajous_env.render.team import MOST_CONTACTS, drawn_links, parts_of_body, trail_time
 from lissajous_env.world.columns import task_score
 from lissajous_env.world.state import NEVER
 
@@ -88,8 +88,7 @@ def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
 
 
 def _about(recording: Recording) -> dict[str, Any]:
-    scenario = recording.scenario
-    curve, ring = scenario.curve, drawn_ring(scenario)
+    scenario, curve = recording.scenario, recording.scenario.curve
     return {
         "name": scenario.name,
         "description": scenario.description,
@@ -101,7 +100,8 @@ def _about(recording: Recording) -> dict[str, Any]:
         "bound_name": scenario.detection_time_label,
         "trail": 2 * trail_time(scenario),
         "flash": flash_time(scenario),
-        "ring": list(ring) if len(ring) > 1 else [],
+        "links": drawn_links(scenario),
+        "places": list(scenario.places),
         "neighbours": scenario.neighbours.tolist(),
         "equilibrium": scenario.equilibrium.tolist(),
         "delay": scenario.delay_steps,
@@ -120,12 +120,8 @@ def _robots(recording: Recording, moments: slice, most: int) -> dict[str, Any]:
     now = np.arange(len(recording))[:, None, None]
     return {
         "count": n,
-        "x": quantised(recording.position[moments, :, 0]),
-        "y": quantised(recording.position[moments, :, 1]),
-        "z": quantised(recording.position[moments, :, 2]),
-        "heading": quantised(recording.heading[moments]),
-        "speed": quantised(recording.speed[moments]),
-        "phase": quantised(recording.phase[moments]),
+        **{name: quantised(recording.position[moments, :, k]) for k, name in enumerate("xyz")},
+        **{name: quantised(getattr(recording, name)[moments]) for name in ("heading", "speed", "phase")},
         "status": counts(recording.status[moments], 2),
         "silent": counts(np.where(recording.heard_at < 0, -1, now - recording.heard_at)[moments], 253),
         "watched": watched,
@@ -180,12 +176,12 @@ def _ground(recording: Recording, every: int, detail: Detail) -> dict[str, Any]:
     """Return when cells were last sensed, and since when a target can be undetected in them."""
     task, ground = recording.scenario.task, {}
     stride = every * max(round(detail.ground_every / every), 1)
-    for grid, since, thin, name, age in (
-        (task.grid, recording.sensed_at, thinned, "sensed", "idle"),
-        (task.contamination, recording.introduced_at, _oldest, "unseen", "age"),
+    for grid, since, name, age in (
+        (task.grid, recording.sensed_at, "sensed", "idle"),
+        (task.contamination, recording.introduced_at, "unseen", "age"),
     ):
         if grid is not None:
-            cells = np.stack([thin(cells_then, detail.cells) for cells_then in since[::stride]])
+            cells = np.stack([thinned(cells_then, detail.cells) for cells_then in since[::stride]])
             fewer = max(math.ceil(cells.size / _MOST_GROUND), 1)
             ground[name] = {"stride": stride * fewer, "cells": counts(cells[::fewer], len(recording))}
             ground[age] = _worst_and_mean(since, every, task.step)
@@ -197,13 +193,6 @@ def _worst_and_mean(since: np.ndarray, every: int, step: float) -> list[dict[str
     stored = since[::every]
     ages = np.where(stored >= NEVER, 0, every * np.arange(len(stored), dtype=np.int32)[:, None, None] - stored)
     return [quantised(step * ages.max(axis=(1, 2))), quantised(step * ages.mean(axis=(1, 2)))]
-
-
-def _oldest(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
-    """Thin a fine grid to the oldest undetected target in each block of cells."""
-    sizes = [max(math.ceil(length / limit), 1) for length, limit in zip(cells.shape, most, strict=True)]
-    rows, columns = (np.arange(0, length, size) for length, size in zip(cells.shape, sizes, strict=True))
-    return np.minimum.reduceat(np.minimum.reduceat(cells, rows, axis=0), columns, axis=1)
 
 
 def _contacts(contact: np.ndarray, every: int) -> list[list[int]]:

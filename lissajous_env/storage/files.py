@@ -17,21 +17,9 @@ from typing import Any
 
 from lissajous_env.wording import shown
 
-LARGEST_JSON = 1 << 26
-"""Largest size of a JSON file that is read [bytes]."""
 _DEEPEST = 100
 _WITHOUT_LINKS = os.O_NOFOLLOW | os.O_NONBLOCK
 """Flags of `os.open` with which it does not follow a link or wait for a pipe."""
-
-
-def read_json(path: str | Path, largest: int = LARGEST_JSON) -> Any:
-    """Read a JSON file as `parse_json` does.
-
-    Raises:
-        ValueError: the file is missing, a link, larger than `largest` [bytes], or not strict JSON; the message names
-            it.
-    """
-    return parse_json(read_bytes(path, largest), path)
 
 
 def parse_json(text: bytes | str, source: str | Path) -> Any:

@@ -100,7 +100,12 @@ class Folder(contextlib.ExitStack):
             self.path.mkdir(parents=True, exist_ok=True)
             for name in writes if not os.path.lexists(list_path) else ():
                 self._checked(name)
-            self._list = self._locked_list(list_path)
+            _require_list(list_path)
+            self._list = Journal(list_path)
+        except BlockingIOError:
+            raise ValueError(
+                f"{self.path} is in use by another process; wait for it or choose another folder"
+            ) from None
         except OSError as error:
             words = f"got {shown(str(self.path))}: {error.strerror}"
             raise ValueError(f"out must be a folder that can be written to, {words}") from error
@@ -175,22 +180,6 @@ class Folder(contextlib.ExitStack):
             raise ValueError(f"{path} must be a {'folder' if name.endswith('/') else 'file'}, got a {kind}")
         return path
 
-    def _locked_list(self, path: Path) -> Journal:
-        """Open and lock the list; a file of other origin with its name is refused before it is changed."""
-        if os.path.lexists(path):
-            with open(open_plainly(path, os.O_RDONLY), "rb") as file:
-                begin = file.read(len(_BEGINS))
-            if not _BEGINS.startswith(begin):
-                raise ValueError(
-                    f"{path} must be a list of the files written here, got {begin!r}; choose another --out"
-                )
-        try:
-            return Journal(path)
-        except BlockingIOError:
-            raise ValueError(
-                f"{self.path} is in use by another process; wait for it or choose another folder"
-            ) from None
-
     def _read_list(self) -> None:
         """Read the names of the files that were written."""
         if not self._list.entries:
@@ -225,6 +214,15 @@ def read_lines(path: Path) -> tuple[list[dict[str, Any]], int]:
             raise ValueError(f"{error}; {got}") from None
         entries.append(entry)
     return entries, len(torn)
+
+
+def _require_list(path: Path) -> None:
+    """Raise an error for a file of other origin with the name of the list."""
+    if os.path.lexists(path):
+        with open(open_plainly(path, os.O_RDONLY), "rb") as file:
+            begin = file.read(len(_BEGINS))
+        if not _BEGINS.startswith(begin):
+            raise ValueError(f"{path} must be a list of the files written here, got {begin!r}; choose another --out")
 
 
 def _require_plain(name: str) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.episodes.missed.foresight import Foresight, Visits
+from lissajous_env.episodes.missed.foresight import Foresight, Moment
 
 FIELD = {"curve.half_width": 4.0, "curve.half_height": 2.0, "sensing.radius": 1.0, "targets.speed_limit": 0.5,
          "targets.speed": 0.2, "targets.flee_speed": 0.2, "robot.count": 1, "task.contamination": None}  # fmt: skip
@@ -14,21 +14,15 @@ def field():
     return lissajous_env.scenario("evaders", rogues="agents", **FIELD)
 
 
-def visits_of(ways, places):
-    """Visits of a robot that goes along `ways` (T + 1, 2), at each moment at the same places (V, 2)."""
-    places = np.asarray(places, dtype=np.float32)
-    visits = Visits()
-    for at in ways:
-        visits.sensors.append(np.asarray(at, dtype=np.float32)[None, None])
-        visits.rows.append(places.copy())
-        visits.worlds.append(np.zeros(len(places), dtype=int))
-        visits.places.append(places)
-    return visits
+def moments_of(ways, places):
+    """Moments of a robot that goes along `ways` (T + 1, 2), with rogues always at the same places (V, 2)."""
+    places, worlds = np.asarray(places, dtype=np.float32), np.zeros(len(places), dtype=int)
+    return [Moment(np.asarray(at, dtype=np.float32)[None, None], places, worlds, places) for at in ways]
 
 
 def labels_of(ways, places):
     """Actions (T, V, 2) and gains (T, V) at all moments."""
-    labels = Foresight(field()).label(visits_of(ways, places))
+    labels = Foresight(field()).label(moments_of(ways, places))
     assert np.allclose(labels.rows[: len(places)], places)
     return labels.actions.reshape(-1, len(places), 2), labels.gains.reshape(-1, len(places))
 
@@ -75,21 +69,21 @@ def test_slower_rogues_gain_less():
     for speed in (0.5, 0.025):
         changed = {"targets.speed": 0.02, "targets.flee_speed": 0.02, "targets.speed_limit": speed}
         scenario = lissajous_env.scenario(field(), **changed)
-        labels[speed] = Foresight(scenario).label(visits_of(sweep(), places))
+        labels[speed] = Foresight(scenario).label(moments_of(sweep(), places))
     assert labels[0.025].gains.mean() < 0.8 * labels[0.5].gains.mean()
 
 
 def test_values_are_the_times_for_which_a_rogue_can_still_stay_undetected():
     # Story: a disc of 1 m rests at the left for 3 s. A rogue beside it stays undetected to the end, one well inside it
     # is detected at every moment. Law: no rogue stays undetected for longer from discs that are larger.
-    visits = visits_of(np.tile([[-2.0, 0.0]], (31, 1)), [(0.0, 0.0)])
-    values = [(moment, value.copy()) for moment, value in Foresight(field(), margin=0.0, blur=0.0).values(visits)]
+    moments = moments_of(np.tile([[-2.0, 0.0]], (31, 1)), [(0.0, 0.0)])
+    values = [(moment, value.copy()) for moment, value in Foresight(field(), margin=0.0, blur=0.0).values(moments)]
     assert [moment for moment, _ in values] == list(range(30, -1, -1))
     for moment, value in values:
         rows, columns = value.shape[1:]
         beside, inside = value[0, rows // 2, 3 * columns // 4], value[0, rows // 2, columns // 4]
         assert beside == pytest.approx(0.1 * (30 - moment), abs=1e-4)
         assert inside == 0
-    for (_, value), (_, larger) in zip(values, Foresight(field(), margin=0.3, blur=0.0).values(visits), strict=True):
+    for (_, value), (_, larger) in zip(values, Foresight(field(), margin=0.3, blur=0.0).values(moments), strict=True):
         assert (larger <= value).all()
     assert larger.sum() < value.sum()

@@ -12,8 +12,7 @@ Prediction to No-Regret Online Learning" (AISTATS 2011). Discs are enlarged by `
 cells in each step, so that labels lead away from positions at which a small error is the end.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,27 +37,26 @@ HORIZON = 6.0
 _DIRECTIONS, _ROUNDING = 16, 1e-9
 
 
-@dataclass
-class Visits:
-    """Recorded episodes: positions of the sensors, and rows and positions of the rogues. W worlds, V visits."""
+class Moment(NamedTuple):
+    """The sensors and the live rogues of W worlds at a moment of an episode. N robots, V rogues."""
 
-    sensors: list[np.ndarray] = field(default_factory=list)
-    """For each moment (N, W, 2) positions of the robots that sense [m], NOWHERE for others."""
-    rows: list[np.ndarray] = field(default_factory=list)
-    """For each moment the rows of the live rogues (V, D); those of the last moment are not labelled."""
-    worlds: list[np.ndarray] = field(default_factory=list)
-    """Their worlds (V,)."""
-    places: list[np.ndarray] = field(default_factory=list)
-    """Their positions (V, 2) [m]."""
+    sensors: np.ndarray
+    """(N, W, 2) positions of the robots that sense [m], NOWHERE for others."""
+    rows: np.ndarray
+    """(V, D) rows of the rogues."""
+    worlds: np.ndarray
+    """(V,) their worlds."""
+    places: np.ndarray
+    """(V, 2) their positions [m]."""
 
-    def record(self, simulation: Simulation) -> None:
-        """Record a moment."""
+    @classmethod
+    def of(cls, simulation: Simulation) -> "Moment":
+        """Return the present moment of a simulation."""
         senses, position = sensing_robots(simulation)[..., None], simulation.robots.position.numpy()[..., :2]
-        self.sensors.append(np.where(senses, position, NOWHERE).swapaxes(0, 1))
         worlds, slots = np.nonzero(simulation.rogues.present.numpy())
-        self.rows.append(simulation.rogues.observation.numpy()[worlds, slots])
-        self.worlds.append(worlds)
-        self.places.append(simulation.targets.position.numpy()[worlds, slots])
+        rows = simulation.rogues.observation.numpy()[worlds, slots]
+        places = simulation.targets.position.numpy()[worlds, slots]
+        return cls(np.where(senses, position, NOWHERE).swapaxes(0, 1), rows, worlds, places)
 
 
 class Labels(NamedTuple):
@@ -102,47 +100,49 @@ class Foresight:
         x, y = self._centres
         return in_discs(x, y, sensors, self._radius)
 
-    def label(self, visits: Visits) -> Labels:
-        """Return the labels of the visits in all whole stages of episodes of one length, the stages in order of time.
+    def label(self, moments: Sequence[Moment]) -> Labels:
+        """Return the labels of the rogues in all whole stages of episodes of one length, the stages in order of time.
+
+        Those of the last moment have no labels.
 
         Raises:
             ValueError: the episodes are shorter than a stage.
         """
-        last = len(visits.rows) - 1
+        last = len(moments) - 1
         if last < self.stage:
             least, got = self.stage * self._step, last * self._step
             raise ValueError(f"task.duration must be at least {least:g} s for rogues to learn, got {got:g} s")
         labels = []
-        for end, value in self.values(visits, HORIZON):
+        for end, value in self.values(moments, HORIZON):
             # Rogues of the moments of a stage head for the best place at its end.
-            for moment in range(end - self.stage, end) if end >= self.stage else ():
-                places, worlds = visits.places[moment], visits.worlds[moment]
-                labels.append((visits.rows[moment], *self.best_actions(places, worlds, end - moment, value)))
+            for now in range(end - self.stage, end) if end >= self.stage else ():
+                _, rows, worlds, places = moments[now]
+                labels.append((rows, *self.best_actions(places, worlds, end - now, value)))
         rows, actions, gains = zip(*reversed(labels), strict=True)
         return Labels(np.concatenate(rows), np.concatenate(actions), np.concatenate(gains))
 
-    def values(self, visits: Visits, horizon: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
+    def values(self, moments: Sequence[Moment], horizon: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
         """Yield the moment at the end of each stage, and V then (W, rows, columns) [s], the last one first.
 
         Args:
-            visits: Episodes of one length.
+            moments: Moments of episodes of one length.
             horizon: Time for which a rogue that is undetected at the end is assumed to stay undetected [s].
         """
-        last = len(visits.rows) - 1
-        value = np.where(self.sensed(visits.sensors[last]), 0.0, horizon).astype(np.float32)
+        last = len(moments) - 1
+        value = np.where(self.sensed(moments[last].sensors), 0.0, horizon).astype(np.float32)
         for now in range(last, -1, -self.stage):
             yield now, value
             if now >= self.stage:
-                value = self._before(value, visits, now - self.stage)
+                value = self._before(value, moments[now - self.stage : now + 1])
 
-    def _before(self, after: np.ndarray, visits: Visits, now: int) -> np.ndarray:
+    def _before(self, after: np.ndarray, moments: Sequence[Moment]) -> np.ndarray:
         """Return the values at the beginning of a stage from those at its end."""
-        moments = range(now + 1, now + self.stage + 1)
-        blocked = np.any([self.sensed(visits.sensors[k]) for k in moments], axis=0)
+        begin, *later = (self.sensed(moment.sensors) for moment in moments)
+        blocked = np.any(later, axis=0)
         value = ndimage.gaussian_filter(after, (0, self._blur, self._blur), mode="nearest", truncate=3.0)
         value = np.where(blocked, 0.0, value + self.stage * self._step).astype(np.float32)
         value = ndimage.maximum_filter(value, footprint=self._near[None], mode="constant")
-        value[self.sensed(visits.sensors[now])] = 0.0
+        value[begin] = 0.0
         return value
 
     def best_actions(

@@ -105,12 +105,18 @@ def appear(step: int, on_edges: bool, lattice: Lattice, nodes_out: wp.array2d(dt
 def move(
     first: int,
     last: int,
+    corner: wp.vec2i,
     lattice: Lattice,
     nodes: wp.array2d(dtype=wp.bool),
-    nodes_out: wp.array2d(dtype=wp.bool),
+    moves_out: wp.array2d(dtype=wp.int16),
 ):
-    """Mark the nodes that an undetected move reaches."""
-    row, column = wp.tid()
+    """Write the number, from 1, of the first move that leads to a node undetected from one of `nodes`.
+
+    The kernel runs for a rectangle of nodes, whose first row and column are `corner`.
+    """
+    i, j = wp.tid()
+    row = corner[0] + i
+    column = corner[1] + j
     end = place_of(row, column, lattice)
     if is_sensed(end, last, lattice):
         return
@@ -121,28 +127,8 @@ def move(
             continue
         if nodes[r, c]:  # noqa: SIM102 - Warp computes both sides of `and`
             if is_undetected(place_of(r, c, lattice), end, first, last, lattice):
-                nodes_out[row, column] = True
+                moves_out[row, column] = wp.int16(k + 1)
                 return
-
-
-@wp.kernel
-def trace_back(
-    first: int,
-    last: int,
-    row: int,
-    column: int,
-    lattice: Lattice,
-    nodes: wp.array2d(dtype=wp.bool),
-    leads_out: wp.array(dtype=wp.bool),
-):
-    """Mark the moves that lead to a node undetected, from a node that was reached."""
-    k = wp.tid()
-    r = row - lattice.moves[k][1]
-    c = column - lattice.moves[k][0]
-    if r >= 0 and c >= 0 and r < nodes.shape[0] and c < nodes.shape[1]:  # noqa: SIM102 - the index must be valid
-        if nodes[r, c]:
-            start = place_of(r, c, lattice)
-            leads_out[k] = is_undetected(start, place_of(row, column, lattice), first, last, lattice)
 
 
 def longest_path(played: PlayedEpisode) -> Path | None:
@@ -231,33 +217,37 @@ class _Search:
     def path(self, since: int) -> Path | None:
         """Return the longest path of a rogue that appears at the end of step `since`; None if none is undetected."""
         lattice, played = self.lattice, self.played
-        nodes, on_edges = wp.zeros(self.shape, dtype=wp.bool), played.scenario.targets.entry == "boundary"
-        wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, nodes])
-        if not nodes.numpy().any():
+        marked, on_edges = wp.zeros(self.shape, dtype=wp.bool), played.scenario.targets.entry == "boundary"
+        wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, marked])
+        nodes = marked.numpy()
+        if not nodes.any():
             return None
-        ends, reached, steps = [since], [np.packbits(nodes.numpy(), axis=1)], self.period
+        ends, reached, steps = [since], [np.packbits(nodes, axis=1)], self.period
         while ends[-1] < played.steps and steps > 0:
             steps = min(steps, played.steps - ends[-1])
-            after = wp.zeros(self.shape, dtype=wp.bool)
-            self._prepare(ends[-1], ends[-1] + steps)
-            wp.launch(move, dim=self.shape, inputs=[ends[-1], ends[-1] + steps, lattice, nodes, after])
-            if not after.numpy().any():
+            after = self._first_moves(ends[-1], ends[-1] + steps, nodes, (0, 0), self.shape) > 0
+            if not after.any():
                 steps //= 2  # to 0 if the rogue is detected in a single step, too, wherever it goes
                 continue
             ends.append(ends[-1] + steps)
-            reached.append(np.packbits(after.numpy(), axis=1))
+            reached.append(np.packbits(after, axis=1))
             nodes, steps = after, self.period
         return self._traced(ends, reached)
 
-    def _prepare(self, first: int, last: int) -> None:
-        """Set what the moves from the end of step `first` to that of step `last` have in common."""
-        moves, path = self.moves[last - first], self.played.path[first + 1 : last + 1]
+    def _first_moves(
+        self, first: int, last: int, nodes: np.ndarray, corner: tuple[int, int], dim: tuple[int, int]
+    ) -> np.ndarray:
+        """Return `moves_out` of `move` for `dim` nodes, from the end of step `first` to that of step `last`."""
+        path = self.played.path[first + 1 : last + 1]
         middle = (path.max(axis=(0, 2)) + path.min(axis=(0, 2))) / 2
         away = np.linalg.norm(path - middle[:, None], axis=-1).max(axis=(0, 2))
         longest = (1 + _ROUNDING) * (last - first) * self.moved
-        self.lattice.moves = wp.array(moves, dtype=wp.vec2i)
+        self.lattice.moves = wp.array(self.moves[last - first], dtype=wp.vec2i)
         self.lattice.middle = wp.array(middle, dtype=wp.vec2)
         self.lattice.near = wp.array(away + longest + 1.001 * self.lattice.radius, dtype=float)
+        moves, before = wp.zeros(self.shape, dtype=wp.int16), wp.array(nodes, dtype=wp.bool)
+        wp.launch(move, dim=dim, inputs=[first, last, wp.vec2i(*corner), self.lattice, before, moves])
+        return moves.numpy()
 
     def _traced(self, ends: Sequence[int], reached: Sequence[np.ndarray]) -> Path:
         """Return the path to the node of the last moment that is farthest from all discs a step later."""
@@ -270,13 +260,9 @@ class _Search:
         away = [np.linalg.norm(nodes * self.spacing - self.half - disc, axis=1) for disc in discs]
         path = [nodes[np.min(away, axis=0).argmax() if away else 0]]
         for k in range(len(ends) - 1, 0, -1):
-            moves, (column, row) = self.moves[ends[k] - ends[k - 1]], path[-1].tolist()
-            leads = wp.zeros(len(moves), dtype=wp.bool)
-            self._prepare(ends[k - 1], ends[k])
-            before = wp.array(nodes_of(k - 1), dtype=wp.bool)
-            moment = ends[k - 1], ends[k], row, column, self.lattice, before, leads
-            wp.launch(trace_back, dim=len(moves), inputs=moment)
-            path.append(path[-1] - moves[leads.numpy().argmax()])
+            column, row = path[-1].tolist()
+            number = self._first_moves(ends[k - 1], ends[k], nodes_of(k - 1), (row, column), (1, 1))[row, column]
+            path.append(path[-1] - self.moves[ends[k] - ends[k - 1]][number - 1])
         places, steps = np.array(path[::-1]) * self.spacing - self.half, np.arange(ends[0], ends[-1] + 1)
         return Path(ends[0], np.stack([np.interp(steps, ends, places[:, axis]) for axis in range(2)], axis=1))
 

@@ -11,49 +11,18 @@ export const FLEEING = 3;
 const TURN = 2 * Math.PI;
 const KINDS = { 8: Uint8Array, 16: Uint16Array, 32: Uint32Array };
 
-export async function unpackedEpisode(raw) {
-  const of = async (names, decode, from) =>
-    Object.fromEntries(await Promise.all(names.map(async (name) => [name, (await decode(from[name])).values])));
-  const columns = (list) => Promise.all(list.map(async (packed) => (await reals(packed)).values));
-  const pictures = async (name) => {
-    const packed = raw.ground[name];
-    return packed ? { [name]: { ...(await wholes(packed.cells)), stride: packed.stride } } : {};
-  };
-  const worstAndMean = async (name) => {
-    if (!raw.ground[name]) return {};
-    const [worst, mean] = await columns(raw.ground[name]);
-    return { [`${name}Worst`]: worst, [`${name}Mean`]: mean };
-  };
-  const ground = [pictures("sensed"), pictures("unseen"), worstAndMean("idle"), worstAndMean("age")];
-  const robots = [
-    of(["x", "y", "z", "heading", "speed", "phase", "reward"], reals, raw.robots),
-    of(["status", "silent"], wholes, raw.robots),
-  ];
-  const arrays = {
-    robots: Object.assign(...(await Promise.all(robots))),
-    targets: Object.assign(await of(["x", "y"], reals, raw.targets), await of(["seen"], wholes, raw.targets)),
-    ground: Object.assign({}, ...(await Promise.all(ground))),
-    terms: await columns(raw.reward.terms),
-    ...(await of(["collisions"], wholes, raw)),
-    ...(await of(["curve"], reals, raw)),
-  };
-  for (const name of ["observation", "action"]) arrays.robots[name] = await columns(raw.robots[name]);
-  return new Episode(raw, arrays);
-}
-
-class Episode {
-  // `arrays`: the decoded arrays of robots, targets, ground, curve, terms of the reward and collisions.
-  constructor(raw, arrays) {
-    Object.assign(this, { raw, ...arrays });
-    this.about = raw.scenario;
+export class Episode {
+  constructor(raw) {
+    const { scenario: about, robots, targets, ground } = raw;
+    Object.assign(this, { raw, about, robots, targets, ground });
     this.moments = raw.moments;
     this.step = raw.step * raw.every;
     this.duration = (raw.moments - 1) * this.step;
-    this.count = raw.robots.count;
+    this.count = robots.count;
     this.x = Float64Array.from({ length: raw.moments }, (_, f) => f * this.step);
     this.events = eventsOf(this);
-    this.losesMessages = losesMessages(this);
-    this.hasSightings = raw.targets.count > 0 && (!this.about.leave || this.about.sight > this.about.sensing);
+    this.losesMessages = about.links.some(([i, j]) => this.x.some((_, f) => this.isCut(i, j, f)));
+    this.hasSightings = targets.count > 0 && (!about.leave || about.sight > about.sensing);
   }
 
   // Return the moment before a time [s] and the fraction to the next one.
@@ -70,17 +39,22 @@ class Episode {
     return share > 0 && moment + 1 < this.moments ? value + share * way(values[first + 1] - value) : value;
   }
 
-  // Return whether a message of the neighbour on a side (0, 1) arrived in the step of a moment, or was due.
-  isLost(robot, side, moment) {
-    const raw = this.about,
-      step = moment * this.raw.every;
-    if (raw.neighbours[robot][side] < 0 || step <= raw.delay) return false;
-    const silent = this.robots.silent[(2 * robot + side) * this.moments + moment];
-    return silent > raw.delay + this.raw.every - 1;
+  // Return true if a robot is not removed.
+  isThere(robot, moment) {
+    return this.robots.status[robot * this.moments + moment] !== REMOVED;
   }
 
-  // Return true if a message between two ring neighbours, in either direction, was lost.
+  // Return true if a message of the neighbour on a side (0, 1) was due since the moment before, but none arrived.
+  isLost(robot, side, moment) {
+    const { neighbours, delay } = this.about,
+      { every } = this.raw;
+    if (neighbours[robot][side] < 0 || moment * every <= delay) return false;
+    return this.robots.silent[(2 * robot + side) * this.moments + moment] > delay + every - 1;
+  }
+
+  // Return true if a message between two ring neighbours, in either direction, was lost; removed robots send none.
   isCut(i, j, moment) {
+    if (!this.isThere(i, moment) || !this.isThere(j, moment)) return false;
     const lost = (of, from) =>
       [0, 1].some((side) => this.about.neighbours[of][side] === from && this.isLost(of, side, moment));
     return lost(i, j) || lost(j, i);
@@ -90,13 +64,6 @@ class Episode {
 // An angle in [-pi, pi).
 export function turned(angle) {
   return angle - TURN * Math.floor((angle + Math.PI) / TURN);
-}
-
-function losesMessages(episode) {
-  for (let f = 0; f < episode.moments; f++) {
-    for (let i = 0; i < episode.count; i++) if (episode.isLost(i, 0, f) || episode.isLost(i, 1, f)) return true;
-  }
-  return false;
 }
 
 // Events: [{kind, time, until, robots, words}], by time.
@@ -118,7 +85,7 @@ function eventsOf(episode) {
     const words = `robots ${i} and ${j} collide`;
     events.push({ kind: "touch", time: first * step, until: last * step, robots: [i, j], words });
   }
-  const { appears, found } = episode.raw.targets;
+  const { appears, found } = episode.targets;
   appears.forEach((appeared, t) => {
     const seen = found[t] >= 0;
     const time = ((seen ? found[t] : appeared) * step) / every;
@@ -145,24 +112,27 @@ function rogueEvent({ steps, until, detected }, step) {
   return { kind: "rogue", time: steps[0] * step, until: until * step, robots: [], words: words + ends };
 }
 
-// Decode the arrays of lissajous_env/replay/contents.py to whole numbers: {values, shape, none}; the last axis is time.
-async function wholes(packed) {
-  const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
-  const size = packed.bits / 8,
-    count = planes.length / size;
-  const values = new KINDS[packed.bits](count);
-  for (let plane = 0; plane < size; plane++) {
-    for (let k = 0; k < count; k++) values[k] |= planes[plane * count + k] << (8 * plane);
-  }
-  const length = packed.shape[packed.shape.length - 1];
-  for (let k = 1; k < count; k++) if (k % length !== 0) values[k] += values[k - 1];
-  return { values, shape: packed.shape, none: packed.none };
+// Decode all arrays in the data of lissajous_env/replay/contents.py.
+export async function unpacked(part) {
+  if (part?.bits && Array.isArray(part.shape)) return decoded(part);
+  if (part === null || typeof part !== "object" || typeof part[0] === "number") return part;
+  const entries = await Promise.all(Object.entries(part).map(async ([name, inner]) => [name, await unpacked(inner)]));
+  return Array.isArray(part) ? entries.map(([, inner]) => inner) : Object.fromEntries(entries);
 }
 
-// Decode numbers: {values, shape}.
-async function reals(packed) {
-  const whole = await wholes(packed);
-  return { values: Float32Array.from(whole.values, (q) => packed.low + packed.scale * q), shape: whole.shape };
+// Decode an array of numbers, or of counts, of which `none` marks missing ones; the last axis of its shape is time.
+async function decoded({ data, bits, shape, low, scale, none }) {
+  const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const size = bits / 8,
+    count = planes.length / size;
+  const whole = new KINDS[bits](count);
+  for (let plane = 0; plane < size; plane++) {
+    for (let k = 0; k < count; k++) whole[k] |= planes[plane * count + k] << (8 * plane);
+  }
+  const length = shape[shape.length - 1];
+  for (let k = 1; k < count; k++) if (k % length !== 0) whole[k] += whole[k - 1];
+  const values = none === undefined ? Float32Array.from(whole, (q) => low + scale * q) : whole;
+  return Object.assign(values, { shape, none });
 }

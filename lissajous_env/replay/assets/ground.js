@@ -15,12 +15,12 @@ export class Ground {
     this.episode = episode;
     this.canvas = document.createElement("canvas");
     this.shown = "";
-    this.cells = { unseen: episode.ground.unseen, idle: episode.ground.sensed };
+    this.stored = { unseen: episode.ground.unseen, idle: episode.ground.sensed };
   }
 
   // Return the layers of the scenario: [name, words].
   layers() {
-    const there = Object.entries(LAYERS).filter(([layer]) => layer === "none" || this.cells[layer]);
+    const there = Object.entries(LAYERS).filter(([layer]) => layer === "none" || this.stored[layer]);
     return there.map(([layer, { words }]) => [layer, words]);
   }
 
@@ -31,11 +31,11 @@ export class Ground {
 
   // Return a canvas with a pixel per cell at a moment, highest row first; null if there is nothing to draw.
   picture(layer, exact) {
-    const cells = this.cells[layer];
-    if (!cells) return null;
-    const { raw } = this.episode,
+    if (!this.stored[layer]) return null;
+    const { cells, stride } = this.stored[layer],
+      { raw } = this.episode,
       [rows, columns, pictures] = cells.shape;
-    const index = Math.min(Math.floor((exact * raw.every) / cells.stride + 1e-6), pictures - 1);
+    const index = Math.min(Math.floor((exact * raw.every) / stride + 1e-6), pictures - 1);
     const key = `${layer} ${index}`;
     if (key === this.shown) return this.canvas;
     this.shown = key;
@@ -48,8 +48,8 @@ export class Ground {
       scale = ((RAMP - 1) * raw.step) / this.full(layer);
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
-        const since = cells.values[(row * columns + column) * pictures + index];
-        const shade = Math.min(Math.max(Math.ceil((index * cells.stride - since) * scale), 0), RAMP - 1);
+        const since = cells[(row * columns + column) * pictures + index];
+        const shade = Math.min(Math.max(Math.ceil((index * stride - since) * scale), 0), RAMP - 1);
         pixels[(rows - 1 - row) * columns + column] = since === cells.none ? 0 : ramp[shade];
       }
     }

@@ -29,7 +29,7 @@ export class Inspector {
   }
 
   values(robot) {
-    const { raw, about, robots } = this.episode,
+    const { about, robots } = this.episode,
       row = robot * this.episode.moments;
     const facts = element("dl", "facts");
     const fact = (name, wordsAt) => {
@@ -41,7 +41,7 @@ export class Inspector {
     fact("speed", (k) => `${number(robots.speed[k])} m/s`);
     fact("reward of this step", (k) => number(robots.reward[k]));
     const head = element("h3", "", `Robot ${robot}`);
-    if (robot >= raw.robots.watched) {
+    if (robot >= robots.watched) {
       const words = "Observations of this robot are omitted to limit the size of the page; a replay of this episode alone has them.";
       return [head, facts, element("p", "muted", words)];
     }
@@ -51,7 +51,7 @@ export class Inspector {
       head,
       facts,
       section("Action", rows(about.actions, robots.action, false)),
-      section("Observation", rows(raw.robots.names, robots.observation, true)),
+      section("Observation", rows(robots.names, robots.observation, true)),
     ];
   }
 

@@ -5,7 +5,7 @@ import { number } from "./words.js";
 
 // Return [[sign, words]] for an episode.
 export function legendOf(episode, ground, layer) {
-  const { targets } = episode.raw,
+  const { targets } = episode,
     entries = [];
   const kinds = new Set(episode.events.map((event) => event.kind));
   if (targets.count > 0) entries.push(["target", "target"]);

@@ -1,7 +1,7 @@
 // The charts of an episode and their lines.
 
 import { ROBOT_COLOURS, robotColour } from "./colours.js";
-import { detections, deviations, edges, inSight, returns, ringDistances, separations } from "./derived.js";
+import { detections, deviations, inSight, returns, ringDistances, separations } from "./derived.js";
 
 const MOST_LINES = 40;
 
@@ -9,11 +9,11 @@ const MOST_LINES = 40;
 // least, most, stepped, summary}].
 export function chartsOf(episode) {
   const charts = [];
-  if (episode.curve.length > 0 && episode.about.ring.length > 1) charts.push(phases(episode), distances(episode));
+  if (episode.raw.curve.length > 0 && episode.about.links.length > 0) charts.push(phases(episode), distances(episode));
   if (episode.hasSightings) charts.push(sightings(episode));
-  if (episode.raw.targets.count > 0) charts.push(seen(episode));
-  if (episode.ground.ageWorst) charts.push(ages(episode, "Undetected time", "age", "unseen"));
-  else if (episode.ground.idleWorst) charts.push(ages(episode, "Idleness", "idle", "idle"));
+  if (episode.targets.count > 0) charts.push(seen(episode));
+  if (episode.ground.age) charts.push(ages(episode, "Undetected time", "age", "unseen"));
+  else if (episode.ground.idle) charts.push(ages(episode, "Idleness", "idle", "idle"));
   return [...charts, collisions(episode), rewards(episode)];
 }
 
@@ -23,9 +23,8 @@ function phases(episode) {
 }
 
 function distances(episode) {
-  const { sensing, radius } = episode.about,
-    pairs = edges(episode);
-  const series = ofEach(ringDistances(episode), (k) => pairs[k][0], (k) => pairs[k].join("–"));
+  const { sensing, radius, links } = episode.about;
+  const series = ofEach(ringDistances(episode), (k) => links[k][0], (k) => links[k].join("–"));
   const bounds = [
     [2 * sensing, "2 r_s (discs part)", "var(--failed)"],
     [2 * radius, "2 r (collision)", "var(--touch)"],
@@ -52,7 +51,7 @@ function sightings(episode) {
 }
 
 function ages(episode, title, name, colour) {
-  const { [`${name}Worst`]: worst, [`${name}Mean`]: mean } = episode.ground;
+  const [worst, mean] = episode.ground[name];
   const series = [
     { label: "worst case", values: worst, colour: `var(--${colour})`, filled: true },
     { label: "mean", values: mean, colour: "var(--muted)", dashed: true },
@@ -62,10 +61,10 @@ function ages(episode, title, name, colour) {
 }
 
 function collisions(episode) {
-  const { collisions: values, about } = episode,
+  const values = episode.raw.collisions,
     series = [{ label: "collisions", values, colour: "var(--touch)", counted: true, stepped: true, whole: true }];
   const nearest = separations(episode),
-    bounds = nearest ? [[2 * about.radius, "2 r (collision)", "var(--touch)"]] : [];
+    bounds = nearest ? [[2 * episode.about.radius, "2 r (collision)", "var(--touch)"]] : [];
   if (nearest) series.push({ label: "smallest distance [m]", values: nearest, colour: "var(--sensing)" });
   return { id: "collisions", title: "Collisions", unit: "", series, bounds, least: 0 };
 }
@@ -87,7 +86,8 @@ function ofEach(rows, robotOf, labelOf) {
       return { label: labelOf(k), values, colour: robotColour(robot), robot };
     });
   }
-  const of = (pick) => Array.from(rows[0], (_, f) => pick(rows.map((row) => row[f])));
+  const there = (f) => rows.map((row) => row[f]).filter((value) => value !== null);
+  const of = (pick) => Array.from(rows[0], (_, f) => (there(f).length ? pick(there(f)) : null));
   const mean = (all) => all.reduce((sum, value) => sum + value, 0) / all.length;
   return [
     { label: "largest", values: of((all) => Math.max(...all)), colour: robotColour(3) },

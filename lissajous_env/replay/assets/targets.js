@@ -12,27 +12,26 @@ export class Targets {
   paint(at) {
     const { context, stage } = this,
       { episode } = stage,
-      { x, y, seen } = episode.targets,
-      raw = episode.raw.targets;
+      { targets } = episode;
     const step = at.now * episode.raw.every,
       flash = episode.about.flash / episode.raw.step;
     const closer = Math.min(Math.max(Math.sqrt(stage.camera.zoom), 1), 2),
-      size = closer * (raw.count > 400 ? 1.8 : raw.count > 150 ? 2.6 : 3.8);
+      size = closer * (targets.count > 400 ? 1.8 : targets.count > 150 ? 2.6 : 3.8);
     const { leave, sight, sensing } = episode.about;
     const pale = faded(COLOURS.target, 0.4);
     const colours = leave ? [sight > sensing ? pale : COLOURS.target, COLOURS.target] : [COLOURS.target, COLOURS.found];
     const groups = { plain: [[], []], flees: [[], []], missed: [] };
-    for (let t = 0; t < raw.count; t++) {
-      if (raw.appears[t] > step) continue;
-      const found = raw.found[t],
-        place = [stage.px(episode.between(x, t, at)), stage.py(episode.between(y, t, at))];
+    for (let t = 0; t < targets.count; t++) {
+      if (targets.appears[t] > step) continue;
+      const found = targets.found[t],
+        place = [stage.px(episode.between(targets.x, t, at)), stage.py(episode.between(targets.y, t, at))];
       if (found >= 0 && found <= step) {
         const age = (step - found) / flash;
         if (age < 1) this.paintFlash(place, age, size);
         if (leave) continue;
       }
       if (found < 0) groups.missed.push(place);
-      else groups[raw.motion[t] === FLEEING ? "flees" : "plain"][seen[t * episode.moments + at.moment]].push(place);
+      else groups[targets.motion[t] === FLEEING ? "flees" : "plain"][targets.seen[t * episode.moments + at.moment]].push(place);
     }
     const dots = (places, colour, radius) => {
       context.fillStyle = colour;
