@@ -71,10 +71,9 @@ def on_cores(work: Work, device: str, job: Callable[[Cell, list[int], threading.
 
 def may_be_shared(cell: Cell, device: str) -> bool:
     """Return whether a cell may be played on any thread: all of its code is of this package, and runs on the CPU."""
-    model, rogues = MODELS[cell.scenario.robot.kind], cell.scenario.targets.rogues
-    is_included = registry.is_included(cell.policy) and MODELS.is_included(model)
-    is_included = is_included and (rogues not in ROGUES or ROGUES.is_included(ROGUES[rogues]))
-    return is_included and not cell.scenario.extensions and device == "cpu"
+    model, rogue = MODELS[cell.scenario.robot.kind], ROGUES.get(cell.scenario.targets.rogues or "")
+    are_included = MODELS.is_included(model) and (rogue is None or ROGUES.is_included(rogue))
+    return registry.is_included(cell.policy) and are_included and not cell.scenario.extensions and device == "cpu"
 
 
 def batches_or_failure(
