@@ -101,6 +101,7 @@ def _about(recording: Recording) -> dict[str, Any]:
         "trail": 2 * trail_time(scenario),
         "flash": flash_time(scenario),
         "links": drawn_links(scenario),
+        "places": list(scenario.places),
         "neighbours": scenario.neighbours.tolist(),
         "equilibrium": scenario.equilibrium.tolist(),
         "delay": scenario.delay_steps,

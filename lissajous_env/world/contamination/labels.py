@@ -246,8 +246,7 @@ _LABEL_CELLS = f"""
         for (int l = 0; l < lanes; ++l) {{
             const int entered = enter >> (first + l) & 1 ? now.entry : none;
             const int stayed = entered < label[l] ? entered : label[l];
-            const int hops_in = stayed / {int(PER_STEP)} > now.oldest ? hopped[l] : none;
-            const int earliest = hops_in < stayed ? hops_in : stayed, since = earliest / {int(PER_STEP)};
+            const int earliest = hopped[l] < stayed ? hopped[l] : stayed, since = earliest / {int(PER_STEP)};
             const int counts = (earliest < none ? 1 : 0) & todo >> (first + l);
             const int known = counts ? since : {int(NEVER)};
             oldest = known < oldest ? known : oldest;
