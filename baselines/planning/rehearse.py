@@ -90,16 +90,12 @@ class Episodes:
         if not self.failures:
             return []
         robots, lost = scenario.num_robots, self.lost(scenario)
-        if self.combinations(scenario) <= MOST_LOSSES:
+        if math.comb(robots, lost) <= MOST_LOSSES:
             return list(itertools.combinations(range(robots), lost))
         draw, chosen = np.random.default_rng(self.seed), {}
         while len(chosen) < MOST_LOSSES:
             chosen[tuple(sorted(draw.choice(robots, lost, replace=False).tolist()))] = None
         return list(chosen)
-
-    def combinations(self, scenario: Scenario) -> int:
-        """Return the number of combinations of as many robots as fail in an episode with failures."""
-        return math.comb(scenario.num_robots, self.lost(scenario))
 
 
 class _Run:

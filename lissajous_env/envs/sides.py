@@ -222,9 +222,8 @@ def on_host(actions: Any) -> Any:
     if isinstance(actions, (list, tuple)):
         return [on_host(action) for action in actions]
     if is_torch(actions) and hasattr(actions, "detach"):
-        plain = actions.detach().cpu().resolve_neg()
-        is_short = plain.is_floating_point() and plain.element_size() < 4  # NumPy does not have all of these types
-        return (plain.float() if is_short else plain).numpy()
+        is_short = actions.is_floating_point() and actions.element_size() < 4  # NumPy does not have all of these types
+        return (actions.float() if is_short else actions).numpy(force=True)
     return np.asarray(actions) if hasattr(actions, "__array__") else actions
 
 

@@ -74,8 +74,8 @@ def _action_speeds(scenario: Scenario) -> np.ndarray:
     """
     model = scenario.model
     rest = np.array(model.rest_action(scenario.robot))
-    driving = range(model.action_size) if model.driving is None else model.driving
-    drives = np.isin(np.arange(model.action_size), driving)
+    driving = range(len(model.actions)) if model.driving is None else model.driving
+    drives = np.isin(np.arange(len(model.actions)), driving)
     return np.stack([rest, drives * scenario.speed_unit / (1 + abs(rest))], axis=-1)
 
 
