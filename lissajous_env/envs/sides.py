@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from gymnasium.vector.utils import batch_space
 
-from lissajous_env.device.devices import is_torch
+from lissajous_env.device.devices import as_floats, is_torch
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import REST_OR_DIRECTION
 from lissajous_env.parameters.rogues import AGENTS
@@ -115,8 +115,7 @@ class Side:
             return self.table[given].reshape(-1, self.slots, self.action_size)
         rows = given.reshape(-1, self.slots, self.action_size)
         if not finite:  # the simulation clips them, and reports those that are not finite
-            with np.errstate(over="ignore"):
-                return rows.astype(np.float32, copy=False)
+            return as_floats("actions", rows)
         if not np.vdot(rows, rows) < LARGE and not np.isfinite(rows).all():
             self._refuse(rows.reshape(-1, self.action_size))
         return np.clip(rows, -1.0, 1.0).astype(np.float32, copy=False)

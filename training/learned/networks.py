@@ -120,17 +120,6 @@ class TeamNetwork(Network):
         return self._layer("action", np.maximum(self._layer("last", hidden), 0))
 
 
-def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return arrays with the name of their set before their own names."""
-    return {f"{part}.{name}": array for name, array in arrays.items()}
-
-
-def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the arrays of one set, without the name of the set."""
-    start = f"{part}."
-    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
-
-
 def _numbers(name: str, array: np.ndarray) -> np.ndarray:
     """Return a read-only copy of an array of finite float32 numbers."""
     require(array.dtype == np.float32, name, "must be float32", str(array.dtype))
