@@ -6,7 +6,8 @@ from typing import Any
 
 from rich import progress as bars
 from rich.console import Console
-from rich.markup import escape
+
+from lissajous_env.console.terminal import print_line
 
 
 def bar(console: Console, counts: str = "") -> bars.Progress:
@@ -18,7 +19,8 @@ def bar(console: Console, counts: str = "") -> bars.Progress:
         console: The console.
         counts: Format of the counts, such as "{task.completed} replays".
     """
-    columns: list[bars.ProgressColumn] = [bars.TextColumn("{task.description}")] if console.width >= 80 else []
+    description = bars.TextColumn("{task.description}", markup=False)  # names may contain brackets
+    columns: list[bars.ProgressColumn] = [description] if console.width >= 80 else []
     columns += [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
     columns += [bars.TextColumn(counts)] if counts else []
     return bars.Progress(
@@ -51,7 +53,7 @@ class Progress(ExitStack):
     def begin(self, cell: Any) -> None:
         """Show that a cell begins."""
         self._began.setdefault(id(cell), time.monotonic())
-        self._bar.update(self._task, description=_name_of(cell))
+        self._bar.update(self._task, description=str(cell))
 
     def finished(self, cell: Any, episodes: int | None = None, word: str = "played") -> None:
         """Show that some episodes of a cell have ended, by default all that are left; then the cell is over.
@@ -63,11 +65,7 @@ class Progress(ExitStack):
             return
         ended = left if episodes is None else min(episodes, left)
         self._left[id(cell)] -= ended
-        self._bar.update(self._task, description=_name_of(cell), advance=ended)
+        self._bar.update(self._task, description=str(cell), advance=ended)
         if not self._left[id(cell)] and not self._console.is_interactive:
             took = time.monotonic() - self._began[id(cell)]
-            self._console.print(f"{_name_of(cell)}: {word}, {took:.1f} s", highlight=False, soft_wrap=True)
-
-
-def _name_of(cell: Any) -> str:
-    return f"{escape(cell.scenario.name)} [bold cyan]{escape(cell.policy)}[/]"
+            print_line(self._console, f"{cell}: {word}, {took:.1f} s")

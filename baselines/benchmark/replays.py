@@ -74,7 +74,7 @@ def _recorded(
     def record_cell(cell: Cell, seeds: list[int], stopped: threading.Event) -> None:
         if stopped.is_set():
             return
-        progress.update(task, description=f"{cell.scenario.name} {cell.policy}")
+        progress.update(task, description=str(cell))
         try:
             policy = cell.factory(cell.scenario, min(len(seeds), _TOGETHER), device)
             recordings = record_all(policy, cell.scenario, seeds, device)

@@ -105,7 +105,7 @@ def _played(chosen: Sequence[str], player: Player, console: Console) -> Part:
         task = progress.add_task("", total=len(chosen))
         for name in chosen:
             about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")
-            progress.update(task, description=f"[bold cyan]{name}[/] [dim]{about}[/]")
+            progress.update(task, description=f"{name}: {about}")
             began = time.monotonic()
             with quietly():  # the claims themselves state which assumptions their scenarios violate
                 results = list(PARTS[name](player))

@@ -23,8 +23,8 @@ from rich.text import Text
 
 from lissajous_env.settings.formulas import Formula
 
-_PLACE = r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*"
-_WORDS = re.compile(rf"{_PLACE}(,{_PLACE})*|(?!(None|True|False|inf|nan)$)[A-Za-z][\w-]*")
+_PLACE = r"[^\W\d][\w.]*:[^\W\d][\w.]*"
+_WORDS = re.compile(rf"{_PLACE}(,{_PLACE})*|(?!(None|True|False|inf|nan)$)[^\W\d_][\w-]*")
 """A bare word, or `module:name`, also several separated by commas."""
 _PIPE = 120
 """Width of the output without a terminal and without COLUMNS."""
