@@ -25,6 +25,7 @@ CLAIMS = [
     for k in range(3)
 ]
 EVADERS = lissajous_env.scenario("evaders")
+RUN = "run failure still --set task.duration=1"
 PLANS = [
     Planned(
         Plan("Lissajous", EVADERS, PolicySettings("kuramoto-mpcc-safe"), f"a:b = {k}:2, omega = 0.31{k} rad/s"),
@@ -56,9 +57,6 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
     words = {word for line in rows for word in line.split() if re.search(r"\d", word)}
     assert words <= set(whole.split())
     assert shown(width, TERM="dumb", NO_COLOR="1") == text
-
-
-RUN = "run failure still --set task.duration=1"
 
 
 @pytest.mark.parametrize(("line", "code", "files"), [

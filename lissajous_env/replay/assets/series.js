@@ -86,7 +86,8 @@ function ofEach(rows, robotOf, labelOf) {
       return { label: labelOf(k), values, colour: robotColour(robot), robot };
     });
   }
-  const of = (pick) => Array.from(rows[0], (_, f) => pick(rows.map((row) => row[f])));
+  const there = (f) => rows.map((row) => row[f]).filter((value) => value !== null);
+  const of = (pick) => Array.from(rows[0], (_, f) => (there(f).length ? pick(there(f)) : null));
   const mean = (all) => all.reduce((sum, value) => sum + value, 0) / all.length;
   return [
     { label: "largest", values: of((all) => Math.max(...all)), colour: robotColour(3) },

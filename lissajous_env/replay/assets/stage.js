@@ -187,7 +187,7 @@ export class Stage {
     const { context, episode } = this;
     context.lineWidth = 1.3;
     for (const [i, j] of episode.about.links) {
-      if (places[i].status === REMOVED || places[j].status === REMOVED) continue;
+      if (!episode.isThere(i, at.moment) || !episode.isThere(j, at.moment)) continue;
       const lost = episode.isCut(i, j, at.moment);
       context.strokeStyle = lost ? COLOURS.lost : faded(COLOURS.link, this.many ? 0.25 : 0.45);
       context.setLineDash(lost ? [3, 5] : []);
