@@ -29,7 +29,7 @@ from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.parameters.assumptions import quietly
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.networks import ABSENT, TeamNetwork, prefixed, within
+from training.learned.networks import ABSENT, TeamNetwork
 from training.learned.perception import BASE, OWN, TOKEN, unread_entries
 from training.learned.policy import LearnedTeam
 from training.settings import TrainingSettings
@@ -267,19 +267,18 @@ class Training:
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy what a resumed training needs, as arrays by name."""
-        numbers = {name: np.array([value]) for name, value in self.numbers.items()}
-        arrays = save_state(self.networks, self.optimizer) | prefixed("numbers", numbers)
+        arrays = save_state(self.networks, self.optimizer) | {"numbers": np.array([*self.numbers.values()])}
         if self.settings.space is None:
-            arrays |= prefixed("worlds", self.worlds.save_state())
+            arrays |= {f"worlds.{name}": array for name, array in self.worlds.save_state().items()}
             arrays |= {"returns": self._returns, "noise": self._noise.numpy()}
         return arrays
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned: in the same episodes or, of a space, in new ones."""
         load_state(self.networks, self.optimizer, arrays)
-        self.numbers |= {name: float(value[0]) for name, value in within("numbers", arrays).items()}
+        self.numbers.update(zip(self.numbers, arrays["numbers"].tolist(), strict=True))
         if self.settings.space is None:
-            self.worlds.load_state(within("worlds", arrays))
+            self.worlds.load_state(_within("worlds", arrays))
             self._returns, self._noise = arrays["returns"], torch.from_numpy(arrays["noise"])
         else:
             # Seeds that no earlier part of the training has begun with.
@@ -343,10 +342,16 @@ def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str,
 
 def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict[str, np.ndarray]) -> None:
     """Resume from what `save_state` returned; other names are ignored."""
-    module.load_state_dict({name: torch.from_numpy(array) for name, array in within("model", arrays).items()})
+    module.load_state_dict({name: torch.from_numpy(array) for name, array in _within("model", arrays).items()})
     state: dict[str, Any] = optimizer.state_dict()
-    for name, array in within("optimizer", arrays).items():
+    for name, array in _within("optimizer", arrays).items():
         k, moment = name.split(".")
         state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
     optimizer.load_state_dict(state)
     torch.set_rng_state(torch.from_numpy(arrays["random"]))
+
+
+def _within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays of one set, without the name of the set."""
+    start = f"{part}."
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}

@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
-from baselines.benchmark.progress import Progress
 from baselines.benchmark.statistics import refusal_of
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
-from lissajous_env.console.terminal import plain
+from lissajous_env.console.terminal import Progress, plain
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.parameters.robot_models import MODELS

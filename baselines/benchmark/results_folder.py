@@ -36,6 +36,11 @@ _Key = tuple[str, str, int]
 class Results:
     """The settings and score rows in a folder; an episode that has ended has exactly one row.
 
+    Args:
+        folder: Path of a folder that is only read, or a locked one, to which settings and episodes are added.
+        settings: Settings of a call.
+        cells: Its policies on scenarios.
+
     Attributes:
         stored: Settings of the folder, including those of earlier calls.
         scenarios: Scenarios of the folder by name.
@@ -46,7 +51,6 @@ class Results:
     """
 
     def __init__(self, folder: Folder | Path, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
-        """Read a folder, which does not change, or add the settings and cells of a call to one that is locked."""
         place = folder if isinstance(folder, Path) else folder.path
         path = place / SETTINGS
         wanted = None if settings is None else as_settings(settings, cells)

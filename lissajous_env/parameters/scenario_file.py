@@ -17,7 +17,6 @@ import dataclasses
 import json
 import operator
 import os
-import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
@@ -143,19 +142,6 @@ def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
         return tomllib.loads(data.decode("utf-8-sig"))  # some editors write a byte order mark
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
-
-
-def name_in_file(table: Mapping[str, Any], path: str) -> str:
-    """Return the name of a scenario or space in a file, by default that of the file.
-
-    Raises:
-        ValueError: the name is invalid.
-    """
-    name = table.get("name", os.path.basename(path)[: -len(SUFFIX)])
-    if isinstance(name, str) and not re.fullmatch(NAMES[0], name):
-        hint = "" if "name" in table else '; the file may contain another name, as in name = "lab"'
-        raise ValueError(f"name of a scenario must be {NAMES[1]}, got {shown(name)}{hint}")
-    return name
 
 
 def check_keys(table: Mapping[str, Any], known: Mapping[str, type]) -> None:

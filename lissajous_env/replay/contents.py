@@ -161,12 +161,13 @@ def _in_sight(recording: Recording, moments: slice) -> np.ndarray:
 
 
 def _rogue(missed: MissedRogue) -> dict[str, Any]:
-    """Return the steps at whose ends a rogue is somewhere, and its places then [m]."""
+    """Return the step at whose end a rogue appears, and its places [m] then and after every few steps."""
     path, step = missed.path, missed.played.scenario.task.step
-    moments = slice(None, None, max(math.ceil(len(path.places) / WHOLE.moments), 1))
+    every = max(math.ceil(len(path.places) / WHOLE.moments), 1)
     return {
-        "steps": list(range(path.appears_at, path.appears_at + path.steps + 1))[moments],
-        "places": np.round(path.places, 3)[moments].tolist(),
+        "begin": path.appears_at,
+        "every": every,
+        "places": np.round(path.places, 3)[::every].tolist(),
         "until": round(path.appears_at + missed.undetected / step, 3),
         "detected": missed.detected,
     }

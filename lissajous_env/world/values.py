@@ -27,14 +27,14 @@ from lissajous_env.world.state import EpisodeTotals
 def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
     """Return the constants of a resolved scenario by the names of kernels' parameters."""
     task, targets, n = scenario.task, scenario.targets, scenario.num_robots
-    model = model_of(scenario.robot.kind)
+    model, slowest = model_of(scenario.robot.kind), targets.speed if targets.speed_min is None else targets.speed_min
     schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
     return {
         "curve": curve_struct(scenario.curve, device),
         "formation": to_struct(structs.FormationStruct, scenario.formation),
         "robot": to_struct(structs.RobotStruct, scenario.robot),
         "sensing": to_struct(structs.SensingStruct, replace(scenario.sensing, sight=scenario.sight)),
-        "target": to_struct(structs.TargetStruct, replace(targets, speed_min=targets.slowest)),
+        "target": to_struct(structs.TargetStruct, replace(targets, speed_min=slowest)),
         "faults": to_struct(structs.FaultsStruct, scenario.faults),
         "noise": to_struct(structs.NoiseStruct, scenario.noise),
         "task": to_struct(structs.TaskStruct, task),

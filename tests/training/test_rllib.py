@@ -46,9 +46,6 @@ def play(env, seed, steps=300):
     return returned
 
 
-# The environment.
-
-
 def test_agents_and_spaces_are_constant_and_in_order():
     # Oracle: the numbers; twelve robots, of which a sort by letters would put robot_10 before robot_2.
     env = LissajousMultiAgentEnv({"scenario": "swarm", "robot.count": 12, "task.duration": 1.0})

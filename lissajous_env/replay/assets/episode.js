@@ -106,10 +106,10 @@ function eventsOf(episode) {
 }
 
 // Return the event of a rogue.
-function rogueEvent({ steps, until, detected }, step) {
-  const words = `the rogue that this policy misses: undetected for ${number((until - steps[0]) * step)} s`;
+function rogueEvent({ begin, until, detected }, step) {
+  const words = `the rogue that this policy misses: undetected for ${number((until - begin) * step)} s`;
   const ends = detected ? `, then detected at ${number(until * step)} s` : ", until the end";
-  return { kind: "rogue", time: steps[0] * step, until: until * step, robots: [], words: words + ends };
+  return { kind: "rogue", time: begin * step, until: until * step, robots: [], words: words + ends };
 }
 
 // Decode all arrays in the data of lissajous_env/replay/contents.py.
