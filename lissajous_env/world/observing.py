@@ -9,7 +9,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, TARGET_SIZE
-from lissajous_env.world.robots.nearby import bin_of, column_of, row_of
+from lissajous_env.world.robots.nearby import bin_of, column_of, has_lists, row_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
@@ -130,11 +130,11 @@ def insert_if_in_sight(w, i, j, filled: int, room: int, radius: float, robots, n
 def nearest_robots(w, i, room: int, radius: float, robots, bins, nearest) -> int:
     """List the nearest robots within `radius` [m] in `nearest`; return their number, at most `room`."""
     filled = int(0)
-    if bins.columns > 0:
-        entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
-        while entry[0] >= 0:
-            filled = insert_if_in_sight(w, i, entry[0], filled, room, radius, robots, nearest)
-            entry = bins.entry[w, entry[1]]
+    if has_lists(w, bins):
+        entry = bins.first[w, bin_of(planar(robots.position[w, i]), bins)]
+        while entry >= 0:
+            filled = insert_if_in_sight(w, i, bins.entry[w, entry][0], filled, room, radius, robots, nearest)
+            entry = bins.entry[w, entry][1]
     else:
         for j in range(robots.status.shape[1]):
             filled = insert_if_in_sight(w, i, j, filled, room, radius, robots, nearest)
