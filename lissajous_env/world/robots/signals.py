@@ -197,12 +197,13 @@ def send(w, lane, lanes, limited_action, clock, robots, links, messages):
         pose = robots.measured[w, i]
         turn = robots.measured_turn[w, i]
         links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
-        for m in range(size):
-            if status == REMOVED:
-                messages.sending[w, i, m] = 0.0
-            elif status == WORKING and clock.step[w] > 0:
-                messages.sending[w, i, m] = limited_action[w, i, limited_action.shape[2] - size + m]
-            messages.sent[w, i, slot, m] = messages.sending[w, i, m]
+        if size > 0:  # a loop of no turns would still take time, here and in `hear`
+            for m in range(size):
+                if status == REMOVED:
+                    messages.sending[w, i, m] = 0.0
+                elif status == WORKING and clock.step[w] > 0:
+                    messages.sending[w, i, m] = limited_action[w, i, limited_action.shape[2] - size + m]
+                messages.sent[w, i, slot, m] = messages.sending[w, i, m]
 
 
 @stage(ROBOT, writes="links: heard, heard_at; messages: heard")
@@ -214,6 +215,7 @@ def hear(w, lane, lanes, noise, neighbours, clock, links, messages):
     if sent_at < 0:
         return
     slot = sent_at % slots
+    size = messages.heard.shape[3]
     key = randomness.step_key(clock.seed[w], now)
     for i in range(lane, links.sending.shape[1], lanes):
         for side in range(2):
@@ -226,5 +228,6 @@ def hear(w, lane, lanes, noise, neighbours, clock, links, messages):
             if arrives:
                 links.heard[w, i, side] = links.sent[w, j, slot]
                 links.heard_at[w, i, side] = sent_at
-                for m in range(messages.heard.shape[3]):
-                    messages.heard[w, i, side, m] = messages.sent[w, j, slot, m]
+                if size > 0:
+                    for m in range(size):
+                        messages.heard[w, i, side, m] = messages.sent[w, j, slot, m]
