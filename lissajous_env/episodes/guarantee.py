@@ -65,7 +65,7 @@ class IdealFormation:
     @property
     def fastest_rogue(self) -> float:
         """Largest speed that `critical_speed` tries [m/s]: 4 times that of robots, at most half of the grid's limit."""
-        top_speed = self.scenario.formation.phase_rate * largest_speed(self.scenario.curve)
+        top_speed = self.scenario.formation.phase_rate * largest_speed(self.scenario.driven)
         return min(4 * top_speed, self._limit / 2)
 
     def against(self, speed: float) -> Scenario:

@@ -21,8 +21,9 @@ car's own constants. Otherwise it takes the first of the following actions for w
 with that at the beginning of a way out that the car has now, with the throttle that is wanted, and then with the motor
 off, or with the throttle for `CREEP`, a low speed, if the car is slower. If there is none, the car follows the way out.
 
-**A car with a way out never meets a wall.** Assume exact measurements, equal cars and no failures. A car that follows a
-way out with the motor off still has one after a step, so that there always is an action:
+**A car with a way out never meets a wall.** Assume exact measurements, equal cars with `robot.model_offset` as their
+`robot.offset`, and no failures. A car that follows a way out with the motor off still has one after a step, so that
+there always is an action:
 
 1. On the circle, its centre does not move, so it remains in C.
 2. On the straight line, the centre of the circle moves along a line whose part in C is at least L long, so that a step
