@@ -190,7 +190,7 @@ def undetected_times(policy: str, scenario: Scenario, seeds: Sequence[int], devi
         seeds: Seed of each episode.
         device: Warp device.
     """
-    rows = evaluate(as_factory(policy)(scenario, min(16, len(seeds)), device), scenario, seeds)
+    rows = evaluate(as_factory(policy)(scenario, min(16, len(seeds)), device), scenario, seeds, device)
     columns = {"mean": DETECTION_TIME.name, "quantile": "detection_time_p95", "longest": "detection_time_max"}
     return {name: float(np.nanmean([row[column] for row in rows])) for name, column in columns.items()}
 
