@@ -137,11 +137,9 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     scenario, if that is longer.
     """
     firsts, ends = ([float(track.time[place]) for track in log.tracks] for place in (0, -1))
-    lasts, steps = np.sort(ends), 0
-    for k, last in enumerate(lasts.tolist()):
-        until = math.floor((last - log.start) / step + _SHORTER)
-        if not k or (log.start + until * step - lasts[:k] > gap).all():
-            steps = until
+    lasts = np.sort(ends)
+    last = lasts[np.append(True, np.diff(lasts) > gap)][-1]
+    steps = math.floor((last - log.start) / step + _SHORTER)
     removed = [robot for robot, status in log.statuses.items() if REMOVED in status.value]
     if len(removed) == len(log.tracks) and (own := own_scenario(log)) is not None:
         steps = max(steps, round(own.task.duration / step))
