@@ -112,6 +112,9 @@ FIXED = {
     "quaternions are zero": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=0.0)), ("not of length 1",)),
     "quaternions are long": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=2.0)), ("not of length 1",)),
     "poses without speeds": (shrunk(make=stamped), ("were not logged",)),
+    "poses that are published five times": (
+        of_robots(lambda k, t: stamped(EPOCH + t, *circle(k, int(10 * t + 1e-6) / 10)), moments(LASTS, 0.02)), (),
+    ),
     "poses that are NaN or far beyond all floats of 32 bits": (
         of_robots(lambda k, t: odometry(EPOCH + t, (math.nan, 1e300)[k] if k < 2 and 1.9 < t < 2 else circle(k, t)[0],
                                         *circle(k, t)[1:])), ("2 messages", "not finite or above 1e+12"),
@@ -309,8 +312,7 @@ REFUSED = {
         "got 0; 41 messages of /robot_0/odom are ignored",
     ),
     "too long": (
-        [record for k in range(5) for t in (0.0, 1.0, 50_000.0)
-         for record in [(f"/robot_{k}/odom", odometry(t, *circle(k, t)), t)]],
+        [(f"/robot_{k}/odom", odometry(t, *circle(k, t)), t) for k in range(5) for t in (0.0, 1.0, 50_000.0)],
         {}, "longest time without a pose is 49999 s, of robot 4",
     ),
     "array": (
