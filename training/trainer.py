@@ -158,7 +158,7 @@ class Training:
             self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
             action = mean + deviation * self._noise
             likelihood = -0.5 * ((action - mean) / deviation).square().sum(-1)
-            critic_inputs, value = self._valued()
+            critic_inputs, value = self._values()
             values.append(value)
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
@@ -169,7 +169,7 @@ class Training:
                 self._truth = worlds.truth()
             self._perception = worlds.perception()
             self.numbers["steps"] += float(step.acted.sum())
-        values.append(self._valued()[1])
+        values.append(self._values()[1])
         advantages = self._advantages(steps, np.stack(values))
         of_actor, of_critic, *others = zip(*transitions, strict=True)
         perception, critic_inputs = (list(map(torch.stack, zip(*one, strict=True))) for one in (of_actor, of_critic))
@@ -194,7 +194,7 @@ class Training:
         numbers["counted"] += 1
         return reward
 
-    def _valued(self) -> tuple[list[Tensor], np.ndarray]:
+    def _values(self) -> tuple[list[Tensor], np.ndarray]:
         """Return tokens and presence, which the critic reads besides the robots' own numbers, and its values (B,)."""
         perceived, truth = self._perception, self._truth
         parts = (truth.tokens, truth.present) if self.settings.critic == "central" else perceived[1:]

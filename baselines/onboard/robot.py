@@ -119,7 +119,7 @@ class Onboard:
         self.robot = whole_number("robot", robot, 0, n - 1)
         self.neighbours = tuple(int(neighbour) for neighbour in self.scenario.neighbours[self.robot])
         self.limits = (limits or Limits()).of(self.scenario)
-        self._policy = _made(policy, self.scenario, self.robot)
+        self._policy = _policy_of(policy, self.scenario, self.robot)
         self.listens = getattr(self._policy, "communicates", "nothing") != "nothing"
         self._row = Row(self.scenario, self.robot)
         self._command_of = conversion_to_commands(self.scenario)
@@ -303,7 +303,7 @@ class Onboard:
         return None if pose is None else Message(self.robot, pose.stamp, *self._row.sent, self._numbers)
 
 
-def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
+def _policy_of(policy: Any, scenario: Scenario, robot: int) -> Any:
     """Return the policy for one world, restricted to a robot."""
     acting: Any = registry.as_factory(policy, shown(policy))(scenario, 1, "cpu")
     require(acting.num_worlds == 1, "num_worlds of the policy", "must be 1", acting.num_worlds)

@@ -66,7 +66,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         self.observation_space, self.action_space = self._side.team_spaces()
         self._steps = batch.scenario.task.steps if batch.space is None else max_cycles
         self._running = False
-        self._start(batch, render_mode)
+        self._set_batch(batch, render_mode)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""

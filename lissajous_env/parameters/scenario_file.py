@@ -44,8 +44,6 @@ _LARGEST = 1 << 16
 """Largest size of a file [bytes]."""
 _OF_TEAM_SIZE = "ring", "p", "alpha"
 """Fields of the formation that are valid only for the number of robots for which they were set, else derived."""
-_SHORT = {"rogues": "targets.rogues"}
-"""Short names of fields."""
 FIELDS = {f"{part}.{field.name}": field for part, kind in PARTS.items() for field in dataclasses.fields(kind)}
 """The fields of all parts by dotted name."""
 
@@ -67,7 +65,7 @@ def by_field(overrides: Mapping[str, Any]) -> dict[str, Any]:
     """
     fields: dict[str, Any] = {}
     for key, value in overrides.items():
-        name = _SHORT.get(key, key)
+        name = "targets.rogues" if key == "rogues" else key
         if name in PARTS and isinstance(value, PARTS[name]):
             value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         elif name in PARTS and not isinstance(value, Mapping):

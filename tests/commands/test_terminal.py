@@ -67,8 +67,7 @@ def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, cod
     command = f"set -o pipefail; {sys.executable} -m lissajous_env {line}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, cwd=tmp_path)
     assert (ended.returncode, sorted(path.name for path in tmp_path.iterdir())) == (code, files)
-    assert "Traceback" not in ended.stderr
-    assert "Exception ignored" not in ended.stderr
+    assert not re.search("Traceback|Exception ignored", ended.stderr)
     assert "\ufffd" not in ended.stdout
 
 

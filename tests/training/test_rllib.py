@@ -114,9 +114,6 @@ def test_when_all_robots_are_removed_the_episode_is_terminated():
     assert env.agents == []
 
 
-# The example.
-
-
 def test_the_example_trains_and_its_policy_is_the_mean_of_the_module(one_node):
     # Oracles: weights that change and are finite; RLlib's own deterministic action.
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
@@ -139,9 +136,6 @@ def test_the_example_trains_and_its_policy_is_the_mean_of_the_module(one_node):
         assert row["targets"] > 0
     finally:
         algorithm.stop()
-
-
-# Two sides.
 
 
 def test_rogues_come_and_go():

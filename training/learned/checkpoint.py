@@ -210,10 +210,10 @@ def scenario_of_card(card: Card) -> Scenario:
     """
     extensions = card.scenario_fields.get("extensions") or ()
     require(isinstance(extensions, (list, tuple)), "extensions of a scenario", "must be a list", extensions)
-    return scenario_of_json(card.scenario_fields, [_brought(entry, card) for entry in extensions])
+    return scenario_of_json(card.scenario_fields, [_extension_of(entry, card) for entry in extensions])
 
 
-def _brought(entry: Any, card: Card) -> Extension:
+def _extension_of(entry: Any, card: Card) -> Extension:
     """Return an extension of a card, whose module the program must have imported."""
     place = entry.get("place") if isinstance(entry, Mapping) else None
     require(isinstance(place, str), "place of an extension", "must be module:name", place)
