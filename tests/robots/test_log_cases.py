@@ -6,7 +6,6 @@ Oracle: five robots on circles at 0.5 m/s, whose way, speed and smallest distanc
 import functools
 import json
 import math
-import re
 
 import numpy as np
 import pytest
@@ -168,10 +167,9 @@ def test_a_clock_that_is_set_while_recording_is_refused(tmp_path):
     ]  # fmt: skip
     with pytest.raises(ValueError, match=r"robot 0 must rise .* a jump of 3\.96 s back, recorded at 1700000006"):
         scored(tmp_path / "reset", reset)
-    for jump, words in ((3600.0, "ahead"), (-0.4, "back"), (-2.0, "back")):
+    for jump, words in ((600.0, "ahead"), (-0.4, "back"), (-2.0, "back")):
         set_late = of_robots(lambda k, t, jump=jump: odometry(EPOCH + t + jump * (t > 2.45), *circle(k, t)))
-        got = f"a jump of {abs(jump + 0.1):.3g} s {words}, recorded at 1700000002.5"
-        with pytest.raises(ValueError, match=re.escape(got)):
+        with pytest.raises(ValueError, match=rf"jump of {abs(jump + 0.1):.3g} s {words}, recorded at 1700000002\.5"):
             scored(tmp_path / str(jump), set_late)
 
 
