@@ -86,6 +86,15 @@ def test_a_training_draws_from_the_split_train_and_is_validated_on_the_first_of_
     assert {scenario.task.grid for scenario in rewarded} == {(10, 8)}
 
 
+def test_groups_play_their_next_scenarios_also_where_a_world_begins_anew_alone(tmp_path):
+    worlds = Worlds(small(tmp_path, scenario="watch-v1", groups=2, base="none"), 4, 0)
+    before = {simulation.scenario.name for simulation in worlds.batch.simulations}
+    worlds.begin(np.arange(4) % 2 == 0)  # as after the loss of all robots
+    for _ in range(worlds.steps):
+        worlds.begin(worlds.step(np.zeros((worlds.count, 2))).over)
+    assert not before & {simulation.scenario.name for simulation in worlds.batch.simulations}
+
+
 def test_ppo_learns_a_problem_of_one_step(tmp_path):
     # One point on the curve without a target: its reward is minus the square of its action, so it does best not to act.
     overrides = {
