@@ -147,7 +147,7 @@ class Recorder:
         self._bytes = 0
 
     def take(self) -> None:
-        """Record the current state.
+        """Record the current state, unless it is that of an episode that had ended before.
 
         Raises:
             ValueError: this is not exactly one step after the previous call, or the recording exceeds a gibibyte.
@@ -155,6 +155,8 @@ class Recorder:
         simulation, w = self.simulation, self.world
         now = Snapshot.of(simulation, w)
         due = 0 if self._last is None else self._last.step + 1
+        if now.step == due - 1 and simulation.over[w]:
+            return
         if now.step != due:
             raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
         action = of_world(simulation.limited_action, w)
@@ -248,14 +250,7 @@ def record_all(
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]
         recorders = [Recorder(simulation, world) for world in range(len(batch))]
-
-        def take(taken: int, recorders: Sequence[Recorder] = recorders) -> None:
-            steps = simulation.clock.step.numpy()
-            for recorder in recorders:
-                if steps[recorder.world] == taken:  # the episode may end early
-                    recorder.take()
-
-        runner.play(batch, take)
+        runner.play(batch, lambda taken, recorders=recorders: [recorder.take() for recorder in recorders])
         recordings += [recorder.recording(runner.name) for recorder in recorders]
     return recordings
 

@@ -11,6 +11,7 @@ import math
 import os
 import secrets
 import stat
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -123,9 +124,7 @@ def check_writable_file(path: str | Path) -> None:
         if not path.absolute().parent.is_dir():
             raise ValueError(f"out must be in an existing folder, got {path}")
         # Permissions are not enough: the folder may be on a full or read-only disk.
-        temporary = _temporary(path)
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
-        temporary.unlink()
+        tempfile.TemporaryFile(dir=path.absolute().parent).close()
     except OSError as error:
         words = f"got {shown(str(path))}: {error.strerror}"
         raise ValueError(f"out must be in a folder that can be written to, {words}") from None

@@ -67,6 +67,7 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
     removed = robots.status[w, i] == REMOVED
+    size = messages.heard.shape[3]
     for side in range(2):
         start = OWN_SIZE + LINK_SIZE * side
         heard_at = links.heard_at[w, i, side]
@@ -80,12 +81,9 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
             observation[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
             observation[w, i, start + 4] = clip_coordinate(0.5 * (message[2] - own[0]) / curve.half_width)
             observation[w, i, start + 5] = clip_coordinate(0.5 * (message[3] - own[1]) / curve.half_height)
-    size = messages.heard.shape[3]
-    if size > 0:
-        for side in range(2):
-            for m in range(size):
-                heard = wp.where(removed, 0.0, messages.heard[w, i, side, m])
-                observation[w, i, message_start + side * size + m] = heard
+        for m in range(size):
+            heard = wp.where(removed, 0.0, messages.heard[w, i, side, m])
+            observation[w, i, message_start + side * size + m] = heard
 
 
 @wp.func

@@ -15,7 +15,6 @@ from lissajous_env.device.structs import allocate, to_struct
 from lissajous_env.device.warp_abi import variables_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.contamination.conservative import as_reach
 from lissajous_env.world.contamination.labels import MARGIN, as_hops, label_row_length
 from lissajous_env.world.observation import cell_start, message_start, track_start
 from lissajous_env.world.robots.deviations import points_of
@@ -54,7 +53,6 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         # (N, 2) robots before and after each one on the ring; -1 for none.
         "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
         "hops": as_hops(scenario.spreading, device),
-        "reach": as_reach(scenario.spreading.reaches, device),
         # (N,) places in the equilibrium, factors on the motor's drive, top speeds [m/s], and displacements at the start
         # along the phase [rad].
         "places": wp.array(scenario.places, dtype=wp.int32, device=device),
