@@ -96,8 +96,6 @@ def test_worlds_and_seeds_of_a_reset():
 
 
 # The environments.
-
-
 def test_steps_outside_an_episode():
     for make, action in (
         (lambda: parallel_env("experiment", max_cycles=2), {f"robot_{i}": np.zeros(2) for i in range(5)}),
