@@ -160,7 +160,8 @@ class Worlds(Stateful):
         """Begin episodes in the masked worlds, and compute the actions of the base in all of them."""
         if mask.any():
             self.batch.reset(mask)
-            self._left[mask] = self.steps
+            # A world of a space that has lost all of its robots begins anew alone, and still ends with its group.
+            self._left[mask if self.batch.space is None else self._left <= 0] = self.steps
             for group, base in enumerate(self._bases):
                 base.reset(mask[self.batch.worlds_of(group)])
         self._update_base_actions()

@@ -104,7 +104,7 @@ def as_floats(name: str, value: Any) -> np.ndarray:
     except ValueError as error:  # rows of different lengths
         raise ValueError(f"{name} must contain real numbers, got rows of different lengths") from error
     if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must contain real numbers, got {array.dtype} {value!r:.80}")
+        raise ValueError(f"{name} must contain real numbers, got {array.dtype} {shown(value)}")
     with np.errstate(over="ignore"):
         return np.asarray(array, dtype=np.float32, order="C")
 

@@ -27,7 +27,15 @@ from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.inside import drive_inside, has_room, walls_of
 from lissajous_env.world.robots.nearby import clear_bins, has_bins, list_robots
 from lissajous_env.world.robots.placing import redraw_colliding_starts, reset_robots, turn_from_walls
-from lissajous_env.world.robots.signals import follow_curve, hear, limit_actions, measure, send
+from lissajous_env.world.robots.signals import (
+    follow_curve,
+    hear,
+    hear_messages,
+    limit_actions,
+    measure,
+    send,
+    send_messages,
+)
 from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reward_rogues
 from lissajous_env.world.tally import compute_reward, update_totals
 from lissajous_env.world.targets.detection import move_and_detect, place_unseen
@@ -42,11 +50,13 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
     is the struct `Rogues` of the state; None for targets that are no rogues.
     """
     many, tracks, model = has_bins(scenario), scenario.sensing.has_tracks, model_of(scenario.robot.kind)
-    task, targets, are_rogues, moves = scenario.task, scenario.targets, rogues is not None, not begins
+    task, targets, speak, are_rogues = scenario.task, scenario.targets, scenario.messages.size > 0, rogues is not None
+    moves = not begins
     return [
         *(_beginning(scenario) if begins else _motion(scenario)),
         Stage("measurement", measure),
         Stage("sending", send),
+        Stage("messages", send_messages, when=speak),
         Stage("initial targets", reset_targets, when=begins),
         Stage("arrivals", reset_arrivals, when=begins and targets.arrival_rate > 0),
         Stage("bins", clear_bins, when=many),
@@ -69,6 +79,7 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("end", end_episodes, when=moves),
         Stage("reward", compute_reward, when=moves),
         Stage("hearing", hear),
+        Stage("message hearing", hear_messages, when=speak),
         Stage("final", store_final_rows, when=begins),
         Stage("sighting", record_sightings, when=tracks),
         Stage("tracking", update_tracks, when=tracks),

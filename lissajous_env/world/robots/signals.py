@@ -183,31 +183,35 @@ def measure(block, curve, formation, noise, clock, robots, latest):
     abreast.put_fours(block, measuring, cos_phase, sin_phase, cos_heading, sin_heading, robots.measured_turn)
 
 
-@stage(ROBOT, writes="links: sending, sent; messages: sending, sent")
-def send(w, lane, lanes, limited_action, clock, robots, links, messages):
-    """Send the measured phase, position and the policy's message to both ring neighbours; a removed robot is silent.
-
-    The message is the last components of an action; a failed robot repeats its last one.
-    """
+@stage(ROBOT, writes="links: sending, sent")
+def send(w, lane, lanes, clock, robots, links):
+    """Send the measured phase and position to both ring neighbours; a removed robot sends nothing."""
     slot = clock.step[w] % links.sent.shape[2]
-    size = messages.sending.shape[2]
     for i in range(lane, robots.status.shape[1], lanes):
-        status = robots.status[w, i]
-        links.sending[w, i, slot] = wp.where(status == REMOVED, 0, 1)
+        links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
         pose = robots.measured[w, i]
         turn = robots.measured_turn[w, i]
         links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
-        if size > 0:  # a loop of no turns would still take time, here and in `hear`
-            for m in range(size):
-                if status == REMOVED:
-                    messages.sending[w, i, m] = 0.0
-                elif status == WORKING and clock.step[w] > 0:
-                    messages.sending[w, i, m] = limited_action[w, i, limited_action.shape[2] - size + m]
-                messages.sent[w, i, slot, m] = messages.sending[w, i, m]
 
 
-@stage(ROBOT, writes="links: heard, heard_at; messages: heard")
-def hear(w, lane, lanes, noise, neighbours, clock, links, messages):
+@stage(ROBOT, writes="messages: sending, sent")
+def send_messages(w, i, limited_action, clock, robots, messages):
+    """Send a policy's message, the last components of its action; a failed robot repeats its last one.
+
+    It is a stage of its own because the loop over the components would cost `send` a third more time without any.
+    """
+    size = messages.sending.shape[2]
+    status = robots.status[w, i]
+    for m in range(size):
+        if status == REMOVED:
+            messages.sending[w, i, m] = 0.0
+        elif status == WORKING and clock.step[w] > 0:
+            messages.sending[w, i, m] = limited_action[w, i, limited_action.shape[2] - size + m]
+        messages.sent[w, i, clock.step[w] % messages.sent.shape[2], m] = messages.sending[w, i, m]
+
+
+@stage(ROBOT, writes="links: heard, heard_at")
+def hear(w, lane, lanes, noise, neighbours, clock, links):
     """Receive the neighbours' messages that arrive now, unless they are lost."""
     now = clock.step[w]
     slots = links.sent.shape[2]
@@ -215,7 +219,6 @@ def hear(w, lane, lanes, noise, neighbours, clock, links, messages):
     if sent_at < 0:
         return
     slot = sent_at % slots
-    size = messages.heard.shape[3]
     key = randomness.step_key(clock.seed[w], now)
     for i in range(lane, links.sending.shape[1], lanes):
         for side in range(2):
@@ -228,6 +231,14 @@ def hear(w, lane, lanes, noise, neighbours, clock, links, messages):
             if arrives:
                 links.heard[w, i, side] = links.sent[w, j, slot]
                 links.heard_at[w, i, side] = sent_at
-                if size > 0:
-                    for m in range(size):
-                        messages.heard[w, i, side, m] = messages.sent[w, j, slot, m]
+
+
+@stage(ROBOT, writes="messages: heard")
+def hear_messages(w, i, neighbours, clock, links, messages):
+    """Receive the messages of policies, which arrive with the phase messages."""
+    slots = links.sent.shape[2]
+    sent_at = clock.step[w] - (slots - 1)
+    for side in range(2):
+        if sent_at >= 0 and links.heard_at[w, i, side] == sent_at:
+            for m in range(messages.heard.shape[3]):
+                messages.heard[w, i, side, m] = messages.sent[w, neighbours[i, side], sent_at % slots, m]
