@@ -107,8 +107,6 @@ class Constants:
     """Number of robots in sight in an observation."""
     sight: wp.float32
     """Distance within which they are observed [m]."""
-    speed_unit: wp.float32
-    """Top speed of a car, the unit of its observed speed [m/s]."""
     step: wp.float32
     """Control step [s]."""
     age_unit: wp.float32
@@ -280,7 +278,7 @@ def list_seen(w: int, i: int, c: Constants, own: wp.vec2, observation: Observati
     for k in range(wp.min(c.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
             away = offset_seen(w, i, k, c.sight, observation)
-            velocity = velocity_seen(w, i, k, c.speed_unit, observation) + own
+            velocity = velocity_seen(w, i, k, c.robot.speed_max, observation) + own
             others_out[n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
             n += 1
     return n
@@ -369,7 +367,7 @@ def keep_clear(
     u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
     for k in range(action_out.shape[2]):
         action_out[w, i, k] = wanted[w, i, k]  # beyond the first two, a message
-    speed = wp.max(own_speed(w, i, c.speed_unit, observation), lowest_speed(c.robot))
+    speed = wp.max(own_speed(w, i, c.robot.speed_max, observation), lowest_speed(c.robot))
     heading = own_heading(w, i, observation)
     n = list_seen(w, i, c, speed * cos_sin(heading), observation, others[w, i])
     if c.listens == 1:

@@ -130,7 +130,6 @@ def terms_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cp
     decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
     error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * largest_speed_change(scenario))
     terms.speed_error = parameters.deviations * noise.speed + error
-    terms.speed_unit = robot.top_speed
     room, body = (1.0, robot.radius) if task.boundary == "wall" else (_IN_RANGE, 0.0)
     terms.half_width, terms.half_height = room * curve.half_width - body, room * curve.half_height - body
     terms.message_loss = noise.message_loss**parameters.repeats

@@ -91,7 +91,6 @@ class Safe(Filter):
         constants.robot = to_struct(RobotStruct, scenario.robot)
         constants.robots_seen, constants.sight = scenario.sensing.robots_seen, sight_of_cars(scenario)
         constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
-        constants.speed_unit = scenario.robot.top_speed
         constants.delay = scenario.delay_steps * scenario.task.step
         constants.listens = int(sight_speed < formation_speed)
         self._constants = constants
