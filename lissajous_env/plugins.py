@@ -9,6 +9,7 @@ import importlib
 import os
 import re
 import sys
+import threading
 import types
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -86,6 +87,7 @@ class Registry(dict[str, Any]):
         self.broken: list[str] = []
         """Messages for entry points that could not be loaded."""
         self._names, self._bring, self._loaded = names, bring, not group
+        self._loading: set[int] = set()
 
     def add(self, new: Any) -> Any:
         """Add an object under its attribute `name`, and return it; in a notebook, it may replace another one.
@@ -103,10 +105,15 @@ class Registry(dict[str, Any]):
         return new
 
     def load(self) -> Self:
-        """Load the entry points, once; one that cannot be loaded causes a warning. Return the registry."""
-        entries = [] if self._loaded else sorted(entry_points(group=self.group), key=lambda entry: entry.name)
-        self._loaded = True  # at once, since loaded code may look up names
-        for entry in entries:
+        """Load the entry points, once; one that cannot be loaded causes a warning. Return the registry.
+
+        A thread that needs them while another one loads them loads them, too, which registers the same objects.
+        """
+        thread = threading.get_ident()
+        if self._loaded or thread in self._loading:  # loaded code may look up names
+            return self
+        self._loading.add(thread)
+        for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
             try:
                 brought = entry.load()
                 if not isinstance(brought, types.ModuleType):
@@ -115,6 +122,8 @@ class Registry(dict[str, Any]):
                 words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
                 self.broken.append(f"the entry point {entry.name} ({entry.value}) cannot be loaded: {words}")
                 warnings.warn(self.broken[-1], RuntimeWarning, stacklevel=2)
+        self._loading.discard(thread)
+        self._loaded = True
         return self
 
     def unknown(self, name: Any, command: str, known: Collection[str], others: Iterable[str] = ()) -> ValueError:

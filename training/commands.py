@@ -48,9 +48,8 @@ def train(
         if side == "rogues":
             if against is None:
                 raise ValueError("against must be the policy from which the rogues learn to hide, got none")
-            rogue_training = RogueTraining.from_common(settings, **given)
             trainer = of_extra("training.rogue_trainer", "train", "train")
-            history = trainer.train_rogues(rogue_training, console)
+            history = trainer.train_rogues(RogueTraining.from_common(settings, **given), console)
         else:
             history = of_extra("training.trainer", "train", "train").train(settings, console)
     except KeyboardInterrupt:

@@ -7,6 +7,7 @@ learner itself reaches (`lissajous_env.episodes.missed.foresight`). All rogues s
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -60,7 +61,7 @@ class RogueTrainer:
     """A training of rogues in a locked folder."""
 
     def __init__(self, settings: RogueTraining, console: Console, folder: Folder):
-        self.settings, self.console, self.folder = settings, console, folder
+        self.settings, self.folder, self.say = settings, folder, partial(print_line, console)
         torch.set_num_threads(1)
         torch.manual_seed(settings.seed)
         self.scenario = settings.make_scenario()
@@ -87,17 +88,17 @@ class RogueTrainer:
         """Train until the last round."""
         settings, history = self.settings, self.history
         if history["scores"] is not None:
-            print_line(self.console, f"{settings.out} is finished: {history['rounds']:,} rounds")
+            self.say(f"{settings.out} is finished: {history['rounds']:,} rounds")
             return history
-        print_line(self.console, f"rogues on {settings.scenario} against {settings.against}, to {settings.out}")
+        self.say(f"rogues on {settings.scenario} against {settings.against}, to {settings.out}")
         for name in _RIVALS:
             if name not in history["rivals"]:
                 history["rivals"][name] = self._evaluated(name)
-                print_line(self.console, f"{name}: {_words(history['rivals'][name])}")
+                self.say(f"{name}: {_words(history['rivals'][name])}")
         self._imitate()
         history["scores"] = self._evaluated(str(settings.out))
         self._save()
-        print_line(self.console, f"after {history['seconds']:.0f} s: {_words(history['scores'])}")
+        self.say(f"after {history['seconds']:.0f} s: {_words(history['scores'])}")
         return history
 
     def _imitate(self) -> None:
@@ -118,10 +119,7 @@ class RogueTrainer:
             history["rounds"] += 1
             self._save()
             if k < 2 or k % 4 == 3 or is_last:
-                print_line(
-                    self.console,
-                    f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}",
-                )
+                self.say(f"round {k + 1} of {settings.rounds}: {len(self._labelled[0]):,} rows, error {error:.3f}")
 
     def _visit(self, k: int) -> list[Moment]:
         """Play an episode in each world in round k, and record the rogues."""
@@ -192,7 +190,7 @@ def undetected_times(policy: str, scenario: Scenario, seeds: Sequence[int], devi
         seeds: Seed of each episode.
         device: Warp device.
     """
-    rows = evaluate(as_factory(policy)(scenario, min(16, len(seeds)), device), scenario, seeds)
+    rows = evaluate(as_factory(policy)(scenario, min(16, len(seeds)), device), scenario, seeds, device)
     columns = {"mean": DETECTION_TIME.name, "quantile": "detection_time_p95", "longest": "detection_time_max"}
     return {name: float(np.nanmean([row[column] for row in rows])) for name, column in columns.items()}
 

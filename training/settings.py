@@ -174,16 +174,16 @@ class TrainingSettings(SharedSettings, part="training"):
     def lean_overrides(self) -> dict[str, Any]:
         """Overrides of the worlds: those of the user, and those that remove what a training does not need.
 
-        These are the grids that neither the reward nor the targets use and, if the reward is for targets in sight, the
-        rewards for first detections, which would outweigh it.
+        These are the grids that neither the reward nor the targets nor extensions use and, if the reward is for targets
+        in sight, the rewards for first detections, which would outweigh it.
         """
         scenario, fields = self.make_scenario(), dict(self.overrides)
         task = scenario.task
         if task.reward_observation > 0:
             fields |= {"task.reward_detection": 0.0, "task.reward_waiting": 0.0}
-        if task.reward_idleness == 0:
+        if not (task.reward_idleness or scenario.extensions):
             fields["task.grid"] = None
-        if task.reward_contamination == 0 and not task.conservative and scenario.targets.rogues is None:
+        if not (task.reward_contamination or task.conservative or scenario.targets.rogues or scenario.extensions):
             fields["task.contamination"] = None
         return fields
 
@@ -232,6 +232,7 @@ class RogueTraining(SharedSettings, part="training"):
         """Return the scenario with `starts` rogues per episode that `rogues` controls, and only the necessary grids."""
         scenario = named.scenario(self.scenario, **self.overrides)
         grids = {"task.grid": None} | ({} if scenario.task.conservative else {"task.contamination": None})
+        grids = {} if scenario.extensions else grids  # which may read them
         first = self.starts // 2
         starts = {"targets.count": first, "targets.arrival_rate": (self.starts - first) / scenario.task.duration}
         speed = {"targets.speed_limit": scenario.rogue_speed}

@@ -29,7 +29,7 @@ from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.parameters.assumptions import quietly
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.networks import ABSENT, TeamNetwork, prefixed, within
+from training.learned.networks import ABSENT, TeamNetwork
 from training.learned.perception import BASE, OWN, TOKEN, unread_entries
 from training.learned.policy import LearnedTeam
 from training.settings import TrainingSettings
@@ -158,7 +158,7 @@ class Training:
             self._noise = settings.correlation * self._noise + (1 - settings.correlation**2) ** 0.5 * fresh
             action = mean + deviation * self._noise
             likelihood = -0.5 * ((action - mean) / deviation).square().sum(-1)
-            critic_inputs, value = self._valued()
+            critic_inputs, value = self._values()
             values.append(value)
             step = worlds.step(action.numpy())
             self._truth = worlds.truth()
@@ -169,7 +169,7 @@ class Training:
                 self._truth = worlds.truth()
             self._perception = worlds.perception()
             self.numbers["steps"] += float(step.acted.sum())
-        values.append(self._valued()[1])
+        values.append(self._values()[1])
         advantages = self._advantages(steps, np.stack(values))
         of_actor, of_critic, *others = zip(*transitions, strict=True)
         perception, critic_inputs = (list(map(torch.stack, zip(*one, strict=True))) for one in (of_actor, of_critic))
@@ -194,7 +194,7 @@ class Training:
         numbers["counted"] += 1
         return reward
 
-    def _valued(self) -> tuple[list[Tensor], np.ndarray]:
+    def _values(self) -> tuple[list[Tensor], np.ndarray]:
         """Return tokens and presence, which the critic reads besides the robots' own numbers, and its values (B,)."""
         perceived, truth = self._perception, self._truth
         parts = (truth.tokens, truth.present) if self.settings.critic == "central" else perceived[1:]
@@ -267,19 +267,18 @@ class Training:
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy what a resumed training needs, as arrays by name."""
-        numbers = {name: np.array([value]) for name, value in self.numbers.items()}
-        arrays = save_state(self.networks, self.optimizer) | prefixed("numbers", numbers)
+        arrays = save_state(self.networks, self.optimizer) | {"numbers": np.array([*self.numbers.values()])}
         if self.settings.space is None:
-            arrays |= prefixed("worlds", self.worlds.save_state())
+            arrays |= {f"worlds.{name}": array for name, array in self.worlds.save_state().items()}
             arrays |= {"returns": self._returns, "noise": self._noise.numpy()}
         return arrays
 
     def load_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Resume from what `save_state` returned: in the same episodes or, of a space, in new ones."""
         load_state(self.networks, self.optimizer, arrays)
-        self.numbers |= {name: float(value[0]) for name, value in within("numbers", arrays).items()}
+        self.numbers.update(zip(self.numbers, arrays["numbers"].tolist(), strict=True))
         if self.settings.space is None:
-            self.worlds.load_state(within("worlds", arrays))
+            self.worlds.load_state(_within("worlds", arrays))
             self._returns, self._noise = arrays["returns"], torch.from_numpy(arrays["noise"])
         else:
             # Seeds that no earlier part of the training has begun with.
@@ -343,10 +342,16 @@ def save_state(module: nn.Module, optimizer: torch.optim.Optimizer) -> dict[str,
 
 def load_state(module: nn.Module, optimizer: torch.optim.Optimizer, arrays: dict[str, np.ndarray]) -> None:
     """Resume from what `save_state` returned; other names are ignored."""
-    module.load_state_dict({name: torch.from_numpy(array) for name, array in within("model", arrays).items()})
+    module.load_state_dict({name: torch.from_numpy(array) for name, array in _within("model", arrays).items()})
     state: dict[str, Any] = optimizer.state_dict()
-    for name, array in within("optimizer", arrays).items():
+    for name, array in _within("optimizer", arrays).items():
         k, moment = name.split(".")
         state["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
     optimizer.load_state_dict(state)
     torch.set_rng_state(torch.from_numpy(arrays["random"]))
+
+
+def _within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays of one set, without the name of the set."""
+    start = f"{part}."
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}

@@ -125,7 +125,7 @@ class Worlds(Stateful):
     def perception(self) -> list[np.ndarray]:
         """Return the inputs of the actor, as `perceive` does: own numbers (B, A), tokens (B, K, F), presence (B, K)."""
         parts = []
-        for group, (simulation, observation) in enumerate(self._observed()):
+        for group, (simulation, observation) in enumerate(self._groups()):
             of_base = self.batch.of_group(self._base_actions, group) if self._bases else None
             parts.append(perceive(observation, simulation.scenario, of_base))
         return [self._flat(part) for part in zip(*parts, strict=True)]
@@ -144,7 +144,7 @@ class Worlds(Stateful):
         """Advance all worlds with outputs (B, A) of the network; `begin` must follow."""
         batch, side = self.batch, self.side
         actions = actions.reshape(batch.num_worlds, side.slots, -1).astype(np.float32)
-        for group, (simulation, observation) in enumerate(self._observed()):
+        for group, (simulation, observation) in enumerate(self._groups()):
             part = batch.of_group(actions, group)
             part[...] = actions_of(part, observation, simulation.scenario)
         acted = batch.live(side).reshape(-1).astype(np.float32)
@@ -160,7 +160,8 @@ class Worlds(Stateful):
         """Begin episodes in the masked worlds, and compute the actions of the base in all of them."""
         if mask.any():
             self.batch.reset(mask)
-            self._left[mask] = self.steps
+            # A world of a space that has lost all of its robots begins anew alone, and still ends with its group.
+            self._left[mask if self.batch.space is None else self._left <= 0] = self.steps
             for group, base in enumerate(self._bases):
                 base.reset(mask[self.batch.worlds_of(group)])
         self._update_base_actions()
@@ -177,10 +178,10 @@ class Worlds(Stateful):
             else baselines.make(self._base, simulation.scenario, simulation.num_worlds)
             for base, simulation in zip(before, simulations, strict=True)
         ]
-        for group, (_, observation) in enumerate(self._observed()):
+        for group, (_, observation) in enumerate(self._groups()):
             self.batch.of_group(self._base_actions, group)[...] = base_action(self._bases[group], observation)
 
-    def _observed(self) -> Iterator[tuple[Simulation, np.ndarray]]:
+    def _groups(self) -> Iterator[tuple[Simulation, np.ndarray]]:
         """Yield the simulation of each group, and its rows."""
         return ((simulation, simulation.observation.numpy()) for simulation in self.batch.simulations)
 

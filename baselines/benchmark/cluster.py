@@ -13,11 +13,11 @@ from functools import partial
 from typing import Any
 
 from baselines.benchmark.local import batches_or_failure, failure_of
-from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import score_versions
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
 from baselines.policies.registry import fingerprint_of
+from lissajous_env.console.terminal import Progress
 from lissajous_env.identity import MODULE
 from lissajous_env.plugins import of_extra
 from lissajous_env.wording import shown, where_raised

@@ -11,16 +11,16 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
-from baselines.benchmark.progress import Progress
 from baselines.benchmark.statistics import refusal_of
 from baselines.benchmark.table import Rows
 from baselines.benchmark.types import Benchmark, Cell, Failure, Finish, Work
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
-from lissajous_env.console.terminal import plain
+from lissajous_env.console.terminal import Progress, plain
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.parameters.robot_models import MODELS
+from lissajous_env.parameters.rogues import ROGUES
 from lissajous_env.wording import where_raised
 from lissajous_env.world.columns import extension_columns
 
@@ -70,9 +70,9 @@ def on_cores(work: Work, device: str, job: Callable[[Cell, list[int], threading.
 
 def may_be_shared(cell: Cell, device: str) -> bool:
     """Return whether a cell may be played on any thread: all of its code is of this package, and runs on the CPU."""
-    model = MODELS[cell.scenario.robot.kind]
-    is_included = registry.is_included(cell.policy) and MODELS.is_included(model)
-    return is_included and not cell.scenario.extensions and device == "cpu"
+    model, rogue = MODELS[cell.scenario.robot.kind], ROGUES.get(cell.scenario.targets.rogues or "")
+    are_included = MODELS.is_included(model) and (rogue is None or ROGUES.is_included(rogue))
+    return registry.is_included(cell.policy) and are_included and not cell.scenario.extensions and device == "cpu"
 
 
 def batches_or_failure(

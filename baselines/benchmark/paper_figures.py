@@ -44,7 +44,6 @@ _STYLE: dict[Any, Any] = STYLE | {
     "ytick.major.width": 0.6,
     "savefig.dpi": 300,
     "pdf.fonttype": 42,  # fonts that journals accept and readers can search
-    "svg.hashsalt": "lissajous",
 }
 _MARGINS = 0.8
 """Height of the title and the axis of a row of panels [inch]."""

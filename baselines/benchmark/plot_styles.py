@@ -35,6 +35,7 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "savefig.dpi": 150,
     "savefig.facecolor": "white",
+    "svg.hashsalt": "lissajous",  # the same picture makes the same file
 }
 """Style of all pictures, for matplotlib."""
 

@@ -8,11 +8,11 @@ from typing import Any
 from rich.console import Console
 
 from baselines.benchmark.local import on_cores
-from baselines.benchmark.progress import bar
 from baselines.benchmark.report_page import Key, page, worst_first
 from baselines.benchmark.results_folder import REPORT
 from baselines.benchmark.table import Row
 from baselines.benchmark.types import BenchmarkOutcome, Cell
+from lissajous_env.console.terminal import bar
 from lissajous_env.episodes.recording import record_all
 from lissajous_env.identity import provenance
 from lissajous_env.replay.contents import BRIEF, contents
@@ -74,7 +74,7 @@ def _recorded(
     def record_cell(cell: Cell, seeds: list[int], stopped: threading.Event) -> None:
         if stopped.is_set():
             return
-        progress.update(task, description=f"{cell.scenario.name} {cell.policy}")
+        progress.update(task, description=str(cell))
         try:
             policy = cell.factory(cell.scenario, min(len(seeds), _TOGETHER), device)
             recordings = record_all(policy, cell.scenario, seeds, device)

@@ -17,7 +17,7 @@ from baselines.benchmark.types import Benchmark, Cell
 from baselines.policies import registry
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.scenario_file import scenario_of_json
-from lissajous_env.storage.files import read_json, undamaged
+from lissajous_env.storage.files import parse_json, read_bytes, undamaged
 from lissajous_env.storage.folder import Folder, read_lines
 from lissajous_env.wording import outside, shown
 
@@ -25,6 +25,8 @@ SETTINGS, EPISODES = "settings.json", "episodes.jsonl"
 CSV, SUMMARY, MARKDOWN, REPORT = "episodes.csv", "summary.json", "table.md", "report.html"
 FILES = (SETTINGS, EPISODES, CSV, SUMMARY, MARKDOWN, REPORT)
 """Files of the folder; the first two are stored, and all others are derived from them."""
+_LARGEST = 1 << 26
+"""Largest size of the settings [bytes]."""
 _FIXED = ("seed", "device", "versions")
 """Entries of the settings that all calls have in common."""
 
@@ -33,6 +35,11 @@ _Key = tuple[str, str, int]
 
 class Results:
     """The settings and score rows in a folder; an episode that has ended has exactly one row.
+
+    Args:
+        folder: Path of a folder that is only read, or a locked one, to which settings and episodes are added.
+        settings: Settings of a call.
+        cells: Its policies on scenarios.
 
     Attributes:
         stored: Settings of the folder, including those of earlier calls.
@@ -44,11 +51,10 @@ class Results:
     """
 
     def __init__(self, folder: Folder | Path, settings: Benchmark | None = None, cells: Sequence[Cell] = ()):
-        """Read a folder, which does not change, or add the settings and cells of a call to one that is locked."""
         place = folder if isinstance(folder, Path) else folder.path
         path = place / SETTINGS
         wanted = None if settings is None else as_settings(settings, cells)
-        stored = read_json(path) if path.exists() else None
+        stored = parse_json(read_bytes(path, _LARGEST), path) if path.exists() else None
         if stored is None and (wanted is None or (place / EPISODES).exists()):
             raise ValueError(f"{place} must contain {SETTINGS} of a benchmark; choose another folder")
         self.stored: Any = wanted if stored is None else stored

@@ -13,14 +13,13 @@ from typing import Any
 from rich.console import Console
 
 from baselines.benchmark import cluster, local, replays, results_folder, shown, written
-from baselines.benchmark.progress import Progress
 from baselines.benchmark.results_folder import Results
 from baselines.benchmark.table import Rows, Table
 from baselines.benchmark.theorem import about_theorem
 from baselines.benchmark.types import Benchmark, BenchmarkOutcome, Cell, Failure, as_played, cells_of
 from baselines.policies import registry
 from baselines.policies.registry import Factory
-from lissajous_env.console.terminal import make_console
+from lissajous_env.console.terminal import Progress, make_console
 from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder

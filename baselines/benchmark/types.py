@@ -92,9 +92,6 @@ class Benchmark(Checked, part=""):
 
     def _check_together(self) -> None:
         whole_number("seed", self.seed, 0, 2**31 - self.episodes)
-        for name in ("scenarios", "policies"):
-            if len(set(getattr(self, name))) < len(getattr(self, name)):
-                raise ValueError(f"{name} must contain each entry once, got {few_of(getattr(self, name))}")
         has_cluster = self.engine == "ray" or self.address is None
         self._require(has_cluster, "address", "must be given only with engine ray")
 
@@ -112,6 +109,9 @@ class Cell:
     scenario: Scenario
     policy: str
     factory: Factory = field(repr=False)
+
+    def __str__(self) -> str:
+        return f"{self.scenario.name} {self.policy}"
 
 
 @dataclass(frozen=True)

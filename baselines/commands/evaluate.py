@@ -6,12 +6,11 @@ import tyro
 
 from baselines.benchmark import shown
 from baselines.benchmark.local import batches
-from baselines.benchmark.progress import Progress
 from baselines.benchmark.table import Table
 from baselines.benchmark.theorem import about_theorem
 from baselines.benchmark.written import as_csv
 from baselines.commands.playing import DEFAULT_PLAY, PlayOptions, check_file, naming, with_policy
-from lissajous_env.console.terminal import OutFile, RogueName
+from lissajous_env.console.terminal import OutFile, Progress, RogueName
 from lissajous_env.storage.files import write_atomically
 
 _Names = Annotated[

@@ -6,12 +6,11 @@ from typing import Annotated, Any
 
 import tyro
 
-from baselines.benchmark.progress import bar
 from baselines.planning import report
 from baselines.planning.plans import robots_top_speed
 from baselines.planning.request import PLANS, Request
 from baselines.planning.search import PlanOutcome
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, Output, print_line
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFolder, Output, bar, print_line
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import counted
 

@@ -8,10 +8,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from baselines.benchmark.progress import Progress, bar
 from baselines.benchmark.types import ALL, Benchmark, Cell, cells_of
 from baselines.policies import registry
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, Device, Output, Overrides, parse_overrides
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    CommandError,
+    Device,
+    Output,
+    Overrides,
+    Progress,
+    bar,
+    parse_overrides,
+)
 from lissajous_env.episodes.recording import Recording, record
 from lissajous_env.logs.messages import rosbags
 from lissajous_env.logs.writing import save_mcap

@@ -10,12 +10,11 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from baselines.benchmark.progress import bar
 from baselines.reproduce import claims, detection, experiment, resilience, theorems, three_dimensions, tracking
 from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Format, Picture
 from baselines.reproduce.episodes import Player
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, Output
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Device, Output, bar
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.assumptions import quietly
 from lissajous_env.settings.checks import whole_number
@@ -105,7 +104,7 @@ def _played(chosen: Sequence[str], player: Player, console: Console) -> Part:
         task = progress.add_task("", total=len(chosen))
         for name in chosen:
             about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")
-            progress.update(task, description=f"[bold cyan]{name}[/] [dim]{about}[/]")
+            progress.update(task, description=f"{name}: {about}")
             began = time.monotonic()
             with quietly():  # the claims themselves state which assumptions their scenarios violate
                 results = list(PARTS[name](player))

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import tyro
 
-from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, check_file, show
 from baselines.ros.settings import RobotSettings, WorldSettings
 from lissajous_env.console.terminal import (
@@ -15,6 +14,7 @@ from lissajous_env.console.terminal import (
     OutFile,
     Output,
     Overrides,
+    bar,
     parse_overrides,
     print_line,
 )

@@ -6,7 +6,6 @@ from typing import Annotated
 import tyro
 
 from baselines.benchmark import shown
-from baselines.benchmark.progress import bar
 from baselines.benchmark.table import Table
 from baselines.benchmark.written import as_csv
 from baselines.commands.playing import FORMATS, check_file, show
@@ -16,6 +15,7 @@ from lissajous_env.console.terminal import (
     Output,
     Overrides,
     ScenarioOption,
+    bar,
     parse_overrides,
 )
 from lissajous_env.logs.poses import TOPICS

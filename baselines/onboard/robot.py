@@ -119,7 +119,7 @@ class Onboard:
         self.robot = whole_number("robot", robot, 0, n - 1)
         self.neighbours = tuple(int(neighbour) for neighbour in self.scenario.neighbours[self.robot])
         self.limits = (limits or Limits()).of(self.scenario)
-        self._policy = _made(policy, self.scenario, self.robot)
+        self._policy = _policy_of(policy, self.scenario, self.robot)
         self.listens = getattr(self._policy, "communicates", "nothing") != "nothing"
         self._row = Row(self.scenario, self.robot)
         self._command_of = conversion_to_commands(self.scenario)
@@ -163,7 +163,7 @@ class Onboard:
         """Return the message of a new pose for both ring neighbours, before `act` is called with this pose.
 
         A robot that sends it at once, and calls `act` when the messages of its neighbours have arrived, decides on
-        messages of the same time. `Output.message` is then the same message again.
+        messages of the same time. `Output.message` is then the same message again, with the numbers of the new action.
 
         Returns:
             The message; None for a pose that is not finite.
@@ -214,7 +214,7 @@ class Onboard:
             reasons.append("the robot does not work")
         pose = measured or self._row.pose
         if pose is None or not are_finite([now]):
-            return self._stopped(now, reasons[0])
+            return self._output(now, self._rest, reasons[0])
         due = round((now - self._begun) / self.scenario.task.step) + 1 - self._steps
         if not 0 <= due <= _MOST_STEPS:
             off = f"the policy is {counted(abs(due), 'step')} {'behind' if due > 0 else 'ahead of'} the clock"
@@ -229,11 +229,10 @@ class Onboard:
         if not np.isfinite(self._action).all():
             reasons.append("the action of the policy is not finite")
         if reasons:
-            return self._stopped(now, reasons[0])
+            return self._output(now, self._rest, reasons[0])
         if self._size:
             self._numbers = tuple(np.clip(self._action[-self._size :], -1, 1).tolist())
-        self._command, self._since = self._command_of(self._action), now
-        return self._output("")
+        return self._output(now, self._command_of(self._action))
 
     def _begin(self, now: float) -> None:
         """Begin an episode of the policy at a time [s]; NaN for that of the next call."""
@@ -294,19 +293,17 @@ class Onboard:
         else:
             self._action[:] = np.asarray(self._policy.act(self._rows_host.copy()))[0, self.robot]
 
-    def _stopped(self, now: float, reason: str) -> Output:
-        self._command, self._since = self._rest, now
-        return self._output(reason)
-
-    def _output(self, reason: str) -> Output:
-        return Output(self._command, self._message(), reason, self._action.copy(), self._row.values.copy())
+    def _output(self, now: float, command: Command | Twist, stopped: str = "") -> Output:
+        """Store the command, and return it with the message, the action and the row."""
+        self._command, self._since = command, now
+        return Output(command, self._message(), stopped, self._action.copy(), self._row.values.copy())
 
     def _message(self) -> Message | None:
         pose = self._row.pose
         return None if pose is None else Message(self.robot, pose.stamp, *self._row.sent, self._numbers)
 
 
-def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
+def _policy_of(policy: Any, scenario: Scenario, robot: int) -> Any:
     """Return the policy for one world, restricted to a robot."""
     acting: Any = registry.as_factory(policy, shown(policy))(scenario, 1, "cpu")
     require(acting.num_worlds == 1, "num_worlds of the policy", "must be 1", acting.num_worlds)

@@ -133,9 +133,9 @@ class Row:
         self._links["heard"][0, side], self._numbers[side] = message[2:6], message.numbers
 
 
-def _nearest(seen: np.ndarray, count: int) -> np.ndarray:
+def _nearest(detected: np.ndarray, count: int) -> np.ndarray:
     """Return the nearest of what the sensor detects, as many as the row lists at most, in their order."""
-    return seen[np.sort(np.argsort(np.hypot(seen[:, 0], seen[:, 1]), kind="stable")[:count])]
+    return detected[np.sort(np.argsort(np.hypot(detected[:, 0], detected[:, 1]), kind="stable")[:count])]
 
 
 def _check(scenario: Scenario) -> None:

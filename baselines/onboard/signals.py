@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.devices import as_floats
 from lissajous_env.logs.commands import COMMAND_NAMES, conversion_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import require, shown
@@ -77,11 +78,7 @@ def detection_rows(name: str, given: Any, width: int) -> np.ndarray:
     Raises:
         ValueError: it has another shape, or does not contain numbers.
     """
-    try:
-        with np.errstate(over="ignore"):  # such numbers become infinite
-            rows = np.asarray(given, dtype=np.float32)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be rows of {width} numbers, got {shown(given)}") from None
+    rows = as_floats(name, given)
     if rows.size == 0:
         return np.zeros((0, width), dtype=np.float32)
     is_table = rows.ndim == 2 and rows.shape[1] == width

@@ -71,12 +71,6 @@ class Episodes:
     is_late: Callable[[], bool] = lambda: False
     """Function that returns whether no result is needed any more."""
 
-    def check(self) -> bool:
-        """Return False, or raise LateError if no result is needed any more."""
-        if self.is_late():
-            raise LateError
-        return False
-
     def lost(self, scenario: Scenario) -> int:
         """Return the number of robots that are removed in an episode with failures."""
         return scenario.faults.lost + self.failures
@@ -90,16 +84,12 @@ class Episodes:
         if not self.failures:
             return []
         robots, lost = scenario.num_robots, self.lost(scenario)
-        if self.combinations(scenario) <= MOST_LOSSES:
+        if math.comb(robots, lost) <= MOST_LOSSES:
             return list(itertools.combinations(range(robots), lost))
         draw, chosen = np.random.default_rng(self.seed), {}
         while len(chosen) < MOST_LOSSES:
             chosen[tuple(sorted(draw.choice(robots, lost, replace=False).tolist()))] = None
         return list(chosen)
-
-    def combinations(self, scenario: Scenario) -> int:
-        """Return the number of combinations of as many robots as fail in an episode with failures."""
-        return math.comb(scenario.num_robots, self.lost(scenario))
 
 
 class _Run:
@@ -108,14 +98,14 @@ class _Run:
     Args:
         plan: The plan.
         scenario: The scenario to play, which may have other grids and faults than that of the plan.
-        seed: Seed of the first episode.
+        episodes: Seed of the first episode, and whether no result is needed any more.
         losses: Robots that are removed in each episode.
     """
 
-    def __init__(self, plan: Plan, scenario: Scenario, seed: int, losses: Sequence[tuple[int, ...]]):
-        self.step, self.plan, self._losses = 0, plan, losses
+    def __init__(self, plan: Plan, scenario: Scenario, episodes: Episodes, losses: Sequence[tuple[int, ...]]):
+        self.step, self.plan, self._episodes, self._losses = 0, plan, episodes, losses
         self.policy = plan.settings.make(scenario, len(losses))
-        self.simulation = Simulation(scenario, len(losses), threads=1, seed=seed)
+        self.simulation = Simulation(scenario, len(losses), threads=1, seed=episodes.seed)
         remove_early(self.simulation, losses)
         self._ages: list[np.ndarray] = []
         """(2, W) undetected time and the longest one so far, after each step [steps]."""
@@ -133,7 +123,7 @@ class _Run:
         return int(self.simulation.tally.collisions.numpy().sum())
 
     def play(self, until: int, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Play until a step, or until `is_over`."""
+        """Play until a step, or until `is_over`; raise LateError if no result is needed any more."""
         runner, scenario = EpisodeRunner(self.policy, self.simulation), self.simulation.scenario
         half, field = (scenario.curve.half_width, scenario.curve.half_height), self.simulation.contamination
         self.policy.reset()
@@ -143,8 +133,11 @@ class _Run:
             if scenario.task.boundary != "wall":
                 over = np.abs(self.simulation.robots.position.numpy()[..., :2]) - half
                 np.maximum(self._beyond, over.max(axis=(1, 2)) + scenario.robot.radius, out=self._beyond)
-            if self.step % _EVERY == 0 and is_over():
-                return
+            if self.step % _EVERY == 0:
+                if self._episodes.is_late():
+                    raise LateError
+                if is_over():
+                    return
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the score rows of the episodes, with what `plans` adds to these."""
@@ -169,8 +162,8 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
     full, until = plan.scenario.task.contamination or (1, 1), max(round(_SHARE * plan.scenario.task.steps), 1)
     coarse = min(cells(plan.scenario, _COARSE, _COARSE_CELLS_IN_A_SENSOR), full)
     scenario = named.build(plan.scenario, **{"task.contamination": coarse, "task.grid": (1, 1)})
-    run = _Run(plan, scenario, episodes.seed, [()] * _SCREENED)
-    run.play(until, lambda: episodes.check() or run.collisions > 0 or run.longest > cutoff)
+    run = _Run(plan, scenario, episodes, [()] * _SCREENED)
+    run.play(until, lambda: run.collisions > 0 or run.longest > cutoff)
     planned = _planned(run, episodes)
     if planned.figures.collisions:
         return planned
@@ -183,8 +176,8 @@ def look_at(plan: Plan, episodes: Episodes, cutoff: float) -> Planned:
 
 def play(plan: Plan, episodes: Episodes) -> Planned:
     """Play the final episodes of a plan, all of them to the end."""
-    run = _Run(plan, plan.scenario, episodes.seed, [()] * episodes.count)
-    run.play(plan.scenario.task.steps, episodes.check)
+    run = _Run(plan, plan.scenario, episodes, [()] * episodes.count)
+    run.play(plan.scenario.task.steps)
     return _planned(run, episodes, [] if run.collisions else episodes.losses(plan.scenario))
 
 
@@ -193,8 +186,8 @@ def _planned(run: _Run, episodes: Episodes, losses: Sequence[tuple[int, ...]] = 
     plan, scenario, rows, failed = run.plan, run.simulation.scenario, run.rows(), []
     if losses:
         with_losses = named.build(scenario, **{"faults.lost": episodes.lost(scenario)})
-        lossy = _Run(plan, with_losses, episodes.seed, losses)
-        lossy.play(scenario.task.steps, episodes.check)
+        lossy = _Run(plan, with_losses, episodes, losses)
+        lossy.play(scenario.task.steps)
         failed = lossy.rows()
     body, all_rows = 2 * plan.scenario.robot.radius, [*rows, *failed]
     detection = summarize([row[DETECTION_TIME.name] for row in rows], MEAN)

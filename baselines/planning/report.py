@@ -35,13 +35,15 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
         """Return whether each column is shown, the column, and the words of a plan."""
         figures, robots = planned.figures, planned.plan.scenario.num_robots
         name = planned.plan.settings.policy + (" (close)" if figures.too_close else "")
+        collided = figures.collisions_failed
+        failed = counted(collided, "collision") if collided else worst_in_words(planned.failed_rows)
         detection = Entry(number(figures.detection_time), between(figures.detection_low, figures.detection_high))
         return [
             (True, Column("plan", left=True), name),
             (len(outcome.scenarios) > 1, Column("N"), str(robots)),
             (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(planned.rows)),
             (True, Column(f"second half [s]\n{episodes}"), worst_in_words(planned.rows, SETTLED_TIME)),
-            (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), _failed(planned)),
+            (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), failed),
             (True, Column("lower\nbound [s]", rank=2), number(bounds.get(robots, math.nan))),
             (True, Column("mean detection\ntime [s]", rank=1), str(detection)),
             (True, Column("least gap\n[m]", rank=2), number(figures.clearance)),
@@ -138,18 +140,11 @@ def _lost(outcome: PlanOutcome) -> int:
 
 def _losses(outcome: PlanOutcome) -> str:
     """Return the number of episodes with failures, and the number of all combinations where these are a sample."""
-    counts = []
-    for scenario in outcome.scenarios.values():
-        episodes = outcome.request.episodes
-        played, all_of_them = len(episodes.losses(scenario)), episodes.combinations(scenario)
+    counts, episodes = [], outcome.request.episodes
+    for robots, scenario in outcome.scenarios.items():
+        played, all_of_them = len(episodes.losses(scenario)), math.comb(robots, episodes.lost(scenario))
         counts.append(str(played) if played == all_of_them else f"{played} of {all_of_them}")
     return " to ".join(dict.fromkeys([counts[0], counts[-1]]))
-
-
-def _failed(planned: Planned) -> str:
-    if planned.figures.collisions_failed:
-        return counted(planned.figures.collisions_failed, "collision")
-    return worst_in_words(planned.failed_rows)
 
 
 def worst_in_words(rows: Sequence[dict[str, Any]], name: str = WORST_CASE.name) -> str:

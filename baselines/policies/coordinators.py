@@ -86,12 +86,12 @@ class NumpyCoordinator(Coordinator):
         Raises:
             ValueError: `rates` returned another shape, no numbers, or a number that is not finite.
         """
-        rates, name = self.rates(Rows(read_only(observation.numpy()), self.scenario)), type(self).__name__
-        copy_in(f"rates of {name}", rates, self.phase_rate)
-        finite = np.isfinite(np.asarray(rates))
-        if not finite.all():
-            w, i = np.argwhere(~finite)[0]
-            raise ValueError(f"rates of {name} must be finite [rad/s], got {rates[w, i]} for robot_{i} in world {w}")
+        name = f"rates of {type(self).__name__}"
+        copy_in(name, self.rates(Rows(read_only(observation.numpy()), self.scenario)), self.phase_rate)
+        rates = self.phase_rate.numpy()
+        if not np.isfinite(rates).all():
+            w, i = np.argwhere(~np.isfinite(rates))[0]
+            raise ValueError(f"{name} must be finite [rad/s], got {rates[w, i]} for robot_{i} in world {w}")
 
 
 @wp.kernel

@@ -65,6 +65,7 @@ def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[Lines, 
         return lines, path_tables(scenario, ways.loop, ways.lead_in), (1, 0)
     effort = Effort.of(scenario.num_robots, 3 * len(lines.path) // 2)
     fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * lines.speed)
+    fastest = min(fastest, (scenario.robot.lateral_acceleration_max * lines.radius) ** 0.5)
     pace = Pace(scenario.robot.drag, max(fastest, 1.001 * lines.speed), lines.speed)
     places = transit_from_any_angle(scenario, effort, loops[slots, 0], lines.radius, pace)
     tables = path_tables(scenario, loops[slots, :, :2], places)

@@ -43,8 +43,9 @@ class LineParameters(Checked):
 
     speed: float | None = number(None, 1e-3, 1e4, "m/s")
     """Largest speed of the lines [m/s]; None means 0.96 of the top speed of the slowest car, at most the formation's
-    where the curve is fastest. The speed is at most 0.98 of that top speed and what `speed_limit` allows, and a little
-    less, so that a sweep lasts whole steps."""
+    where the curve is fastest. The speed is at most 0.98 of that top speed, that at which grip lets cars turn round in
+    the shorter side of the rectangle, and what `speed_limit` allows, and a little less, so that a sweep lasts whole
+    steps."""
     lines: int | None = whole(None, 1, 1024)
     """Number of lines; None means the number with the shortest worst-case undetected time."""
 
@@ -195,13 +196,15 @@ def lines_of(scenario: Scenario, parameters: LineParameters, count: int) -> tupl
     slowest = slowest_top_speed(scenario)
     if slowest == 0:
         return (), "the slowest car does not move"
-    largest = min(parameters.speed or min(_CRUISE * slowest, fastest_speed(scenario)), _FASTEST * slowest)
+    tightest, half = 1 / (_GRIP * _sharpest(scenario)), min(scenario.curve.half_width, scenario.curve.half_height)
+    if tightest + scenario.inset >= half:
+        return (), f"turns of {tightest:.3g} m do not fit {scenario.inset:.3g} m inside of sides {2 * half:g} m apart"
+    turning = math.sqrt(scenario.robot.lateral_acceleration_max * half)  # faster cars turn far outside
+    largest = parameters.speed or min(_CRUISE * slowest, fastest_speed(scenario))
+    largest = min(largest, _FASTEST * slowest, turning)
     if not stays_inside(scenario):
         failed = failed_condition(scenario, count)
         return (() if failed else (_turning_outside(scenario, count, largest),)), failed
-    tightest, half = 1 / (_GRIP * _sharpest(scenario)), min(scenario.curve.half_width, scenario.curve.half_height)
-    if tightest + scenario.inset >= half:
-        return (), f"turns of {tightest:.3g} m do not fit {scenario.inset:.3g} m inside of walls {2 * half:g} m apart"
     fitting, failed = [], ""
     for share in (1.0,) if parameters.speed else _SHARES:
         lines = _turning_inside(scenario, count, share * largest)

@@ -22,10 +22,12 @@ import numpy as np
 from baselines.policies.base import UnsuitableScenarioError
 from baselines.policies.ideal_motion import worst_undetected_time
 from baselines.policies.transit import (
+    FARTHEST,
     TURNS,
     Transit,
     dubins_lengths,
     dubins_poses,
+    dubins_reach,
     formation_starts,
     planned_transit,
 )
@@ -44,7 +46,7 @@ _SLACK = 1.13
 _SLOWEST, _HASTY = 0.3, 0.92
 """Shares of the last speed below which, and of the fastest above which, the speed of a way is penalised."""
 _LATE, _POOR, _SLOW, _HURRY = 1e4, 1e3, 0.01, 0.01
-"""Penalties of ways that end too late, are too slow, or leave no speed for catching up."""
+"""Penalties of ways that end too late or lead too far away, are too slow, or leave no speed for catching up."""
 _WANTED = 5.0
 """Distance of two cars below which coming closer costs something, in radii of a car."""
 _CLOSE = 0.06
@@ -142,6 +144,9 @@ def transit_from_any_angle(
     speed, coarsely = speed[..., None], np.linspace(0, times[-1], _INTERVALS + 1)
     cruise = cruise_speed(pace, speed, tilt, length, coarsely)
     penalties = _penalties(pace, distances(pace, speed, cruise, tilt, coarsely), length, coarsely)
+    reach = dubins_reach(begin[:, :, None], np.nan_to_num(pieces, posinf=0.0), turns, radii)
+    far = FARTHEST * np.array([scenario.curve.half_width, scenario.curve.half_height])
+    penalties += _LATE * (reach > far).any(axis=-1)
     costs = penalties + 1e-3 * np.abs(cruise / pace.final - 1)
     order = np.argsort(costs, axis=-1, kind="stable")[..., : effort.choices]
     length, penalties, cruise = (np.take_along_axis(array, order, axis=2) for array in (length, penalties, cruise))

@@ -1,12 +1,11 @@
 """The rule by which differential drives stay inside walls: every action leaves a drive a way to stop.
 
-With `task.boundary = wall`, the centre of a body is inside the walls where it is in K, the rectangle of
-`lissajous_env.world.robots.inside`. A drive **can stop** if it stays in K while it brakes to rest and turns to the left
-or to the right as fast as it can, or keeps straight on. The rule lets an action pass if the drive is in K during the
-step and can stop after it, as its motion predicts for both ends of the spreads of motors and wheels. Otherwise it takes
-the first action for which this is so: the yaw rate is blended with that of a way to stop that the drive has now, with
-the speed that is wanted and then with half of it. If there is none, the drive stops or goes back, as it stays farthest
-inside.
+The centre of a body is inside the walls where it is in K, the rectangle of `lissajous_env.world.robots.inside`. A drive
+**can stop** if it stays in K while it brakes to rest and turns to the left or to the right as fast as it can, or keeps
+straight on. The rule lets an action pass if the drive is in K during the step and can stop after it, as its motion
+predicts for both ends of the spreads of motors and wheels. Otherwise it takes the first action for which this is so:
+the yaw rate is blended with that of a way to stop that the drive has now, with the speed that is wanted and then with
+half of it. If there is none, the drive stops or goes back, as it stays farthest inside.
 
 With noise, an action is predicted with errors of `DEVIATIONS` standard deviations, and a drive that brakes stays in K
 by `DEVIATIONS` standard deviations of the place that it then reaches.
@@ -270,7 +269,7 @@ class Stopping(WallRule):
     @staticmethod
     def suits(scenario: Scenario) -> bool:
         """Return whether the robots are differential drives between walls that are farther apart than a body."""
-        if scenario.actuation != "differential" or scenario.task.boundary != "wall":
+        if scenario.actuation != "differential" or scenario.task.boundary == "open":
             return False
         return margin_of(scenario) < min(scenario.curve.half_width, scenario.curve.half_height)
 

@@ -44,7 +44,7 @@ _TRIES = 24
 """Orders of the cars that are tried."""
 _PER_ROBOT = 60
 """Paths of a car that are tried in an order, the earliest first."""
-_FARTHEST = 3.0
+FARTHEST = 3.0
 """Largest coordinate on a way, in half sides of the rectangle; a car observes its own up to 4."""
 _DEVIATION = 0.5
 """Largest standard deviation of a start that is known, over the least distance of two starts."""
@@ -180,7 +180,7 @@ class _Search:
         self.top_speeds = [max(weakest_top_speed(scenario, factor), given) for factor in scenario.drive_factors]
         half = np.array([driven.half_width, driven.half_height])
         self.within = half if stays_inside(scenario) else np.full(2, math.inf)
-        self.farthest = _FARTHEST * np.array([scenario.curve.half_width, scenario.curve.half_height])
+        self.farthest = FARTHEST * np.array([scenario.curve.half_width, scenario.curve.half_height])
         self.start, self.speed = formation_starts(scenario, turned)
         self.turning = np.maximum(turning, self.speed**2 / self.grip)  # wider for a car that starts faster
         time = _LONGEST * (scenario.curve.half_width + scenario.curve.half_height) / speed_of(loop, self.step)

@@ -30,7 +30,6 @@ _SMALLER: dict[Any, Any] = {
     "axes.labelsize": 8.5,
     "legend.fontsize": 8,
     "savefig.dpi": 180,
-    "svg.hashsalt": "lissajous",  # the same picture makes the same file
 }
 _STYLES = ["default", STYLE | _SMALLER]
 

@@ -48,7 +48,7 @@ def fig4(player: Player) -> Part:
     """Reproduce Fig. 4: the admissible displacement of one robot of ten."""
     perturbation = scenario("perturbation").resolve()
     curve, n = perturbation.curve, perturbation.num_robots
-    half = closed_forms.admissible_displacement(n, perturbation.p)[1]
+    half = closed_forms.admissible_displacement(n, perturbation.p)
     inside = np.random.default_rng(player.seed).uniform(-half, half, 20)
     back = [_displaced(player, "perturbation", angle, 60).returned[0] for angle in inside]
     outside = np.arange(1.02 * half, np.pi, 0.04)
@@ -108,7 +108,7 @@ def theorem3(player: Player) -> Part:
     returned: list[bool] = []
     unmet, tried = 0, 0
     for n, p in _FORMATIONS:
-        half = closed_forms.admissible_displacement(n, p)[1]
+        half = closed_forms.admissible_displacement(n, p)
         # A formation takes longest where an eigenvalue of its linearisation is nearest to 0.
         slowest = -closed_forms.equilibrium_eigenvalues(n, p)[1]
         at_rest = {"robot.count": n, "formation.p": p, "formation.alpha": 1, "formation.start": "equilibrium",

@@ -63,7 +63,10 @@ class Stateful:
 
 
 class Copyable(Stateful):
-    """Base class of objects that `copy` and `pickle` copy as described above, without code in subclasses."""
+    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above, without code in subclasses.
+
+    A copy by `copy.copy` has arrays of its own, and shares the other attributes.
+    """
 
     def __new__(cls, *args: Any, **more: Any) -> Any:
         """Store the arguments, with which a copy is constructed."""
@@ -92,7 +95,7 @@ def _picklable(argument: Any) -> Any:
 
 
 def _construct(cls: Any, args: tuple, more: dict[str, Any]) -> Any:
-    return (cls.value if isinstance(cls, ByValue) else cls)(*args, **more)  # `copy.copy` does not unpack it
+    return (cls.value if isinstance(cls, ByValue) else cls)(*args, **more)  # `copy.copy` does not pickle it
 
 
 def _arrays(
@@ -117,7 +120,9 @@ def _entries(owner: Any) -> list[tuple[Any, Any]]:
         return list(enumerate(owner))
     if is_struct(owner):
         return list(fields_of(owner).items())
-    entries = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
+    entries: Any = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
+    if isinstance(owner, Stateful):
+        entries = owner.__getstate__()  # without views, which are made anew
     return [] if _is_opaque(owner) else [(key, value) for key, value in entries.items() if key != _ARGUMENTS]
 
 

@@ -82,7 +82,7 @@ def copy_in(name: str, value: Any, target: Any) -> None:
         if value.dtype is not wp.float32:
             raise ValueError(f"{name} must contain float32 if it is a Warp array, got {value.dtype.__name__}")
     else:
-        value = _as_floats(name, value)
+        value = as_floats(name, value)
     if tuple(value.shape) != tuple(target.shape):
         raise ValueError(f"{name} must have shape {tuple(target.shape)}, got {tuple(value.shape)}")
     if isinstance(value, wp.array):
@@ -93,14 +93,18 @@ def copy_in(name: str, value: Any, target: Any) -> None:
         target.assign(value)
 
 
-def _as_floats(name: str, value: Any) -> np.ndarray:
+def as_floats(name: str, value: Any) -> np.ndarray:
+    """Return an array or nested lists of numbers as float32; numbers beyond its range become infinite.
+
+    Raises:
+        ValueError: the value does not contain real numbers.
+    """
     try:
         array = np.asarray(value)
     except ValueError as error:  # rows of different lengths
         raise ValueError(f"{name} must contain real numbers, got rows of different lengths") from error
     if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must contain real numbers, got {array.dtype} {value!r:.80}")
-    # A number beyond the range of float32 becomes infinite, and is treated as such.
+        raise ValueError(f"{name} must contain real numbers, got {array.dtype} {shown(value)}")
     with np.errstate(over="ignore"):
         return np.asarray(array, dtype=np.float32, order="C")
 

@@ -35,7 +35,7 @@ NEEDS_RESET = "step needs a running episode: call reset first"
 FIRST_SCENARIOS = 64
 """Number of scenarios at the beginning of a split whose largest team and most target slots are those of a batch."""
 _FROM_SYSTEM, _NEXT = -2, -1
-"""Codes for the seed of a world's next episode: the operating system draws it, or it follows from the latest one."""
+"""Codes for the seed of the next episode: the system draws it when it begins, in each copy, or the latest yields it."""
 
 
 class Batch(Stateful):

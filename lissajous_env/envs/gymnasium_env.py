@@ -66,7 +66,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         self.observation_space, self.action_space = self._side.team_spaces()
         self._steps = batch.scenario.task.steps if batch.space is None else max_cycles
         self._running = False
-        self._start(batch, render_mode)
+        self._set_batch(batch, render_mode)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""
@@ -76,7 +76,7 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
         rows = self.batch.rows(self._side)
         if self.render_mode == "human":
             self.render()
-        return rows.observation[0].copy(), self._info(np.zeros(self._side.slots, np.float32), rows)
+        return rows.observation[0].copy(), self._info(rows)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Take one control step with the actions of the team; numbers outside [-1, 1] are clipped.
@@ -90,17 +90,16 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
             raise ResetNeeded(NEEDS_RESET)
         self.batch.step({self._side.agent: given})
         rows = self.batch.rows(self._side)
-        reward = rows.reward[0].copy()
         terminated, over = bool(rows.terminated.all()), bool(self.batch.over[0])
-        self._running = not (terminated or over)
+        self._running = not over
         if self.render_mode == "human":
             self.render()
+        reward = rows.reward[0]
         total = reward[: self.scenario.num_robots].mean() if self._side.is_robots else reward.sum()
-        info = self._info(reward, rows)
-        return rows.observation[0].copy(), float(total), terminated, over and not terminated, info
+        return rows.observation[0].copy(), float(total), terminated, over and not terminated, self._info(rows)
 
-    def _info(self, reward: np.ndarray, rows: Rows) -> dict[str, Any]:
-        info: dict[str, Any] = {f"{self._side.agent}_reward": reward}
+    def _info(self, rows: Rows) -> dict[str, Any]:
+        info: dict[str, Any] = {f"{self._side.agent}_reward": rows.reward[0].copy()}
         if self._side.is_robots:
             info["reward_terms"] = rows.terms[0].copy()
         if self.batch.space is not None:

@@ -96,7 +96,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         Raises:
             ValueError: an invalid seed or mask, or a mask with only some of the rows of a world.
         """
-        worlds = self._masked(options)
+        worlds = self._worlds_of(options)
         if isinstance(seeds := seed, (Sequence, np.ndarray)):
             fits = np.shape(seeds) == worlds.shape
             require(fits, "seed", f"must be a number, or one for each of {len(worlds)} worlds", seeds)
@@ -134,7 +134,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
             self._reset_ended(just_ended, terminated | truncated, infos)
         return self._observed(), reward, terminated, truncated, infos
 
-    def _masked(self, options: Any) -> np.ndarray:
+    def _worlds_of(self, options: Any) -> np.ndarray:
         """Return the mask (W,) of the worlds that the options of a reset select.
 
         Raises:

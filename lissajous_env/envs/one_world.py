@@ -33,7 +33,7 @@ class OneWorld:
     batch: Batch
     render_mode: str | None
 
-    def _start(self, batch: Batch, render_mode: str | None) -> None:
+    def _set_batch(self, batch: Batch, render_mode: str | None) -> None:
         """Set the batch, and check `render_mode`; subclasses call it at the end of `__init__`."""
         fits = render_mode is None or (isinstance(render_mode, str) and render_mode in METADATA["render_modes"])
         require(fits, "render_mode", "must be None, rgb_array or human", render_mode)

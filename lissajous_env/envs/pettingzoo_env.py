@@ -84,7 +84,7 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         self._sides: list[Side] = batch.sides
         self._live: list[list[int]] = []
         """Indices of the agents that act in the next step, for each side."""
-        self._start(batch, render_mode)
+        self._set_batch(batch, render_mode)
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
         """Return the observation space of an agent, always the same object."""

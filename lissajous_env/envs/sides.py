@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from gymnasium.vector.utils import batch_space
 
-from lissajous_env.device.devices import is_torch
+from lissajous_env.device.devices import as_floats, is_torch
 from lissajous_env.parameters import named
 from lissajous_env.parameters.robot_models import REST_OR_DIRECTION
 from lissajous_env.parameters.rogues import AGENTS
@@ -110,24 +110,20 @@ class Side:
         if given.shape != shape or given.dtype.kind not in kinds:
             raise ValueError(f"actions must be {words} of shape {shape}, got {given.shape} of {given.dtype}")
         if self.table is not None:
-            last = len(self.table) - 1
-            self._require(((given >= 0) & (given <= last)).reshape(-1), f"a whole number from 0 to {last}", given)
+            if not ((given >= 0) & (given < len(self.table))).all():
+                self._refuse(given.reshape(-1))
             return self.table[given].reshape(-1, self.slots, self.action_size)
         rows = given.reshape(-1, self.slots, self.action_size)
         if not finite:  # the simulation clips them, and reports those that are not finite
-            with np.errstate(over="ignore"):
-                return rows.astype(np.float32, copy=False)
-        if not np.vdot(rows, rows) < LARGE:
-            self._require(np.isfinite(rows).all(axis=2).reshape(-1), "finite", rows)
+            return as_floats("actions", rows)
+        if not np.vdot(rows, rows) < LARGE and not np.isfinite(rows).all():
+            self._refuse(rows.reshape(-1, self.action_size))
         return np.clip(rows, -1.0, 1.0).astype(np.float32, copy=False)
 
-    def _require(self, right: np.ndarray, rule: str, actions: np.ndarray) -> None:
-        """Raise ValueError for the first agent whose action is not right."""
-        if not right.all():
-            world, slot = divmod(int(np.flatnonzero(~right)[0]), self.slots)
-            action = actions.reshape(len(right), -1)[world * self.slots + slot].tolist()
-            got = action[0] if self.table is not None else action
-            raise ValueError(f"action of {self.names[slot]} in world {world} must be {rule}, got {got}")
+    def _refuse(self, actions: np.ndarray) -> None:
+        """Raise ValueError for the first action (W N, ...) that is an index outside the table, or is not finite."""
+        for k, action in enumerate(actions.tolist()):
+            self._read_one(f"{self.names[k % self.slots]} in world {k // self.slots}", action)
 
     def read_agent_actions(self, actions: Mapping[str, Any], slots: Sequence[int], flat_out: np.ndarray) -> None:
         """Write the actions of the agents in `slots` into `flat_out` (N * action_size,), and zeros for the others.
@@ -222,9 +218,8 @@ def on_host(actions: Any) -> Any:
     if isinstance(actions, (list, tuple)):
         return [on_host(action) for action in actions]
     if is_torch(actions) and hasattr(actions, "detach"):
-        plain = actions.detach().cpu().resolve_neg()
-        is_short = plain.is_floating_point() and plain.element_size() < 4  # NumPy does not have all of these types
-        return (plain.float() if is_short else plain).numpy()
+        is_short = actions.is_floating_point() and actions.element_size() < 4  # NumPy does not have all of these types
+        return (actions.float() if is_short else actions).numpy(force=True)
     return np.asarray(actions) if hasattr(actions, "__array__") else actions
 
 

@@ -16,7 +16,9 @@ from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import scenario_of_json
+from lissajous_env.settings.checks import LAST_SEED, is_whole
 from lissajous_env.storage.files import replacing, undamaged
+from lissajous_env.wording import require
 from lissajous_env.world.contamination.labels import introduced_at
 from lissajous_env.world.selection import of_world
 from lissajous_env.world.simulation import Simulation
@@ -145,7 +147,7 @@ class Recorder:
         self._bytes = 0
 
     def take(self) -> None:
-        """Record the current state.
+        """Record the current state, unless it is that of an episode that had ended before.
 
         Raises:
             ValueError: this is not exactly one step after the previous call, or the recording exceeds a gibibyte.
@@ -153,6 +155,8 @@ class Recorder:
         simulation, w = self.simulation, self.world
         now = Snapshot.of(simulation, w)
         due = 0 if self._last is None else self._last.step + 1
+        if now.step == due - 1 and simulation.over[w]:
+            return
         if now.step != due:
             raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
         action = of_world(simulation.limited_action, w)
@@ -246,14 +250,7 @@ def record_all(
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]
         recorders = [Recorder(simulation, world) for world in range(len(batch))]
-
-        def take(taken: int, recorders: Sequence[Recorder] = recorders) -> None:
-            steps = simulation.clock.step.numpy()
-            for recorder in recorders:
-                if steps[recorder.world] == taken:  # the episode may end early
-                    recorder.take()
-
-        runner.play(batch, take)
+        runner.play(batch, lambda taken, recorders=recorders: [recorder.take() for recorder in recorders])
         recordings += [recorder.recording(runner.name) for recorder in recorders]
     return recordings
 
@@ -289,32 +286,27 @@ def _check_arrays(recording: Recording) -> None:
     f, n = sizes["F"], sizes["N"]
     for name, letters in _SHAPES.items():
         shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
-        array, dtype = getattr(recording, name), ARRAYS[name]
-        _require(array.dtype == dtype, name, f"be {dtype}, got {array.dtype}")
-        _require(array.shape == shape and f > 0, name, f"have shape {shape}, got {array.shape}")
+        array, dtype, place = getattr(recording, name), ARRAYS[name], f"its {name}"
+        require(array.dtype == dtype, place, f"must be {dtype}", array.dtype)
+        require(array.shape == shape and f > 0, place, f"must have shape {shape}", array.shape)
         is_range = array.dtype.kind != "i" or -latest <= array.min(initial=0) <= array.max(initial=0) <= latest
-        _require(is_range and np.isfinite(array).all(), name, f"contain finite numbers, whole ones up to {latest}")
-    shares, contact = recording.found_early, recording.contact
-    _require(((shares >= 0) & (shares <= 1)).all(), "found_early", "contain shares from 0 to 1")
-    _require(((contact >= 0) & (contact < [f, n, n])).all(), "contact", "contain moments and robots of the recording")
-    _require(f <= scenario.task.steps + 1, "moments", f"be at most the {scenario.task.steps} steps and the reset")
+        rule = f"must contain finite numbers, whole ones up to {latest}"
+        require(is_range and np.isfinite(array).all(), place, rule, array)
+    shares, contact, most = recording.found_early, recording.contact, scenario.task.steps + 1
+    require(((shares >= 0) & (shares <= 1)).all(), "its found_early", "must contain shares from 0 to 1", shares)
+    fits = ((contact >= 0) & (contact < [f, n, n])).all()
+    require(fits, "its contact", "must contain moments and robots of the recording", contact)
+    require(f <= most, "its moments", f"must be at most {most}, the reset and all steps", f)
 
 
 def _check_words(recording: Recording) -> None:
     """Check the names and the score of a recording."""
-    score = recording.score
-    for name in ("observation_names", "reward_names"):
-        _require(all(isinstance(word, str) for word in getattr(recording, name)), name, "contain text")
+    names, score = (*recording.observation_names, *recording.reward_names), recording.score
+    require(all(isinstance(word, str) for word in names), "its names", "must be text", names)
     plain = (str, int, float, type(None))
     is_plain = isinstance(score, dict) and all(isinstance(value, plain) for value in score.values())
-    _require(is_plain, "score", "contain numbers and text by name")
-    seed = score.get("seed")
-    _require(type(seed) is int and 0 <= seed < 2**31, "score", "contain the seed, from 0 to 2147483647")
-
-
-def _require(holds: Any, name: str, rule: str) -> None:
-    if not holds:
-        raise ValueError(f"its {name} must {rule}")
+    require(is_plain, "its score", "must contain numbers and text by name", score)
+    require(is_whole(seed := score.get("seed"), 0, LAST_SEED), "its seed", f"must be from 0 to {LAST_SEED}", seed)
 
 
 def _check_size(size: int) -> None:

@@ -143,7 +143,11 @@ def motion_of(
     known = (width <= gap + SAME_TIME) & ~jumps
     edges = np.concatenate([[0], np.flatnonzero(~known) + 1, [len(track)]])
     position, velocity, _ = _smoothed(track.time, track.position, noise, edges)
-    heading, has_headings = _headings(track, velocity)
+    with_heading = np.isfinite(track.heading)
+    if has_headings := with_heading.sum() > 1:
+        heading = np.interp(track.time, track.time[with_heading], track.heading[with_heading])
+    else:
+        heading = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
     along = np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     derived = np.linalg.norm(velocity[:, :2], axis=1)
     speed = derived * np.where((along * velocity).sum(axis=1) < -1e-9, -1.0, 1.0)
@@ -212,14 +216,6 @@ def _contradict(logged: np.ndarray, derived: np.ndarray, drift: np.ndarray, erro
     moving = derived > np.maximum(_NOISY * error, 0.1 * np.quantile(derived, 0.9) if len(derived) else 0.0)
     least = np.maximum(_NOISY * error, 0.5 * np.maximum(derived, np.median(derived[moving]) if moving.any() else 0.0))
     return bool((moving & (drift > least)).sum() > _CONTRADICTING * moving.sum())
-
-
-def _headings(track: Track, velocity: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return a heading at every pose, and False if they are those of the motion, because the log has none."""
-    known = np.isfinite(track.heading)
-    if known.sum() > 1:
-        return np.interp(track.time, track.time[known], track.heading[known]), True
-    return np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])), False
 
 
 def _smoothed(

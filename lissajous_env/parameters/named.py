@@ -21,7 +21,6 @@ from lissajous_env.parameters.scenario_file import (
     NAMES,
     SUFFIX,
     included_scenarios,
-    name_in_file,
     overridden,
     read_toml,
     scenario_of_table,
@@ -130,12 +129,7 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
 
 def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
     """Make a scenario like `scenario`, without warnings, for callers that report violated assumptions themselves."""
-    base, text = name if isinstance(name, Scenario) else None, _text(name)
-    if base is None:
-        reference = Reference.parse(name)
-        base = _imported(text) if reference == Reference() and ":" in text else reference.scenario
-    if base is None:
-        raise unknown_scenario(text or name)
+    base = name if isinstance(name, Scenario) else _named(name)
     return overridden(base, overrides) if overrides else base
 
 
@@ -205,14 +199,6 @@ class Reference(NamedTuple):
         return [f"{start}{seed}" for seed in itertools.islice(self.space.seeds(self.split or "train"), count)]
 
 
-def unknown_scenario(name: Any) -> ValueError:
-    """Return the error for an unknown scenario; it suggests the closest match among scenarios and files beside it."""
-    if isinstance(name, str) and space_and_split(name) is not None:
-        rule = f"scenario must be a single scenario, got the space {name}"
-        return ValueError(f"{rule}; choose one of its scenarios, as {Reference.parse(name).first(1)[0]}")
-    return ENTRIES.unknown(name, "scenarios", scenarios(), plugins.files_beside(name, SUFFIX))
-
-
 def denotes_scenario(name: str) -> bool:
     """Return True for a registered name, also SPACE-SEED, and for FILE.toml and FILE.toml:SEED, which are not read."""
     if match := _FILE.fullmatch(name):
@@ -278,8 +264,11 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
 def _in_file(path: str) -> Scenario | ScenarioSpace:
     """Return the scenario or the space of a file; its default name is that of the file, not that of its base."""
     table = read_toml(path)
+    hint = "" if "name" in table else '; the file may contain another name, as in name = "lab"'
+    name = table.setdefault("name", os.path.basename(path)[: -len(SUFFIX)])
     try:
-        table["name"] = name_in_file(table, path)
+        if isinstance(name, str) and not re.fullmatch(NAMES[0], name):
+            raise ValueError(f"name of a scenario must be {NAMES[1]}, got {shown(name)}{hint}")
         make = space_of_table if "draw" in table else scenario_of_table
         return make(table, _registered)
     except ValueError as error:
@@ -293,6 +282,18 @@ def _registered(name: str) -> Scenario:
     if (scenario := Reference.parse(name).scenario) is None:
         raise ENTRIES.unknown(name, "scenarios", scenarios())
     return scenario
+
+
+def _named(name: Any) -> Scenario:
+    """Return the scenario of a name; the error for an unknown one suggests scenarios and files beside it."""
+    reference, text = Reference.parse(name), _text(name)
+    if reference.space is not None:
+        space_and_split(name)  # raises for an unknown split
+        rule = f"scenario must be a single scenario, got the space {text}"
+        raise ValueError(f"{rule}; choose one of its scenarios, as {reference.first(1)[0]}")
+    if reference.scenario is None and ":" not in text:
+        raise ENTRIES.unknown(text or name, "scenarios", scenarios(), plugins.files_beside(name, SUFFIX))
+    return reference.scenario or _imported(text)
 
 
 def _imported(reference: str) -> Scenario:

@@ -76,14 +76,9 @@ class RobotModel:
     as_car: AsCar | None = None
     """Description by which policies for cars drive these robots; None if they cannot."""
 
-    @property
-    def action_size(self) -> int:
-        """Number of components of an action."""
-        return len(self.actions)
-
     def rest_action(self, robot: Robot) -> tuple[float, ...]:
         """Return the action that brings a robot to rest."""
-        return (0.0,) * self.action_size if self.rest is None else self.rest(robot)
+        return (0.0,) * len(self.actions) if self.rest is None else self.rest(robot)
 
 
 _ARGUMENTS_OF_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
@@ -102,7 +97,7 @@ def register_robot_model(model: RobotModel) -> RobotModel:
         ValueError: the name is taken or invalid, or the model is invalid.
     """
     require(isinstance(model, RobotModel), "robot model", "must be a RobotModel", model)
-    called, size, as_car = f"robot model {model.name}", model.action_size, model.as_car
+    called, size, as_car = f"robot model {model.name}", len(model.actions), model.as_car
     are_words = all(isinstance(action, str) and action.strip() == action != "" for action in model.actions)
     is_named = model.actions and are_words and len(set(model.actions)) == size
     require(is_named, called, "must have an action of at least one component, with different names", model.actions)

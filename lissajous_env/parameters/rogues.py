@@ -73,6 +73,10 @@ def rogue(name: str, about: str = "") -> Callable[[Any], Any]:
     return register
 
 
+_brought: set[str] = set()
+"""Names of the rogues that copies of scenarios brought; a later copy may bring another one of the same name."""
+
+
 class BringsRogues:
     """Part of a scenario: its copy in another process brings the rogues of the user, which that process lacks."""
 
@@ -85,7 +89,9 @@ class BringsRogues:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for rogue in state.pop("rogues", ()):
-            ROGUES.setdefault(rogue.name, rogue)
+            if rogue.name not in ROGUES or rogue.name in _brought:
+                ROGUES[rogue.name] = rogue
+                _brought.add(rogue.name)
         self.__dict__.update(state)
 
 

@@ -341,7 +341,7 @@ class Scenario(BringsRogues):
     @property
     def action_size(self) -> int:
         """Number of components of a robot's action: those that move it, then those of its message."""
-        return self.model.action_size + self.messages.size
+        return len(self.action_names)
 
     @property
     def action_names(self) -> tuple[str, ...]:

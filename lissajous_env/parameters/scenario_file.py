@@ -17,7 +17,6 @@ import dataclasses
 import json
 import operator
 import os
-import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
@@ -45,8 +44,6 @@ _LARGEST = 1 << 16
 """Largest size of a file [bytes]."""
 _OF_TEAM_SIZE = "ring", "p", "alpha"
 """Fields of the formation that are valid only for the number of robots for which they were set, else derived."""
-_SHORT = {"rogues": "targets.rogues"}
-"""Short names of fields."""
 FIELDS = {f"{part}.{field.name}": field for part, kind in PARTS.items() for field in dataclasses.fields(kind)}
 """The fields of all parts by dotted name."""
 
@@ -68,7 +65,7 @@ def by_field(overrides: Mapping[str, Any]) -> dict[str, Any]:
     """
     fields: dict[str, Any] = {}
     for key, value in overrides.items():
-        name = _SHORT.get(key, key)
+        name = "targets.rogues" if key == "rogues" else key
         if name in PARTS and isinstance(value, PARTS[name]):
             value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         elif name in PARTS and not isinstance(value, Mapping):
@@ -143,19 +140,6 @@ def read_toml(path: str, largest: int = _LARGEST) -> dict[str, Any]:
         return tomllib.loads(data.decode("utf-8-sig"))  # some editors write a byte order mark
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
-
-
-def name_in_file(table: Mapping[str, Any], path: str) -> str:
-    """Return the name of a scenario or space in a file, by default that of the file.
-
-    Raises:
-        ValueError: the name is invalid.
-    """
-    name = table.get("name", os.path.basename(path)[: -len(SUFFIX)])
-    if isinstance(name, str) and not re.fullmatch(NAMES[0], name):
-        hint = "" if "name" in table else '; the file may contain another name, as in name = "lab"'
-        raise ValueError(f"name of a scenario must be {NAMES[1]}, got {shown(name)}{hint}")
-    return name
 
 
 def check_keys(table: Mapping[str, Any], known: Mapping[str, type]) -> None:

@@ -194,14 +194,17 @@ class ScenarioSpace:
             require(part in known, "draw", f"must name one of {', '.join(known)}", part, known)
             for name, entry in entries.items():
                 require(part != "scale" or name in _SCALE, "draw.scale", "must contain length or time", name)
-                is_used = name != "weights" or "choices" in entries
-                require(is_used, f"draw.{part}.weights", "must be given with choices", entry)
-                if name == "choices":
-                    draws[f"{part}.{name}"] = _choice(f"draw.{part}", entry, entries.get("weights"))
-                elif name != "weights":
-                    draws[f"{part}.{name}"] = (
-                        _formula(f"draw.{part}.{name}", entry) if isinstance(entry, str) else entry
-                    )
+                dotted = f"{part}.{name}"
+                if name == "weights":
+                    require("choices" in entries, f"draw.{dotted}", "must be given with choices", entry)
+                elif name == "choices":
+                    draws[dotted] = _choice(f"draw.{part}", entry, entries.get("weights"))
+                elif isinstance(entry, str):
+                    draws[dotted] = draw = Formula(entry, _RANDOM)  # all random functions in it are of one number
+                    rule = f"must call at most one of {', '.join(_RANDOM)}"
+                    require(len(draw.called) <= 1, f"draw.{dotted}", rule, entry)
+                else:
+                    draws[dotted] = entry
         return draws
 
     def _drawn(self, seed: int, attempt: int) -> Scenario:
@@ -281,17 +284,6 @@ def space_of_table(table: Mapping[str, Any], base_of: Callable[[str], Scenario])
     base = base_of(table["base"]) if "base" in table else Scenario()
     rules, shifts, words = table.get("require", ()), table.get("shift", {}), table.get("description", "")
     return ScenarioSpace(table["name"], base, table["draw"], rules, shifts, words)
-
-
-def _formula(name: str, text: str) -> Formula:
-    """Return the draw of an expression; two random functions in it would be of the same number.
-
-    Raises:
-        ValueError: the text is no expression, or has two random functions.
-    """
-    formula = Formula(text, _RANDOM)
-    require(len(formula.called) <= 1, name, f"must call at most one of {', '.join(_RANDOM)}", text)
-    return formula
 
 
 def _choice(name: str, choices: Any, weights: Any) -> Callable[[Names], Any]:

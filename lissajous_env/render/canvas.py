@@ -51,15 +51,11 @@ class View:
         """Size of the fine surface [px]."""
         return FINE * self.size[0], FINE * self.size[1]
 
-    def place(self, points: np.ndarray) -> np.ndarray:
-        """Return pixels (..., 2) of the picture for points (..., 2) of the world [m]."""
-        width, height = self.size
-        centre = width / 2, HEADER + (height - HEADER - FOOTER) / 2
-        return np.asarray(centre) + np.asarray(points, dtype=float) * (self.scale, -self.scale)
-
     def fine(self, points: np.ndarray) -> np.ndarray:
         """Return pixels (..., 2) of the fine surface for points (..., 2) of the world [m]."""
-        return FINE * self.place(points)
+        width, height = self.size
+        centre = width / 2, HEADER + (height - HEADER - FOOTER) / 2
+        return FINE * (np.asarray(centre) + np.asarray(points, dtype=float) * (self.scale, -self.scale))
 
     def plot(self) -> pygame.Rect:
         """Return the part of the fine surface between status line and legend."""

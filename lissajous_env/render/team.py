@@ -29,8 +29,7 @@ class Team:
         self.trail_steps = max(round(min(longest / scenario.task.step, 2**20)), 2)
         """Length of a trail [step]."""
         self._room = view.plot()
-        ring = drawn_ring(scenario)
-        self._edges = [(ring[k - 1], ring[k]) for k in range(len(ring)) if len(ring) > 2 or k == 1]
+        self._links = drawn_links(scenario)
         self._soft = transparent(view.fine_size)
         parts = parts_of_body(scenario)
         self._parts = [(self.radius * outline, getattr(palette, fill) if fill else None) for outline, fill in parts]
@@ -40,7 +39,7 @@ class Team:
         soft, there = self._soft, snapshot.status != REMOVED
         soft.fill((0, 0, 0, 0))
         places = self.view.fine(snapshot.position[:, :2])
-        for i, j in self._edges:
+        for i, j in self._links:
             if there[i] and there[j]:
                 draw_line(soft, (*palette.LINK, 84), places[i], places[j], FINE)
         # Drawn without blending, oldest first, so that joints do not appear darker.
@@ -110,9 +109,10 @@ def _drop(tip: float) -> np.ndarray:
     return np.concatenate([[[tip, 0.0]], np.stack([np.cos(around), np.sin(around)], axis=-1)])
 
 
-def drawn_ring(scenario: Scenario) -> tuple[int, ...]:
-    """Return the robots in the order of the communication ring, or none if no policy communicates along it."""
-    return scenario.ring if scenario.has_formation or scenario.sensing.shared == "ring" else ()
+def drawn_links(scenario: Scenario) -> list[tuple[int, int]]:
+    """Return the pairs of neighbours on the communication ring, or none if no policy communicates along it."""
+    ring = scenario.ring if scenario.has_formation or scenario.sensing.shared == "ring" else ()
+    return [(ring[k], ring[(k + 1) % len(ring)]) for k in range(len(ring) - (len(ring) < 3))]
 
 
 def trail_time(scenario: Scenario) -> float:

@@ -20,7 +20,7 @@ from lissajous_env.episodes.recording import Recording
 from lissajous_env.episodes.snapshot import thinned
 from lissajous_env.render.ground import points_of_curve
 from lissajous_env.render.targets import flash_time, has_sightings
-from lissajous_env.render.team import MOST_CONTACTS, drawn_ring, parts_of_body, trail_time
+from lissajous_env.render.team import MOST_CONTACTS, drawn_links, parts_of_body, trail_time
 from lissajous_env.world.columns import task_score
 from lissajous_env.world.state import NEVER
 
@@ -88,8 +88,7 @@ def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
 
 
 def _about(recording: Recording) -> dict[str, Any]:
-    scenario = recording.scenario
-    curve, ring = scenario.curve, drawn_ring(scenario)
+    scenario, curve = recording.scenario, recording.scenario.curve
     return {
         "name": scenario.name,
         "description": scenario.description,
@@ -101,7 +100,8 @@ def _about(recording: Recording) -> dict[str, Any]:
         "bound_name": scenario.detection_time_label,
         "trail": 2 * trail_time(scenario),
         "flash": flash_time(scenario),
-        "ring": list(ring) if len(ring) > 1 else [],
+        "links": drawn_links(scenario),
+        "places": list(scenario.places),
         "neighbours": scenario.neighbours.tolist(),
         "equilibrium": scenario.equilibrium.tolist(),
         "delay": scenario.delay_steps,
@@ -161,12 +161,13 @@ def _in_sight(recording: Recording, moments: slice) -> np.ndarray:
 
 
 def _rogue(missed: MissedRogue) -> dict[str, Any]:
-    """Return the steps at whose ends a rogue is somewhere, and its places then [m]."""
+    """Return the step at whose end a rogue appears, and its places [m] then and after every few steps."""
     path, step = missed.path, missed.played.scenario.task.step
-    moments = slice(None, None, max(math.ceil(len(path.places) / WHOLE.moments), 1))
+    every = max(math.ceil(len(path.places) / WHOLE.moments), 1)
     return {
-        "steps": list(range(path.appears_at, path.appears_at + path.steps + 1))[moments],
-        "places": np.round(path.places, 3)[moments].tolist(),
+        "begin": path.appears_at,
+        "every": every,
+        "places": np.round(path.places, 3)[::every].tolist(),
         "until": round(path.appears_at + missed.undetected / step, 3),
         "detected": missed.detected,
     }

@@ -18,7 +18,6 @@ from lissajous_env.settings.checks import (
     Checked,
     as_robot,
     choice,
-    is_whole,
     number,
     row_of,
     rows,
@@ -141,9 +140,7 @@ class Formation(Checked):
     """p of the equilibrium (2); None selects the least clustered stable one."""
     alpha: int | None = whole(None, 1, 1024)
     """alpha of Lemma 2: gamma = alpha theta; None makes neighbours on the ring neighbours on the ellipse (5)."""
-    ring: tuple[int, ...] | None = rows(
-        None, "must list robots as whole numbers from 0", lambda entry: entry if is_whole(entry, 0, 1023) else None
-    )
+    ring: tuple[int, ...] | None = rows(None, "must list robots as whole numbers from 0", as_robot)
     """Order of the robots around the communication ring; None means 0, 1 ... N - 1."""
     start: str = choice("equilibrium", "equilibrium", "rotated", "random")
     """Phases at reset: the equilibrium (2) with theta_0 = 0, the same rotated by a random angle, or all random."""
@@ -235,15 +232,6 @@ class Robot(Checked):
     `acceleration_max`; model-based controllers ignore it."""
 
     def _check_together(self) -> None:
-        self._check_forwards()
-        if self.reverses and self.kind == "car":
-            rule = f"must be at most dead_zone, {self.dead_zone:g}, for cars that reverse (speed_min)"
-            self._require(self.throttle_min <= self.dead_zone, "throttle_min", rule)
-            reached = (self.offset - self.drag * self.lowest_speed) / self.drive
-            rule = f"must be reached at a throttle above dead_zone, {self.dead_zone:g}, not at {reached:.4g} [m/s]"
-            self._require(reached > self.dead_zone, "speed_min", rule)
-
-    def _check_forwards(self) -> None:
         least, full = max(self.throttle_min, self.dead_zone), self.full_throttle
         name, rule = "throttle_max", f"must be above throttle_min and dead_zone, {least:g}"
         if self.throttle_max is None and self.speed_max is not None:
@@ -258,6 +246,12 @@ class Robot(Checked):
             fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
             rule = f"must be {reached:.6g} m/s for throttle_max = {self.throttle_max:g}, or one of the two must be None"
             self._require(fits, "speed_max", rule)
+        if self.reverses and self.kind == "car":
+            rule = f"must be at most dead_zone, {self.dead_zone:g}, for cars that reverse (speed_min)"
+            self._require(self.throttle_min <= self.dead_zone, "throttle_min", rule)
+            reached = (self.offset - self.drag * self.lowest_speed) / self.drive
+            rule = f"must be reached at a throttle above dead_zone, {self.dead_zone:g}, not at {reached:.4g} [m/s]"
+            self._require(reached > self.dead_zone, "speed_min", rule)
 
     @property
     def full_throttle(self) -> float:

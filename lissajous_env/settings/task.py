@@ -127,11 +127,6 @@ class Targets(Checked):
         self._require(is_free, "speed_limit", rule)
 
     @property
-    def slowest(self) -> float:
-        """Lowest speed of drifting and wandering targets [m/s]: `speed_min`, or `speed` by default."""
-        return self.speed if self.speed_min is None else self.speed_min
-
-    @property
     def speed_max(self) -> float:
         """Highest speed of drifting, wandering and fleeing targets [m/s]."""
         roaming = self.drifting + self.wandering + self.fleeing > 0

@@ -11,27 +11,16 @@ import math
 import os
 import secrets
 import stat
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from lissajous_env.wording import shown
 
-LARGEST_JSON = 1 << 26
-"""Largest size of a JSON file that is read [bytes]."""
 _DEEPEST = 100
 _WITHOUT_LINKS = os.O_NOFOLLOW | os.O_NONBLOCK
 """Flags of `os.open` with which it does not follow a link or wait for a pipe."""
-
-
-def read_json(path: str | Path, largest: int = LARGEST_JSON) -> Any:
-    """Read a JSON file as `parse_json` does.
-
-    Raises:
-        ValueError: the file is missing, a link, larger than `largest` [bytes], or not strict JSON; the message names
-            it.
-    """
-    return parse_json(read_bytes(path, largest), path)
 
 
 def parse_json(text: bytes | str, source: str | Path) -> Any:
@@ -135,9 +124,7 @@ def check_writable_file(path: str | Path) -> None:
         if not path.absolute().parent.is_dir():
             raise ValueError(f"out must be in an existing folder, got {path}")
         # Permissions are not enough: the folder may be on a full or read-only disk.
-        temporary = _temporary(path)
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
-        temporary.unlink()
+        tempfile.TemporaryFile(dir=path.absolute().parent).close()
     except OSError as error:
         words = f"got {shown(str(path))}: {error.strerror}"
         raise ValueError(f"out must be in a folder that can be written to, {words}") from None

@@ -134,11 +134,10 @@ class Folder(contextlib.ExitStack):
             ValueError: a file of that name exists that this package did not write, or it is a link.
             OSError: the file cannot be written; its earlier version is unchanged.
         """
-        path = self._checked(name)
+        path = self._claim(name)
         if not path.parent.is_dir():
             self._claim(f"{path.parent.name}/").mkdir()
             sync(self.path)
-        self._claim(name)
         write_atomically(path, data, self.path / f"{_TEMPORARY}{path.suffix}")
 
     def journal(self, name: str) -> Journal:

@@ -147,15 +147,13 @@ def equilibrium_phases(num_robots: int, p: int, ring: Sequence[int]) -> np.ndarr
     return phases
 
 
-def admissible_displacement(num_robots: int, p: int) -> tuple[float, float]:
-    """Return the displacements of one phase from which equilibrium p recovers, cos(2 pi p / N +- d) < 0, bound (9).
+def admissible_displacement(num_robots: int, p: int) -> float:
+    """Return the displacement h of one phase below which equilibrium p recovers, cos(2 pi p / N +- d) < 0, bound (9).
 
-    They are the ends of the open interval (-h, h), h = pi / 2 - |2 pi p / N - pi| [rad]; (0, 0) where p is not stable.
-    The condition is sufficient, and on the phase theta: on the curve the displacement is alpha times as large.
+    It is h = pi / 2 - |2 pi p / N - pi| [rad], for d in (-h, h); 0 where p is not stable. The condition is sufficient,
+    and on the phase theta: on the curve the displacement is alpha times as large.
     """
-    difference = 2 * math.pi * (p % num_robots) / num_robots
-    half = max(math.pi / 2 - abs(difference - math.pi), 0.0)
-    return -half, half
+    return max(math.pi / 2 - abs(2 * math.pi * (p % num_robots) / num_robots - math.pi), 0.0)
 
 
 # Dynamics.

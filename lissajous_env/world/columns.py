@@ -113,17 +113,17 @@ def _observed(episode: Episode) -> float:
 def _idleness(episode: Episode) -> float:
     """Return the column `idleness_mean`."""
     squares = episode.state["cells.idle_squares"].sum(dtype=float) + np.sum(episode.gaps.astype(float) ** 2)
-    return squares * episode.step / (2 * max(episode.steps, 1) * episode.gaps.size) if episode.has_grid else math.nan
+    return squares * episode.step / (2 * max(episode.steps, 1) * episode.gaps.size)
 
 
-def _contaminated(value: Callable[[Episode], Any]) -> Callable[[Episode], Any]:
-    """Return a function that is NaN where a scenario computes no contamination."""
-    return lambda episode: value(episode) if episode.scenario.task.contamination else math.nan
+def _in_scenarios(has: Callable[[Scenario], Any]) -> Callable[[Callable[[Episode], Any]], Callable[[Episode], Any]]:
+    """Return a decorator of the functions of columns that are NaN in other scenarios."""
+    return lambda value: lambda episode: value(episode) if has(episode.scenario) else math.nan
 
 
-def _in_formation(value: Callable[[Episode], Any]) -> Callable[[Episode], Any]:
-    """Return a function that is NaN where actions are velocities, with which no policy follows the curve."""
-    return lambda episode: value(episode) if episode.scenario.has_formation else math.nan
+_on_grid = _in_scenarios(lambda scenario: scenario.task.grid)
+_contaminated = _in_scenarios(lambda scenario: scenario.task.contamination)
+_in_formation = _in_scenarios(lambda scenario: scenario.has_formation)
 
 
 _NO_TARGET = "no target appeared"
@@ -199,12 +199,12 @@ COVERAGE_EACH = Column(
     lambda e: e.reached(e.totals["covered_each_at"]), "s", empty=f"never, or {_NO_GRID}", better=-1,
 )
 IDLENESS = Column(
-    "idleness_mean", "time since a cell was last covered, mean over cells and time", _idleness, "s", empty=_NO_GRID,
-    title="idleness", better=-1, order=7,
+    "idleness_mean", "time since a cell was last covered, mean over cells and time", _on_grid(_idleness), "s",
+    empty=_NO_GRID, title="idleness", better=-1, order=7,
 )
 LONGEST_IDLENESS = Column(
     "idleness_max", "longest time for which a cell was not covered",
-    lambda e: max(e.state["cells.idle_max"].max(initial=0), e.gaps.max()) * e.step if e.has_grid else math.nan, "s",
+    _on_grid(lambda e: max(e.state["cells.idle_max"].max(initial=0), e.gaps.max()) * e.step), "s",
     empty=_NO_GRID, better=-1,
 )
 LATERAL_ERROR = Column(
@@ -272,7 +272,7 @@ SMOOTHNESS = Column(
 )
 SENSED = Column(
     "sensed_fraction", "share of the cells that some robot has covered",
-    lambda e: e.totals["covered"] / e.gaps.size if e.has_grid else math.nan, rule=SHARE, empty=_NO_GRID,
+    _on_grid(lambda e: e.totals["covered"] / e.gaps.size), rule=SHARE, empty=_NO_GRID,
     title="sensed", better=1, order=5, main=True,
 )
 WORST_CASE = Column(

@@ -96,11 +96,6 @@ class Episode:
         """Duration of a control step [s]."""
         return self.scenario.task.step
 
-    @property
-    def has_grid(self) -> bool:
-        """Return whether the scenario has a coverage grid."""
-        return self.scenario.task.grid is not None
-
     @cached_property
     def targets(self) -> Detections:
         """Targets and their detections."""

@@ -9,7 +9,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK_SIZE, OWN_SIZE, ROBOT_SIZE, TARGET_SIZE
-from lissajous_env.world.robots.nearby import bin_of, column_of, row_of
+from lissajous_env.world.robots.nearby import bin_of, column_of, has_lists, row_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
@@ -67,6 +67,7 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
     own = robots.measured[w, i]
     turn = robots.measured_turn[w, i]
     removed = robots.status[w, i] == REMOVED
+    size = messages.heard.shape[3]
     for side in range(2):
         start = OWN_SIZE + LINK_SIZE * side
         heard_at = links.heard_at[w, i, side]
@@ -80,12 +81,9 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
             observation[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
             observation[w, i, start + 4] = clip_coordinate(0.5 * (message[2] - own[0]) / curve.half_width)
             observation[w, i, start + 5] = clip_coordinate(0.5 * (message[3] - own[1]) / curve.half_height)
-    size = messages.heard.shape[3]
-    if size > 0:
-        for side in range(2):
-            for m in range(size):
-                heard = wp.where(removed, 0.0, messages.heard[w, i, side, m])
-                observation[w, i, message_start + side * size + m] = heard
+        for m in range(size):
+            heard = wp.where(removed, 0.0, messages.heard[w, i, side, m])
+            observation[w, i, message_start + side * size + m] = heard
 
 
 @wp.func
@@ -130,11 +128,11 @@ def insert_if_in_sight(w, i, j, filled: int, room: int, radius: float, robots, n
 def nearest_robots(w, i, room: int, radius: float, robots, bins, nearest) -> int:
     """List the nearest robots within `radius` [m] in `nearest`; return their number, at most `room`."""
     filled = int(0)
-    if bins.columns > 0:
-        entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
-        while entry[0] >= 0:
-            filled = insert_if_in_sight(w, i, entry[0], filled, room, radius, robots, nearest)
-            entry = bins.entry[w, entry[1]]
+    if has_lists(w, bins):
+        entry = bins.first[w, bin_of(planar(robots.position[w, i]), bins)]
+        while entry >= 0:
+            filled = insert_if_in_sight(w, i, bins.entry[w, entry][0], filled, room, radius, robots, nearest)
+            entry = bins.entry[w, entry][1]
     else:
         for j in range(robots.status.shape[1]):
             filled = insert_if_in_sight(w, i, j, filled, room, radius, robots, nearest)

@@ -133,7 +133,7 @@ class Simulation(Copyable):
         Returns:
             The observation of all worlds.
         """
-        chosen = self._chosen(worlds)
+        chosen = chosen_worlds(worlds, self.num_worlds)
         new_seeds = np.full(self.num_worlds, -1, dtype=np.int32)
         if seeds is not None:
             new_seeds[chosen] = checked_seeds(seeds, len(chosen))
@@ -187,7 +187,7 @@ class Simulation(Copyable):
         Its entries are those of `lissajous_env.world.columns.NAMES` except `policy` and `episode`, then those of
         extensions.
         """
-        chosen, added = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
+        chosen, added = chosen_worlds(worlds, self.num_worlds), self._extended.columns(self.clock.step.numpy())
         return [
             score_of(episode) | {name: plain(values[w]) for name, values in added.items()}
             for w, episode in zip(chosen, episodes_of(self.scenario, self._structs, chosen), strict=True)
@@ -198,14 +198,17 @@ class Simulation(Copyable):
 
         The rows of other worlds are infinite instead of NaN, so that environment checkers consider equal infos equal.
         """
-        numbers, chosen = np.full((self.num_worlds, len(self.score_names)), np.inf), self._chosen(worlds)
+        numbers, chosen = (
+            np.full((self.num_worlds, len(self.score_names)), np.inf),
+            chosen_worlds(worlds, self.num_worlds),
+        )
         if len(chosen):
             numbers[chosen] = [[row[name] for name in self.score_names] for row in self.score(chosen)]
         return numbers
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Return times (K,) from each target's appearance until its detection or now [s], and True (K,) if detected."""
-        (episode,) = episodes_of(self.scenario, self._structs, self._chosen([world]))
+        (episode,) = episodes_of(self.scenario, self._structs, chosen_worlds([world], self.num_worlds))
         return episode.times, episode.targets.detected[episode.targets.appeared]
 
     @property
@@ -267,6 +270,3 @@ class Simulation(Copyable):
             self._action_host[:] = action
         else:
             copy_in("action", action, self.action)
-
-    def _chosen(self, worlds: Any) -> np.ndarray:
-        return chosen_worlds(worlds, self.num_worlds)

@@ -276,7 +276,7 @@ class StepEvents:
     effort: wp.array2d(dtype=wp.float32)
     """(W, N) mean square of the action without its message; 0 for a robot that does not work."""
     change: wp.array2d(dtype=wp.float32)
-    """(W, N) mean square of the change of the action without its message; 0 in an episode's first step."""
+    """(W, N) mean square of the change of that action; 0 in an episode's first step and for robots that do not work."""
     lateral: wp.array2d(dtype=wp.float32)
     """(W, N) distance from the curve [m]."""
     tracking: wp.array2d(dtype=wp.float32)

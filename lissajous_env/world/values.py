@@ -15,7 +15,6 @@ from lissajous_env.device.structs import allocate, to_struct
 from lissajous_env.device.warp_abi import variables_of
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.contamination.conservative import as_reach
 from lissajous_env.world.contamination.labels import MARGIN, as_hops, label_row_length
 from lissajous_env.world.observation import cell_start, message_start, track_start
 from lissajous_env.world.robots.deviations import points_of
@@ -27,14 +26,14 @@ from lissajous_env.world.state import EpisodeTotals
 def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
     """Return the constants of a resolved scenario by the names of kernels' parameters."""
     task, targets, n = scenario.task, scenario.targets, scenario.num_robots
-    model = model_of(scenario.robot.kind)
+    model, slowest = model_of(scenario.robot.kind), targets.speed if targets.speed_min is None else targets.speed_min
     schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
     return {
         "curve": curve_struct(scenario.curve, device),
         "formation": to_struct(structs.FormationStruct, scenario.formation),
         "robot": to_struct(structs.RobotStruct, scenario.robot),
         "sensing": to_struct(structs.SensingStruct, replace(scenario.sensing, sight=scenario.sight)),
-        "target": to_struct(structs.TargetStruct, replace(targets, speed_min=targets.slowest)),
+        "target": to_struct(structs.TargetStruct, replace(targets, speed_min=slowest)),
         "faults": to_struct(structs.FaultsStruct, scenario.faults),
         "noise": to_struct(structs.NoiseStruct, scenario.noise),
         "task": to_struct(structs.TaskStruct, task),
@@ -54,7 +53,6 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         # (N, 2) robots before and after each one on the ring; -1 for none.
         "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
         "hops": as_hops(scenario.spreading, device),
-        "reach": as_reach(scenario.spreading.reaches, device),
         # (N,) places in the equilibrium, factors on the motor's drive, top speeds [m/s], and displacements at the start
         # along the phase [rad].
         "places": wp.array(scenario.places, dtype=wp.int32, device=device),
@@ -74,8 +72,8 @@ def _action_speeds(scenario: Scenario) -> np.ndarray:
     """
     model = scenario.model
     rest = np.array(model.rest_action(scenario.robot))
-    driving = range(model.action_size) if model.driving is None else model.driving
-    drives = np.isin(np.arange(model.action_size), driving)
+    driving = range(len(model.actions)) if model.driving is None else model.driving
+    drives = np.isin(np.arange(len(model.actions)), driving)
     return np.stack([rest, drives * scenario.speed_unit / (1 + abs(rest))], axis=-1)
 
 

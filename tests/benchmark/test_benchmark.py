@@ -234,7 +234,7 @@ def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, mo
     ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
     ({"scenarios": ("failure", "evaders")}, "one for evaders, which has robots of kind car; got kuramoto"),
     ({"address": ""}, "address must be given only with engine ray"), ({"seed": 2**31 - 2}, "seed must be"),
-    ({"scenarios": ("failure", "failure")}, "each entry once"), ({"replays": -1}, "replays must be a whole"),
+    ({"scenarios": ("failure", "failure")}, "got 2 of failure"), ({"replays": -1}, "replays must be a whole"),
     ({"against": "sweep"}, r"against must be one of the policies \(kuramoto, open-loop\), got sweep"),
 ])  # fmt: skip
 def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, words):

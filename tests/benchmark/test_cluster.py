@@ -128,8 +128,7 @@ def test_policies_that_fail_are_reported_and_the_others_go_on(two_nodes, tmp_pat
     # Story: one raises, as it would here; one kills its worker each time; one does so once, and all its episodes come;
     # one plays a single world at a time.
     once = type("Once", (Deadly,), {"once": str(tmp_path / "once")})
-    single = lambda scenario, _, device: Quick(scenario, 1, device)  # noqa: E731
-    own = {"raising": Raising, "deadly": Deadly, "once": once, "single": single}
+    own = {"raising": Raising, "deadly": Deadly, "once": once, "single": lambda scenario, *_: Quick(scenario, 1, "cpu")}
     settings = small(tmp_path / "out", policies=("kuramoto",), episodes=2, engine="ray")
     monkeypatch.setattr(cluster, "_RETRIES", 1)
     outcome = measure(settings, own, console=QUIET)

@@ -74,9 +74,11 @@ def fast(world):
 def test_code_of_users_is_played_by_the_main_thread():
     scenario = lissajous_env.scenario("failure")
     baselines.register("theirs", None, still([]))
+    lissajous_env.rogue("theirs")(lambda rows: rows[..., :2])
     assert local.may_be_shared(Cell(scenario, "kuramoto", None), "cpu")
     for cell, device in (
         (Cell(lissajous_env.scenario("failure", extensions=(fast,)), "kuramoto", None), "cpu"),
+        (Cell(lissajous_env.scenario("failure", rogues="theirs"), "kuramoto", None), "cpu"),
         (Cell(scenario, "theirs", None), "cpu"),
         (Cell(scenario, "kuramoto", None), "cuda"),
     ):

@@ -13,14 +13,14 @@ from rich.console import Console
 import baselines
 import lissajous_env
 from baselines.benchmark import local, replays, report_page
-from baselines.benchmark.running import run
+from baselines.benchmark.running import measure, run
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.world.columns import COLUMNS
 
-HOSTILE = "</script><img src=x onerror=alert(1)>"
+HOSTILE = "</script><img src=x onerror=alert(1)>[/b]"
 SHORT = {"task.duration": 4.0}
 TWO = ("evaders", "failure")
 GIVEN = {"policies": ("kuramoto-mpcc", "laps", "kuramoto"), "scenarios": TWO, "episodes": 4, "overrides": SHORT}
@@ -155,7 +155,7 @@ def test_a_second_call_makes_the_same_report_from_the_rows_alone(small_one, monk
 
 
 def test_hostile_names_and_policies_that_cannot_be_played_again(tmp_path):
-    # Story: one policy of Python has a script for a name and draws numbers of its own; one refuses to be made again.
+    # Story: a policy of Python is named by a script and draws numbers of its own; one refuses to be made again.
     generator, calls = np.random.default_rng(0), []
 
     def act(observation):
@@ -167,9 +167,9 @@ def test_hostile_names_and_policies_that_cannot_be_played_again(tmp_path):
             raise RuntimeError("not twice")
         return baselines.make("still", scenario, num_worlds)
 
-    console = Console(record=True, file=io.StringIO(), width=200)
+    console = Console(record=True, file=io.StringIO(), width=200, force_terminal=True)
     settings = small(tmp_path, policies=("kuramoto",), episodes=2, replays=8, overrides=SHORT)
-    assert len(run(settings, {HOSTILE: act, "once": factory}, console=console)) == 6
+    assert len(measure(settings, {HOSTILE: act, "once": factory}, None, console, console).rows) == 6
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert HOSTILE not in text
     assert "<img" not in text

@@ -68,7 +68,7 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
     (["evaluate", "still"], "scenario must be given before the policy"),
     (["evaluate", "failure", "knot"], "policy must be given after the scenario, got failure, knot"),
     (["evaluate", "failure", "stil"], "got 'stil'; did you mean still?"),
-    (["evaluate", "failure", "failure", "kuramoto"], "scenarios must contain each entry once"),
+    (["evaluate", "failure", "failure", "kuramoto"], "scenarios must differ in name, got 2 of failure"),
     (["evaluate", "failure", "x\udcff"], "got 'x"),
     (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
     (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),

@@ -25,6 +25,7 @@ CLAIMS = [
     for k in range(3)
 ]
 EVADERS = lissajous_env.scenario("evaders")
+RUN = "run failure still --set task.duration=1"
 PLANS = [
     Planned(
         Plan("Lissajous", EVADERS, PolicySettings("kuramoto-mpcc-safe"), f"a:b = {k}:2, omega = 0.31{k} rad/s"),
@@ -58,9 +59,6 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
     assert shown(width, TERM="dumb", NO_COLOR="1") == text
 
 
-RUN = "run failure still --set task.duration=1"
-
-
 @pytest.mark.parametrize(("line", "code", "files"), [
     ("nothing <&- >&- 2>&-", 2, []), ("--help > /dev/full", 1, []), (f"{RUN} --out a.npz | true", 0, ["a.npz"]),
     (f"{RUN} --json --out b.npz 2>&1 | true", 0, ["b.npz"]),
@@ -69,8 +67,7 @@ def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, cod
     command = f"set -o pipefail; {sys.executable} -m lissajous_env {line}"
     ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, cwd=tmp_path)
     assert (ended.returncode, sorted(path.name for path in tmp_path.iterdir())) == (code, files)
-    assert "Traceback" not in ended.stderr
-    assert "Exception ignored" not in ended.stderr
+    assert not re.search("Traceback|Exception ignored", ended.stderr)
     assert "\ufffd" not in ended.stdout
 
 

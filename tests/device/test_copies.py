@@ -76,11 +76,10 @@ def test_a_copy_after_steps_continues_like_the_original(name):
 class Recalling(baselines.Policy):
     """Its memory begins as None and then is a view; other arrays cannot be written to."""
 
-    last = None
-
     def __init__(self, *given):
         super().__init__(*given)
-        self.begun, self.parts = np.broadcast_to(0.1, self.action.shape), [self.scenario.equilibrium, self.action]
+        self.last, self.begun = None, np.broadcast_to(0.1, self.action.shape)
+        self.parts = [self.scenario.equilibrium, self.action]
 
     def decide(self, observation):
         self.last = (0.5 * (self.begun if self.last is None else self.last) + observation[..., :2])[:, :]

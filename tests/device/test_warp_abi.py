@@ -55,7 +55,7 @@ def test_a_recorded_launch_has_the_function_and_its_arguments(pair):
     assert out.numpy().tolist() == [4.0, 8.0, 12.0]
     out.zero_()
     wp.capture_launch(capture.graph)
-    assert out.numpy().tolist() == [0.0, 0.0, 0.0]
+    assert not out.numpy().any()
 
 
 def test_a_module_has_a_folder_in_the_cache():

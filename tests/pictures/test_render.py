@@ -11,6 +11,8 @@ from pettingzoo.test import render_test
 
 import lissajous_env
 from lissajous_env.render import Renderer, Snapshot, palette
+from lissajous_env.render.canvas import FINE, transparent
+from lissajous_env.render.ground import draw_union
 from lissajous_env.world.state import FAILED, NEVER, REMOVED
 
 FREE = (0.9, 0.0)
@@ -31,7 +33,7 @@ def count_near(picture: np.ndarray, colour: tuple[int, int, int], tolerance: int
 def around(renderer: Renderer, seen: Snapshot, place, reach: int = 36) -> np.ndarray:
     """Return the part of the picture of a world around a place [m]."""
     picture = renderer.draw(seen)
-    x, y = (int(coordinate) for coordinate in renderer.view.place(np.asarray(place)))
+    x, y = (int(coordinate) for coordinate in renderer.view.fine(np.asarray(place)) / FINE)
     return picture[max(y - reach, 0) : y + reach, max(x - reach, 0) : x + reach]
 
 
@@ -96,13 +98,13 @@ def test_a_contact_is_ringed():
     before, after = (renderer.draw(dataclasses.replace(seen, contact=np.array(pairs))) for pairs in ([], [[0, 1]]))
     assert count_near(after, palette.CONTACT) > count_near(before, palette.CONTACT) + 200
     y, x = np.argwhere((after != before).any(axis=-1)).mean(axis=0)
-    assert (x, y) == pytest.approx(renderer.view.place(seen.position[:2, :2].mean(axis=0)), abs=2)
+    assert (x, y) == pytest.approx(renderer.view.fine(seen.position[:2, :2].mean(axis=0)) / FINE, abs=2)
 
 
 def test_ground_darkens_where_it_was_not_sensed():
     simulation, seen = world(**{"sensing.radius": 0.05, "targets.count": 0, "targets.arrival_rate": 0})
     renderer = Renderer(simulation.scenario)
-    x, y = (int(coordinate) for coordinate in renderer.view.place(np.array(FREE)))
+    x, y = (int(coordinate) for coordinate in renderer.view.fine(np.array(FREE)) / FINE)
     late = dataclasses.replace(seen, step=200)
     sensed = dataclasses.replace(late, sensed_at=np.full_like(seen.sensed_at, 200))
     # The lower half was sensed just now, the upper half never.
@@ -115,9 +117,6 @@ def test_ground_darkens_where_it_was_not_sensed():
 
 def test_discs_are_drawn_as_their_union():
     # Oracle: the distance to the nearest middle, pixel by pixel.
-    from lissajous_env.render.canvas import FINE, transparent
-    from lissajous_env.render.ground import draw_union
-
     middles, radius = np.random.default_rng(0).uniform([-50, -50], [450, 250], (30, 2)).round(), 60.0
     layer = transparent((400, 200))
     draw_union(layer, middles, radius)

@@ -204,7 +204,7 @@ def test_the_targets_in_sight_are_those_of_the_simulation(name, score):
         assert np.mean(shares) == pytest.approx(recording.score[score])
     page = contents(recording)
     assert page["curve"]["shape"] == [3, 0]
-    assert page["scenario"]["ring"] == []
+    assert page["scenario"]["links"] == []
     assert next(iter(page["score"])) == task_score(scenario).name
 
 

@@ -16,6 +16,7 @@ from browser import (
     numbers,
     opened,
     place_of,
+    played,
     press,
     turn_wheel,
     wait,
@@ -137,6 +138,18 @@ def test_an_address_names_the_moment_and_the_robot(browser, one, folder, recordi
     assert complaints(browser) == ([], [])
 
 
+def test_charts_leave_out_robots_that_were_removed_and_those_that_share_a_place(browser, folder):
+    # Oracle: the columns of the score, which leave them out. A robot that was removed loses no messages.
+    fields = {"robot.count": 6, "formation.alpha": 2, "faults.removed": ((0, 1.0),), "faults.schedule": ()}
+    recording = played("failure", "kuramoto", **fields, **{"task.duration": 3.0})
+    run = opened(browser, folder, Replay(recording).html())
+    charts = dict(run("return replay.charts.map(({ chart }) => [chart.id, chart.series.map((s) => [...s.values])])"))
+    largest = np.nanmax(np.abs(np.array(charts["phases"], float)))
+    assert largest == pytest.approx(recording.score["phase_error"], abs=1e-3)
+    assert 0 < min(charts["collisions"][1]) - recording.score["min_separation"] < 0.1
+    assert not run("return replay.episodes[0].losesMessages")
+
+
 def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
     # Oracle: the missed rogue, and the colour of the page's own legend at the rogue's place.
     scenario = lissajous_env.scenario("evaders", **{"task.duration": 8.0})
@@ -241,15 +254,10 @@ def test_nothing_of_a_hostile_recording_is_run(browser, folder, recording):
 def test_a_scaled_episode_looks_the_same(browser, folder, recording):
     # Oracle: the picture of the episode that was not scaled; factors that are powers of two change no rounding.
     length, duration = 0.125, 4.0
-    places = {name: getattr(recording, name) * np.float32(length) for name in ("position", "target_position")}
-    scaled = dataclasses.replace(
-        recording,
-        scenario=recording.scenario.scaled(length, duration),
-        speed=recording.speed * length / duration,
-        **places,
-    )
+    fields = {name: getattr(recording, name) * np.float32(length) for name in ("position", "target_position")}
+    fields |= {"speed": recording.speed * length / duration, "scenario": recording.scenario.scaled(length, duration)}
     pictures = []
-    for episode, factor in ((recording, 1), (scaled, duration)):
+    for episode, factor in ((recording, 1), (dataclasses.replace(recording, **fields), duration)):
         run = opened(browser, folder, Replay(episode).html())
         run(f"replay.select(2); replay.player.seek({4.2 * factor})")
         press(browser, "]")

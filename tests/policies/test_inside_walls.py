@@ -15,6 +15,7 @@ from baselines.policies.partition_plan import PartitionParameters, partition_pla
 
 HALL = Request(width=40, height=25, robots=5, robot_radius=0.5, sensor_radius=6, speed=1.5, turning_radius=2,
                rogue_speed=1.0).scenario_of(5)  # fmt: skip
+REMOVING = {"task.boundary": "remove", "curve.inset": 0.3}
 
 
 def play(policy, scenario, worlds, steps=None):
@@ -149,6 +150,8 @@ def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
     ("evaders-walls", "partition-repair", {"faults.removed": ((0, 6.0),)}, 4.2),
     (HALL, "line-abreast", {"task.boundary": "remove", "task.duration": 60.0}, None),  # 4 of 5 cars left the hall
     (HALL, "partition", {"task.boundary": "remove", "task.duration": 60.0}, None),
+    ("intruders", "kuramoto-mpcc-proved", REMOVING, None),  # all cars had left the rectangle after 7 s
+    ("intruders", "sweep", {**REMOVING, "robot.kind": "differential"}, None),  # three of five
 ])  # fmt: skip
 def test_cars_within_walls_or_an_edge_that_removes_them_have_no_collisions(name, policy, fields, longest):
     """Oracle: the simulated collisions, contacts, places and worst case, also after neighbours take over a cell."""

@@ -76,8 +76,9 @@ def test_a_turn_comes_back_into_its_lane(curvature):
 
 def test_cars_can_drive_the_turns_of_a_short_sweep():
     """Oracle: their tightest circle. A sweep of two whole steps is slower than the cars, which turn less in a step."""
-    small = {"curve.half_width": 0.25, "curve.half_height": 0.2, "robot.radius": 0.01, "robot.wheelbase": 0.3}
-    scenario = lissajous_env.scenario("intruders", **small, **{"task.step": 0.25, "sensing.radius": 0.3}).resolve()
+    small = {"curve.half_width": 0.25, "curve.half_height": 0.2, "robot.radius": 0.01, "robot.wheelbase": 0.05}
+    small |= {"robot.lateral_acceleration_max": 100.0, "task.step": 0.25, "sensing.radius": 0.3}
+    scenario = lissajous_env.scenario("intruders", **small).resolve()
     (plan,), _ = lines_of(scenario, LineParameters(speed=2.0), 1)
     assert np.abs(np.diff(plan.path[:, 2])).max() <= plan.speed * scenario.task.step / scenario.turning_radius
 
@@ -100,7 +101,7 @@ def test_lines_share_the_span():
     ({"robot.count": 9, "lines": 2}, "2 lines of 9 cars .*: the cars of a line would be 1.2 m apart instead of"),
     ({"robot.count": 12, "lines": 2, "robot.radius": 0.2}, "pass each other at 0.436 m, and need 0.6 m"),
     ({"task.boundary": "wall"}, "half circles of 0.5.* m, so the outermost would be 1.2.* m from its wall"),
-    ({"task.boundary": "wall", "robot.wheelbase": 2.7}, "turns of 8.06 m do not fit .* m inside of walls 4.8 m"),
+    ({"task.boundary": "wall", "robot.wheelbase": 2.7}, "turns of 8.06 m do not fit .* m inside of sides 4.8 m"),
     ({"robot.radius": 0.49}, "bodies 0.98 m"), ({"lines": 6}, "fewer cars than lines"),
     ({"robot.speed_max": 0.1, "noise.drive_spread": 0.1}, "slowest car"),
     ({"task.boundary": "wall", "sensing.radius": 1.5}, "requires a start that .* robots know .* got rotated and 0.02"),
@@ -145,12 +146,16 @@ def test_all_starts_have_the_same_guarantee_and_no_cars_collide():
     assert np.ptp(policy.variant.numpy(), axis=1).max() <= 1, "a team takes the ways of one angle"
 
 
-def test_uneven_cars_keep_the_line():
+UNEVEN = {"noise.wheelbase_spread": 0.02, "noise.drive_spread": 0.02, "formation.start": "equilibrium"}
+LITTLE_GRIP = {"robot.lateral_acceleration_max": 0.9, "formation.phase_rate": 0.1, "sensing.radius": 1.0}
+
+
+@pytest.mark.parametrize(("fields", "speed"), [(UNEVEN, None), ({}, 1.4), (LITTLE_GRIP, None)])
+def test_cars_form_the_line_and_keep_it(fields, speed):
     """Oracle: the places of the tables, from the moment on at which the lines are to have formed."""
-    uneven = {"noise.wheelbase_spread": 0.02, "noise.drive_spread": 0.02, "formation.start": "equilibrium"}
-    scenario = lissajous_env.scenario("intruders", **uneven)
-    policy, simulation = LineAbreast(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=2)
-    missed = []
+    scenario = lissajous_env.scenario("intruders", **fields)
+    policy = LineAbreast(scenario, 32, parameters=LineParameters(speed=speed))
+    simulation, missed = lissajous_env.Simulation(scenario, 32, seed=2), []
     for step in range(policy.tables.lead_in_steps + 100):
         simulation.step(policy.act(simulation.observation))
         places = policy.tables.places(step + 1)[:, :, -1]

@@ -109,7 +109,8 @@ def test_a_coordinator_in_warp_alone():
 
 @pytest.mark.parametrize(("rates", "words"), [
     (lambda rows: rows.phase[0], r"rates of Wrong must have shape \(2, 5\), got \(5,\)"),
-    (lambda rows: np.full((2, 5), np.nan), r"rates of Wrong must be finite \[rad/s\], got nan for robot_0 in"),
+    (lambda rows: [[0.0] * 5, [0.0, np.nan] * 2 + [1.0]], r"must be finite \[rad/s\], got nan for robot_1 in world 1"),
+    (lambda rows: np.full((2, 5), 1e39), r"rates of Wrong must be finite \[rad/s\], got inf for robot_0 in"),
     (lambda rows: "fast", "rates of Wrong must contain real numbers"),
 ])  # fmt: skip
 def test_rates_that_are_none(rates, words):

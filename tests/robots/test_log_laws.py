@@ -105,8 +105,7 @@ def differences(one, other):
 
 
 def compare(folder, story, *bags, **how):
-    wanted, got = scored(folder, list(story.messages())), scored(folder, *bags, **how)
-    assert differences(wanted.rows[0], got.rows[0]) == []
+    assert differences(scored(folder, list(story.messages())).rows[0], scored(folder, *bags, **how).rows[0]) == []
 
 
 def other_clocks(folder, story):
@@ -120,15 +119,13 @@ def poses_that_are_recorded_late_or_in_bursts(folder, story):
     burst = random.choice([0.0, 0.3, 1.5])
     for sample in story.samples[len(story.samples) // 3 :]:  # robots stop, and noise makes ways in any order longer
         sample.x, sample.y = random.normal([1.8 * sample.robot - 0.9, 0.0], 0.005).tolist()
+    # The status is recorded on a clock that the poses give only roughly, so it is left out on both sides.
+    poses = [record for record in story.messages() if "odom" in record[0]]
     late = [
         (topic, message, time + random.uniform(0, 0.2) if not burst else math.ceil(time / burst) * burst)
-        if "odom" in topic else (topic, message, time)
-        for topic, message, time in story.messages()
-    ]  # fmt: skip
-    # The status is recorded on a clock that the poses give only roughly, so it is left out on both sides.
-    late = [record for record in late if "odom" in record[0]]
-    wanted = scored(folder, [record for record in story.messages() if "odom" in record[0]])
-    assert differences(wanted.rows[0], scored(folder, late).rows[0]) == []
+        for topic, message, time in poses
+    ]
+    assert differences(scored(folder, poses).rows[0], scored(folder, late).rows[0]) == []
 
 
 def stamps_that_are_doubled_or_moved_by_microseconds(folder, story):

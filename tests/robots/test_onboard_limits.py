@@ -170,6 +170,8 @@ def test_the_limits_let_the_shipped_robots_drive(name):
 
 def test_input_of_another_type_is_refused_by_name():
     bad = {"robots": [(1.0, 2.0)], "targets": "none", "heard": [3], "odometry": POSE._replace(x="left")}
-    for (name, value), rule in zip(bad.items(), ("rows of 4", "rows of 2", "have messages", "have five"), strict=True):
+    for (name, value), rule in zip(
+        bad.items(), ("rows of 4", "real number", "have messages", "have five"), strict=True
+    ):
         with pytest.raises(ValueError, match=f"{name} must .*{rule}.* got"):
             Robot().onboard.act(0.1, **{"odometry": POSE, name: value})

@@ -24,9 +24,7 @@ CELL = """
 import copy, multiprocessing
 import numpy as np
 import baselines, lissajous_env
-
 FACTOR = 2.0
-
 @lissajous_env.reward_term(weight=-0.5)
 def near_wall(world):
     return abs(world.robots.position[..., 0]) * FACTOR
@@ -45,8 +43,7 @@ class Slowly(baselines.Policy):
 def play(scenario, policy):
     rows = lissajous_env.evaluate(policy, scenario, seeds=[3])
     return [row.get(name, 0.0) for row in rows for name in ("return_mean", "detection_time_mean")]
-
-short = {"task.duration": 1.0, "targets.count": 2, "targets.entry": "inside", "targets.arrival_rate": 0.0}
+short = {"task.duration": 4.0, "targets.count": 40, "targets.arrival_rate": 0.0, "sensing.radius": 0.3}
 extended = lissajous_env.scenario("experiment", **short, extensions=[near_wall])
 haunted = lissajous_env.scenario("experiment", **short, rogues="to-the-right")
 tasks = [(scenario, baselines.make("slowly", scenario)) for scenario in (extended, haunted)]
@@ -54,11 +51,16 @@ expected = [play(*task) for task in tasks]
 assert copy.deepcopy(extended) == extended
 """
 
-POOL = """
-from concurrent.futures import ProcessPoolExecutor
+POOL = """from concurrent.futures import ProcessPoolExecutor
 with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
     rows = [pool.submit(lissajous_env.evaluate, policy, made, [3]).result()[0] for made, policy in tasks]
+    assert pool.submit(lissajous_env.Scenario.digest, extended).result() == extended.digest()
+    sys.ps1 = "In : "  # the cell of the rogue is edited and run again, while the other process lives on
+    lissajous_env.rogue("to-the-right")(lambda rows: -decide(rows))
+    rows.append(pool.submit(lissajous_env.evaluate, tasks[1][1], haunted, [3]).result()[0])
+expected.append(play(*tasks[1]))
 assert [row["return_mean"] for row in rows] == [first for first, *_ in expected]
+assert expected[1] != expected[2]
 """
 
 

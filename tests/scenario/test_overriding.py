@@ -83,10 +83,11 @@ def test_overrides_wherever_worlds_are_made():
 
 
 def test_overrides_are_literals_words_and_infinity():
-    words = [["curve.a=5", "task.grid=(4, 2)"], ["formation.start=random", "task.duration=inf", "robot.count=None"]]
+    words = [["curve.a=5", "task.grid=(4, 2)"], ["formation.start=random", "task.duration=inf"]]
+    words.append(["robot.count=None", "robot.kind=ñandú"])
     assert parse_overrides(words) == {
         "curve.a": 5, "task.grid": (4, 2), "formation.start": "random", "task.duration": float("inf"),
-        "robot.count": None,
+        "robot.count": None, "robot.kind": "ñandú",
     }  # fmt: skip
     for entry in ("curve.a", "=3"):
         with pytest.raises(ValueError, match="--set must be given as name=value"):

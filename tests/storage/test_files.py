@@ -13,7 +13,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.commands.reproduce import reproduce
 from lissajous_env.storage import files
-from lissajous_env.storage.files import check_writable_file, read_json, replacing, write_atomically
+from lissajous_env.storage.files import check_writable_file, parse_json, read_bytes, replacing, write_atomically
 from lissajous_env.storage.folder import LIST, Folder, Journal
 
 QUIET = Console(quiet=True)
@@ -215,7 +215,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, comm
 def test_json_is_read_strictly(tmp_path, text, words):
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(ValueError, match=rf"a\.json is damaged: .*{words}") as error:
-        read_json(tmp_path / "a.json")
+        parse_json(read_bytes(tmp_path / "a.json", 10**6), tmp_path / "a.json")
     assert len(str(error.value)) < 300 + len(str(tmp_path))
 
 
@@ -229,7 +229,7 @@ def test_what_is_no_plain_file_is_not_read(tmp_path):
         ("pipe", "must be a plain file"), ("bytes", "is damaged"), ("large", "must be at most 99 bytes, got 100"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=words):
-            read_json(tmp_path / name, 99)
+            parse_json(read_bytes(tmp_path / name, 99), tmp_path / name)
 
 
 @pytest.mark.parametrize("line", ['{"a": NaN}', "[1]", "3", 500 * "[" + 500 * "]"])

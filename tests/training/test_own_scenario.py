@@ -133,6 +133,7 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
     # An extension that is given as an object is recorded as in any other process, so that a training resumes there.
     own_settings = settings(overrides={"extensions": [sys.modules["my_extras"].doubled]})
     assert " at 0x" not in str(own_settings.to_dict())
+    assert own_settings.make_validation_scenarios()[0].task.grid == wanted.task.grid, "an extension may read the grid"
     # Story: another process, which has not imported it; a stranger's folder cannot make it.
     monkeypatch.delitem(sys.modules, "my_extras")
     with pytest.raises(ValueError, match="scenario mine uses my_extras:doubled: import my_extras before"):

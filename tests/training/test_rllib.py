@@ -46,9 +46,6 @@ def play(env, seed, steps=300):
     return returned
 
 
-# The environment.
-
-
 def test_agents_and_spaces_are_constant_and_in_order():
     # Oracle: the numbers; twelve robots, of which a sort by letters would put robot_10 before robot_2.
     env = LissajousMultiAgentEnv({"scenario": "swarm", "robot.count": 12, "task.duration": 1.0})
@@ -117,9 +114,6 @@ def test_when_all_robots_are_removed_the_episode_is_terminated():
     assert env.agents == []
 
 
-# The example.
-
-
 def test_the_example_trains_and_its_policy_is_the_mean_of_the_module(one_node):
     # Oracles: weights that change and are finite; RLlib's own deterministic action.
     logging.getLogger("ray.rllib").setLevel(logging.ERROR)
@@ -142,9 +136,6 @@ def test_the_example_trains_and_its_policy_is_the_mean_of_the_module(one_node):
         assert row["targets"] > 0
     finally:
         algorithm.stop()
-
-
-# Two sides.
 
 
 def test_rogues_come_and_go():

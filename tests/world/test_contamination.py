@@ -43,12 +43,6 @@ def standing(radius, grid, duration=20.0, **overrides):
     return lissajous_env.Simulation(scenario)
 
 
-def labels_now(simulation):
-    """(rows, columns) e in control steps of the latest tick; a large number where nobody is."""
-    e = introduced_at(simulation)
-    return np.where(e == int(NEVER), 10**6, e)
-
-
 def advance(simulation, steps):
     for _ in range(steps):
         simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
@@ -72,7 +66,7 @@ def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
     advance(simulation, round(time / 0.1))
     nodes = np.linspace(-5, 5, columns)
     away = np.hypot(nodes, nodes[:, None])
-    reached = labels_now(simulation) < 10**6
+    reached = introduced_at(simulation) < NEVER
     hop = np.sqrt(5) * 10 / (columns - 1)  # the first one is free: the rogue has been there for long
     assert reached[away < 3.0 / 1.028 - 0.3 * hop].all()
     assert not reached[away > 3.0 + hop].any()
@@ -85,7 +79,7 @@ def test_a_cell_that_a_disc_leaves_is_contaminated_from_its_edge():
     assert simulation.contamination.age.numpy()[0] == 50
     row = simulation.score()[0]
     assert row["guaranteed_detection_time"] == row["unseen_at_end"] == pytest.approx(5.0)
-    cells = np.count_nonzero(labels_now(simulation) == 0)
+    cells = np.count_nonzero(introduced_at(simulation) == 0)
     place = simulation.robots.sensor.numpy()[0, 0]
     x, y = np.linspace(-1.8, 1.8, 90), np.linspace(-0.8, 0.8, 40)
     outside = np.hypot(x - place[0], y[:, None] - place[1]) > 0.5
@@ -98,15 +92,19 @@ def test_where_rogues_enter():
     # Story: nobody at the start; rogues come in over the boundary alone, and walk inward.
     overrides = {"targets.count": 0, "targets.entry": "boundary", "targets.speed_limit": 0.2}
     simulation = standing(0.01, (90, 40), **overrides)
-    assert (labels_now(simulation) == 10**6).all()
+    assert (introduced_at(simulation) == NEVER).all()
     advance(simulation, 1)
-    now = labels_now(simulation)
+    now = introduced_at(simulation)
     assert (now[[0, -1]] == 1).all()
     assert (now[:, [0, -1]] == 1).all()
-    assert (now[2:-2, 2:-2] == 10**6).all()
+    assert (now[2:-2, 2:-2] == NEVER).all()
     advance(simulation, 20)  # 0.4 m: ten cells
-    assert labels_now(simulation)[9, 45] < 10**6
-    assert labels_now(simulation)[12, 45] == 10**6
+    assert introduced_at(simulation)[9, 45] < NEVER
+    assert introduced_at(simulation)[12, 45] == NEVER
+    simulation = standing(0.01, (90, 40), **overrides | {"targets.speed_limit": 4.0})  # 0.4 m in the step they enter
+    advance(simulation, 1)
+    assert (introduced_at(simulation)[[8, -9]] == 1).all()
+    assert (introduced_at(simulation)[11:-11, 11:-11] == NEVER).all()
 
 
 def test_without_rogues_there_is_nothing_to_guarantee():

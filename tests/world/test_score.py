@@ -9,6 +9,7 @@ import lissajous_env
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.columns import MEANINGS, NAMES
 from lissajous_env.world.coverage import last_sensed
+from lissajous_env.world.state import WORKING
 
 # The columns as they are promised to who reads the files.
 PROMISED = (
@@ -148,9 +149,9 @@ def test_the_spacing_of_the_formation_is_what_8_says(name, tight):
 @pytest.mark.parametrize("name", ["rough", "failure"])
 def test_way_speed_smoothness_and_what_was_sensed(name):
     # Oracle: NumPy, from the places through each step, the speeds, the actions and the cells. A wild action is limited
-    # first, one that is not finite is zero, and noise on the motors is none of the policy's.
+    # first, one that is not finite is zero, noise is none of the policy's, and that of failed robots counts 0.
     simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **{"noise.actuator": 0.05}), 2, seed=3)
-    rng, actions, way = np.random.default_rng(1), [], np.zeros(2)
+    rng, actions, works, way = np.random.default_rng(1), [], [], np.zeros(2)
     fastest = simulation.robots.speed.numpy().max(axis=1)
     for step in range(30):
         action = rng.uniform(-1.3, 1.3, simulation.action_shape).astype(np.float32)
@@ -158,12 +159,13 @@ def test_way_speed_smoothness_and_what_was_sensed(name):
             action[0, 2] = np.nan
         simulation.step(action)
         actions.append(np.clip(np.where(np.isfinite(action).all(axis=-1, keepdims=True), action, 0), -1, 1))
+        works.append(simulation.robots.status.numpy() == WORKING)
         way += np.linalg.norm(np.diff(simulation.robots.path.numpy(), axis=2), axis=-1).sum(axis=(1, 2))
         fastest = np.maximum(fastest, simulation.robots.speed.numpy().max(axis=1))
     rows = simulation.score()
     assert [row["distance_mean"] for row in rows] == pytest.approx(way / 5, rel=1e-5)
     assert [row["speed_max"] for row in rows] == pytest.approx(fastest)
-    change = (np.diff(actions, axis=0) ** 2).mean(axis=(0, 2, 3))
+    change = (np.array(works)[1:, ..., None] * np.diff(actions, axis=0) ** 2).mean(axis=(0, 2, 3))
     assert [row["smoothness"] for row in rows] == pytest.approx(change, rel=1e-5)
     sensed = (last_sensed(simulation.cells.sensed_at.numpy(), simulation.cells.in_discs.numpy(), [30, 30]) > 0).mean(
         axis=(1, 2)

@@ -29,7 +29,7 @@ from lissajous_env.storage.files import open_plainly, parse_json, undamaged
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import require
 from training.learned.card import ROGUE, Card
-from training.learned.networks import RogueNetwork, TeamNetwork, prefixed, within
+from training.learned.networks import RogueNetwork, TeamNetwork
 
 BEST = "best/"
 """Folder of the checkpoint of the best policy, inside that of the training."""
@@ -70,16 +70,16 @@ def save(
         subfolder: `BEST` for the checkpoint of the best policy, inside the folder.
     """
     parts = {"weights": network.arrays} | ({} if state is None else {"state": state})
-    arrays = {name: array for part, named in parts.items() for name, array in prefixed(part, named).items()}
+    named = {f"{part}.{name}": array for part, arrays in parts.items() for name, array in arrays.items()}
     description = {
         "format": FORMAT,
         "card": vars(card),
         "versions": versions("torch") if "torch" in sys.modules else versions(),
-        "sha256": {part: _digest(named) for part, named in parts.items()},
+        "sha256": {part: _digest(arrays) for part, arrays in parts.items()},
         **(notes or {}),
     }
     metadata = {DESCRIPTION: json.dumps(description, allow_nan=False)}
-    data = to_safetensors({name: np.asarray(array, order="C") for name, array in arrays.items()}, metadata)
+    data = to_safetensors({name: np.asarray(array, order="C") for name, array in named.items()}, metadata)
     with contextlib.nullcontext(folder) if isinstance(folder, Folder) else locked(folder) as directory:
         directory.write(subfolder + FILE, data)
 
@@ -145,8 +145,8 @@ def _opened(folder: str | Path) -> Iterator[tuple[dict[str, Any], Any]]:
 
 def _arrays(file: Any, description: Mapping[str, Any], part: str) -> dict[str, np.ndarray]:
     """Read the arrays of a part, `weights` or `state`, of an opened file."""
-    stored, names = description["sha256"][part], file.keys()
-    arrays = within(part, {name: file.get_tensor(name) for name in names if name.startswith(f"{part}.")})
+    stored, names, start = description["sha256"][part], file.keys(), f"{part}."
+    arrays = {name.removeprefix(start): file.get_tensor(name) for name in names if name.startswith(start)}
     digest = _digest(arrays)
     require(stored == digest, f"SHA-256 of its {part}", f"must be {digest}", stored)
     return arrays
@@ -210,10 +210,10 @@ def scenario_of_card(card: Card) -> Scenario:
     """
     extensions = card.scenario_fields.get("extensions") or ()
     require(isinstance(extensions, (list, tuple)), "extensions of a scenario", "must be a list", extensions)
-    return scenario_of_json(card.scenario_fields, [_brought(entry, card) for entry in extensions])
+    return scenario_of_json(card.scenario_fields, [_extension_of(entry, card) for entry in extensions])
 
 
-def _brought(entry: Any, card: Card) -> Extension:
+def _extension_of(entry: Any, card: Card) -> Extension:
     """Return an extension of a card, whose module the program must have imported."""
     place = entry.get("place") if isinstance(entry, Mapping) else None
     require(isinstance(place, str), "place of an extension", "must be module:name", place)

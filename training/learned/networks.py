@@ -102,33 +102,22 @@ class TeamNetwork(Network):
         """Number of components of an action."""
         return self.arrays["action.bias"].shape[0]
 
-    def __call__(self, seen: Perception) -> np.ndarray:
+    def __call__(self, perception: Perception) -> np.ndarray:
         """Return the outputs (W, N, A)."""
-        own = np.maximum(self._layer("own", seen.own), 0)
-        worlds, robots, count, size = seen.tokens.shape
-        features = np.maximum(self._layer("token", seen.tokens.reshape(worlds, robots * count, size)), 0)
+        own = np.maximum(self._layer("own", perception.own), 0)
+        worlds, robots, count, size = perception.tokens.shape
+        features = np.maximum(self._layer("token", perception.tokens.reshape(worlds, robots * count, size)), 0)
         features = features.reshape(worlds, robots, count, -1)
         if "query.weight" in self.arrays:
             query = self._layer("query", own).reshape(worlds, robots, -1, features.shape[-1])
-            score = query @ features.swapaxes(2, 3) + (seen.present[:, :, None] - 1) * np.float32(ABSENT)
+            score = query @ features.swapaxes(2, 3) + (perception.present[:, :, None] - 1) * np.float32(ABSENT)
             weight = np.exp(score - score.max(axis=-1, keepdims=True))
-            weight = weight / weight.sum(axis=-1, keepdims=True) * seen.present[:, :, None]
+            weight = weight / weight.sum(axis=-1, keepdims=True) * perception.present[:, :, None]
             pooled = (weight @ features).reshape(worlds, robots, -1)
         else:
-            pooled = (features * seen.present[..., None]).mean(axis=2)
+            pooled = (features * perception.present[..., None]).mean(axis=2)
         hidden = np.maximum(self._layer("trunk", np.concatenate([own, pooled], axis=-1)), 0)
         return self._layer("action", np.maximum(self._layer("last", hidden), 0))
-
-
-def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return arrays with the name of their set before their own names."""
-    return {f"{part}.{name}": array for name, array in arrays.items()}
-
-
-def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the arrays of one set, without the name of the set."""
-    start = f"{part}."
-    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
 def _numbers(name: str, array: np.ndarray) -> np.ndarray:

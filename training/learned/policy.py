@@ -102,10 +102,10 @@ class LearnedTeam(Policy):
         """Return the actions; entries of rows are clipped to [-10, 10], for rows far outside of their ranges."""
         observation = observation.clip(-10.0, 10.0)
         of_base = None if self.base is None else base_action(self.base, observation)
-        seen = perceive(observation, self.scenario, of_base)
-        outputs = self.network(seen)
+        perception = perceive(observation, self.scenario, of_base)
+        outputs = self.network(perception)
         if of_base is not None:
-            outputs[..., :2] += seen.own[..., BASE][..., : outputs.shape[-1]]
+            outputs[..., :2] += perception.own[..., BASE][..., : outputs.shape[-1]]
         action = np.zeros(self.action.shape, np.float32)
         action[..., : outputs.shape[-1]] = actions_of(outputs, observation, self.scenario)
         return action

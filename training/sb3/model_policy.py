@@ -17,7 +17,6 @@ For the command line, `lissajous evaluate experiment my_module:my_policy` where 
 from typing import Any
 
 import numpy as np
-import warp as wp
 from gymnasium.spaces import Box
 
 from baselines.policies.base import Policy
@@ -44,8 +43,6 @@ class ModelPolicy(Policy):
     Raises:
         ValueError: not a model, or its spaces do not fit the scenario.
     """
-
-    arrays = "warp"
 
     def __init__(
         self,
@@ -81,14 +78,13 @@ class ModelPolicy(Policy):
         """Reset the state of the masked worlds."""
         self._begins[mask] = True
 
-    def decide(self, observation: wp.array) -> None:
-        """Write `action`."""
-        rows = observation.numpy().reshape(-1, *self.model.observation_space.shape)
+    def decide(self, observation: np.ndarray) -> np.ndarray:
+        """Return the actions."""
+        rows = observation.reshape(-1, *self.model.observation_space.shape)
         if self.normalizer is not None:
             rows = self.normalizer.normalize_obs(rows)
         outputs, self._state = self.model.predict(
             rows, state=self._state, episode_start=self._begins.reshape(-1), deterministic=self.deterministic
         )
         self._begins[:] = False
-        chosen = outputs if self._table is None else self._table[outputs]
-        self.action.assign(np.asarray(chosen, dtype=np.float32).reshape(self.action.shape))
+        return np.reshape(outputs if self._table is None else self._table[outputs], self.action.shape)

@@ -31,7 +31,6 @@ from torchrl.envs import EnvBase
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.envs.batch import Batch
 from lissajous_env.world import columns
-from lissajous_env.world.selection import drawn_seeds
 
 ROBOTS = "robot"
 
@@ -75,12 +74,11 @@ class LissajousTorchEnv(EnvBase):
         state: bool = False, threads: int | None = None, **overrides: Any,
     ):  # fmt: skip
         settings: dict[str, Any] = {"num_groups": num_groups, "discrete_actions": discrete_actions, "threads": threads}
-        self.batch = Batch(scenario, num_worlds, device=str(device), overrides=overrides, **settings)
+        self.batch = Batch(scenario, num_worlds, device=str(device), seed=seed, overrides=overrides, **settings)
         super().__init__(device=wp.device_to_torch(self.batch.simulation.device), batch_size=(num_worlds,))
         self.group_map = {side.agent: list(side.names) for side in self.batch.sides}
         self._with_state = state
         self._declare()
-        self._set_seed(seed)
 
     @property
     def scenarios(self) -> list[Scenario]:
@@ -91,40 +89,41 @@ class LissajousTorchEnv(EnvBase):
         """Set the specs."""
         device, world, batch = self.device, self.batch_size, self.batch
 
-        def numbers(shape: torch.Size, names: Any) -> Composite:
-            return Composite(
-                {name: Unbounded(torch.Size((*shape, 1)), device) for name in names}, shape=shape, device=device
-            )
+        def composite(entries: dict[str, Any], *shape: int) -> Composite:
+            return Composite(entries, shape=torch.Size((*world, *shape)), device=device)
 
-        def flags(shape: torch.Size) -> dict[str, Any]:
-            names = ("done", "terminated", "truncated")
-            return {name: Categorical(2, torch.Size((*shape, 1)), device, torch.bool) for name in names}
+        def numbers(names: Any, *shape: int) -> Composite:
+            return composite({name: Unbounded(torch.Size((*world, *shape, 1)), device) for name in names}, *shape)
 
-        observed: dict[str, Any] = {"score": numbers(world, SCORES)}
+        def flag(*shape: int) -> Categorical:
+            return Categorical(2, torch.Size((*world, *shape, 1)), device, torch.bool)
+
+        ends = "done", "terminated", "truncated"
+        observed: dict[str, Any] = {"score": numbers(SCORES)}
         if self._with_state:
             observed["state"] = Unbounded(batch.state(torch).shape, device)
-        acted, rewarded, ended = {}, {}, flags(world)
+        acted, rewarded = {}, {}
+        ended: dict[str, Any] = {name: flag() for name in ends}
         for side in batch.sides:
-            team = torch.Size((*world, side.slots))
+            slots, team = side.slots, torch.Size((*world, side.slots))
             low, high = (torch.as_tensor(end).expand(*team, -1) for end in (side.layout.low, side.layout.high))
             entries: dict[str, Any] = {"observation": Bounded(low, high, device=device, dtype=torch.float32)}
-            entries["mask"] = Categorical(2, torch.Size((*team, 1)), device, torch.bool)
+            entries["mask"] = flag(slots)
             if side.is_robots:
-                entries["info"] = numbers(team, [f"reward_{name}" for name in batch.simulation.reward_term_names])
+                entries["info"] = numbers([f"reward_{name}" for name in batch.simulation.reward_term_names], slots)
             action: Any = Bounded(-1.0, 1.0, torch.Size((*team, side.action_size)), device, torch.float32)
             if side.table is not None:
                 action = Categorical(len(side.table), team, device, torch.int64)
-            observed[side.agent] = Composite(entries, shape=team, device=device)
-            acted[side.agent] = Composite({"action": action}, shape=team, device=device)
-            rewarded[side.agent] = numbers(team, ["reward"])
-            ended[side.agent] = Composite(flags(team), shape=team, device=device)
-        self.observation_spec, self.action_spec, self.reward_spec, self.done_spec = (
-            Composite(specs, shape=world, device=device) for specs in (observed, acted, rewarded, ended)
-        )
+            observed[side.agent] = composite(entries, slots)
+            acted[side.agent] = composite({"action": action}, slots)
+            rewarded[side.agent] = numbers(["reward"], slots)
+            ended[side.agent] = composite({name: flag(slots) for name in ends}, slots)
+        self.observation_spec, self.action_spec = composite(observed), composite(acted)
+        self.reward_spec, self.done_spec = composite(rewarded), composite(ended)
 
     def _set_seed(self, seed: int | None) -> None:
         """Seed the next episodes, as the argument `seed`; later seeds are drawn from it."""
-        self.batch.seed(int(drawn_seeds(1)[0]) if seed is None else seed)
+        self.batch.seed(seed)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)

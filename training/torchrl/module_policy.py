@@ -37,7 +37,7 @@ class ModulePolicy(Policy):
         ValueError: the module is not callable, or its actions have another shape.
     """
 
-    arrays = "warp"
+    arrays = "torch"
 
     def __init__(
         self, module: Any, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", *,
@@ -47,19 +47,13 @@ class ModulePolicy(Policy):
         require(callable(module), "module", "must be callable with a TensorDict", module)
         self.module, self.kind, self.name = module, self.scenario.robot.kind, type(module).__name__
         self._exploration = ExplorationType.DETERMINISTIC if deterministic else ExplorationType.RANDOM
-        self._torch_device = wp.device_to_torch(self.device)
-        self._table = torch.as_tensor(action_table(self.scenario), device=self._torch_device)
+        self._table = torch.as_tensor(action_table(self.scenario), device=wp.device_to_torch(self.device))
 
-    def decide(self, observation: wp.array) -> None:
-        """Write `action`."""
-        with self._on_torch_stream(wp.to_torch(observation)), torch.no_grad(), set_exploration_type(self._exploration):
-            # A copy, because the module may store it, and the next step overwrites the array.
-            rows = TensorDict({"observation": wp.to_torch(observation).clone()}, self.shape)
-            outputs: Any = self.module(TensorDict({ROBOTS: rows}, self.shape[:1], device=self._torch_device))
-            action = outputs[ROBOTS, "action"]
-            if not action.is_floating_point() and tuple(action.shape) == self.shape:
-                action = self._table[action]
-            if tuple(action.shape) != self.action.shape:
-                wanted = f"{tuple(self.action.shape)}, or whole numbers of shape {self.shape}"
-                raise ValueError(f"action of {self.name} must have shape {wanted}, got {tuple(action.shape)}")
-            wp.to_torch(self.action).copy_(action)
+    def decide(self, observation: torch.Tensor) -> torch.Tensor:
+        """Return the actions."""
+        with torch.no_grad(), set_exploration_type(self._exploration):
+            rows = TensorDict({"observation": observation}, self.shape)
+            outputs: Any = self.module(TensorDict({ROBOTS: rows}, self.shape[:1], device=self._table.device))
+        action = outputs[ROBOTS, "action"]
+        is_index = not action.is_floating_point() and tuple(action.shape) == self.shape
+        return self._table[action] if is_index else action

@@ -130,7 +130,8 @@ def terms_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cp
     decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
     error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * largest_speed_change(scenario))
     terms.speed_error = parameters.deviations * noise.speed + error
-    room, body = (1.0, robot.radius) if task.boundary == "wall" else (_IN_RANGE, 0.0)
+    room = _IN_RANGE if task.boundary == "open" else 1.0
+    body = {"open": 0.0, "wall": robot.radius, "remove": -robot.radius}[task.boundary]
     terms.half_width, terms.half_height = room * curve.half_width - body, room * curve.half_height - body
     terms.message_loss = noise.message_loss**parameters.repeats
     terms.chord = (task.step / task.substeps) ** 2 / 8
@@ -141,7 +142,7 @@ def terms_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cp
     elif noise.actuator > 0:
         terms.num_tails = 4  # a straight tail is the narrowest, because it does not depend on the wheelbase
     else:  # tails that turn cross a smaller area, and end farther from the wall ahead
-        terms.num_tails = 3 if any(stops_of(scenario)) or task.boundary == "wall" else 1
+        terms.num_tails = 3 if any(stops_of(scenario)) or task.boundary != "open" else 1
     terms.robot, terms.noise = to_struct(RobotStruct, robot), to_struct(NoiseStruct, noise)
     terms.walls = walls_of(scenario) if Inside.suits(scenario) else Walls()
     terms.widest = wp.array(widest_of(scenario), dtype=wp.vec4, device=device)

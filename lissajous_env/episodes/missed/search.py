@@ -15,8 +15,10 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.discs import in_discs
 from lissajous_env.episodes.missed.played import Path, PlayedEpisode, crossing_steps
 from lissajous_env.world.robots.contacts import closest_approach
+from lissajous_env.world.state import NOWHERE
 
 wp.set_module_options(OPTIONS)
 
@@ -38,9 +40,7 @@ class Lattice:
     """A lattice over the rectangle of an episode with T steps, N robots and S sub-steps."""
 
     path: wp.array3d(dtype=wp.vec2)
-    """(T + 1, N, S + 1) positions of the robots through the step that led to a moment [m]."""
-    works: wp.array2d(dtype=wp.bool)
-    """(T + 1, N) robots that sense in that step."""
+    """(T + 1, N, S + 1) positions of the robots through the step that led to a moment [m], NOWHERE without sensing."""
     radius: float
     """Sensing radius, with a margin for rounding [m]."""
     half: wp.vec2
@@ -70,8 +70,6 @@ def is_undetected(start: wp.vec2, end: wp.vec2, first: int, last: int, lattice: 
         if wp.length_sq(lattice.middle[i] - end) > lattice.near[i] * lattice.near[i]:
             continue
         for step in range(first + 1, last + 1):
-            if not lattice.works[step, i]:
-                continue
             for s in range(pieces):
                 share = float((step - first - 1) * pieces + s)
                 before = wp.lerp(start, end, share / count) - lattice.path[step, i, s]
@@ -86,19 +84,9 @@ def is_sensed(place: wp.vec2, step: int, lattice: Lattice) -> bool:
     """Return whether a disc senses a position at the end of a step."""
     last = lattice.path.shape[2] - 1
     for i in range(lattice.path.shape[1]):
-        away = lattice.path[step, i, last] - place
-        if lattice.works[step, i] and wp.length_sq(away) < lattice.radius * lattice.radius:
+        if wp.length_sq(lattice.path[step, i, last] - place) < lattice.radius * lattice.radius:
             return True
     return False
-
-
-@wp.kernel
-def appear(step: int, on_edges: bool, lattice: Lattice, nodes_out: wp.array2d(dtype=wp.bool)):
-    """Mark the nodes at which a rogue can appear undetected at the end of a step."""
-    row, column = wp.tid()
-    is_inside = row > 0 and column > 0 and row < nodes_out.shape[0] - 1 and column < nodes_out.shape[1] - 1
-    if not (on_edges and is_inside):
-        nodes_out[row, column] = not is_sensed(place_of(row, column, lattice), step, lattice)
 
 
 @wp.kernel
@@ -206,20 +194,18 @@ class _Search:
         """Control steps of a move."""
         if self.moved > 0:
             self.period = min(math.ceil(least * self.spacing.max() / self.moved), scenario.task.steps)
-        self.moves = {steps: self._moves(steps) for steps in range(1, self.period + 1)}
-        """Moves (H, 2) of some control steps, in columns and rows."""
         self.lattice = Lattice()
-        self.lattice.path = wp.array(played.path, dtype=wp.vec2)
-        self.lattice.works = wp.array(played.works, dtype=wp.bool)
+        self.lattice.path = wp.array(np.where(played.works[..., None, None], played.path, NOWHERE), dtype=wp.vec2)
         self.lattice.half, self.lattice.spacing = wp.vec2(*self.half), wp.vec2(*self.spacing)
         self.lattice.radius = scenario.sensing_radius + _MARGIN * (self.half.sum() + scenario.sensing_radius)
 
     def path(self, since: int) -> Path | None:
         """Return the longest path of a rogue that appears at the end of step `since`; None if none is undetected."""
-        lattice, played = self.lattice, self.played
-        marked, on_edges = wp.zeros(self.shape, dtype=wp.bool), played.scenario.targets.entry == "boundary"
-        wp.launch(appear, dim=self.shape, inputs=[since, on_edges, lattice, marked])
-        nodes = marked.numpy()
+        played = self.played
+        x, y = (np.linspace(-half, half, count) for half, count in zip(self.half, self.shape[::-1], strict=True))
+        nodes = ~in_discs(x, y, played.path[since, played.works[since], -1][:, None], self.lattice.radius)[0]
+        if played.scenario.targets.entry == "boundary":
+            nodes[1:-1, 1:-1] = False
         if not nodes.any():
             return None
         ends, reached, steps = [since], [np.packbits(nodes, axis=1)], self.period
@@ -242,7 +228,7 @@ class _Search:
         middle = (path.max(axis=(0, 2)) + path.min(axis=(0, 2))) / 2
         away = np.linalg.norm(path - middle[:, None], axis=-1).max(axis=(0, 2))
         longest = (1 + _ROUNDING) * (last - first) * self.moved
-        self.lattice.moves = wp.array(self.moves[last - first], dtype=wp.vec2i)
+        self.lattice.moves = wp.array(self._moves(last - first), dtype=wp.vec2i)
         self.lattice.middle = wp.array(middle, dtype=wp.vec2)
         self.lattice.near = wp.array(away + longest + 1.001 * self.lattice.radius, dtype=float)
         moves, before = wp.zeros(self.shape, dtype=wp.int16), wp.array(nodes, dtype=wp.bool)
@@ -262,12 +248,12 @@ class _Search:
         for k in range(len(ends) - 1, 0, -1):
             column, row = path[-1].tolist()
             number = self._first_moves(ends[k - 1], ends[k], nodes_of(k - 1), (row, column), (1, 1))[row, column]
-            path.append(path[-1] - self.moves[ends[k] - ends[k - 1]][number - 1])
+            path.append(path[-1] - self._moves(ends[k] - ends[k - 1])[number - 1])
         places, steps = np.array(path[::-1]) * self.spacing - self.half, np.arange(ends[0], ends[-1] + 1)
         return Path(ends[0], np.stack([np.interp(steps, ends, places[:, axis]) for axis in range(2)], axis=1))
 
     def _moves(self, steps: int) -> np.ndarray:
-        """Return the moves (H, 2): that of length 0, and those of about the distance of some steps."""
+        """Return moves (H, 2) [columns and rows]: that of length 0, and those of about the distance of some steps."""
         reach = steps * self.moved * (1 + _ROUNDING)
         columns, rows = (np.arange(-most, most + 1) for most in (reach / self.spacing).astype(int))
         moves = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)

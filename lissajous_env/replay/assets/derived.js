@@ -1,24 +1,19 @@
 // Quantities derived from an episode for the charts. A row is an array over the moments.
 
-import { REMOVED, turned } from "./episode.js";
+import { turned } from "./episode.js";
 
 const MOST_PAIRS = 20000;
 
-// Deviation of each phase from the equilibrium, rotated to zero mean [rad].
+// Deviation of each phase from the equilibrium, rotated to zero mean [rad]; null for robots that were removed.
 export function deviations(episode) {
   const { count, moments } = episode,
-    phase = episode.robots.phase;
-  const rows = Array.from({ length: count }, () => new Float32Array(moments));
+    rows = Array.from({ length: count }, () => new Array(moments).fill(null));
+  const angle = (i, f) => episode.robots.phase[i * moments + f] - episode.about.equilibrium[i];
   for (let f = 0; f < moments; f++) {
-    let x = 0,
-      y = 0;
-    for (let i = 0; i < count; i++) {
-      const angle = phase[i * moments + f] - episode.about.equilibrium[i];
-      x += Math.cos(angle);
-      y += Math.sin(angle);
-    }
-    const mean = Math.atan2(y, x);
-    for (let i = 0; i < count; i++) rows[i][f] = turned(phase[i * moments + f] - episode.about.equilibrium[i] - mean);
+    const robots = [...rows.keys()].filter((i) => episode.isThere(i, f));
+    const sum = (of) => robots.reduce((total, i) => total + of(angle(i, f)), 0);
+    const mean = Math.atan2(sum(Math.sin), sum(Math.cos));
+    for (const i of robots) rows[i][f] = turned(angle(i, f) - mean);
   }
   return rows;
 }
@@ -30,28 +25,23 @@ function distance(episode, i, j, f) {
   return Math.hypot(x[a] - x[b], y[a] - y[b], z[a] - z[b]);
 }
 
-// Pairs of ring neighbours, each once.
-export function edges(episode) {
-  const ring = episode.about.ring;
-  if (ring.length < 2) return [];
-  return ring.length === 2 ? [[ring[0], ring[1]]] : ring.map((robot, k) => [robot, ring[(k + 1) % ring.length]]);
-}
-
+// Distances of the neighbours on the ring, null if one was removed.
 export function ringDistances(episode) {
-  return edges(episode).map(([i, j]) => Float32Array.from(episode.x, (_, f) => distance(episode, i, j, f)));
+  const between = (i, j, f) => (episode.isThere(i, f) && episode.isThere(j, f) ? distance(episode, i, j, f) : null);
+  return episode.about.links.map(([i, j]) => Array.from(episode.x, (_, f) => between(i, j, f)));
 }
 
-// Smallest distance of any two robots; null for crowds, which would take too long.
+// Smallest distance of any two robots that do not share a place of the formation; null for crowds, which would take too long.
 export function separations(episode) {
-  const { count, moments } = episode,
-    status = episode.robots.status;
+  const { count } = episode,
+    { places } = episode.about;
   if (count < 2 || (count * (count - 1)) / 2 > MOST_PAIRS) return null;
   return Array.from(episode.x, (_, f) => {
     let least = Infinity;
     for (let i = 1; i < count; i++) {
-      if (status[i * moments + f] === REMOVED) continue;
+      if (!episode.isThere(i, f)) continue;
       for (let j = 0; j < i; j++) {
-        if (status[j * moments + f] !== REMOVED) least = Math.min(least, distance(episode, i, j, f));
+        if (episode.isThere(j, f) && places[i] !== places[j]) least = Math.min(least, distance(episode, i, j, f));
       }
     }
     return least === Infinity ? null : least;

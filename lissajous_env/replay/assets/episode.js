@@ -21,7 +21,7 @@ export class Episode {
     this.count = robots.count;
     this.x = Float64Array.from({ length: raw.moments }, (_, f) => f * this.step);
     this.events = eventsOf(this);
-    this.losesMessages = losesMessages(this);
+    this.losesMessages = about.links.some(([i, j]) => this.x.some((_, f) => this.isCut(i, j, f)));
     this.hasSightings = targets.count > 0 && (!about.leave || about.sight > about.sensing);
   }
 
@@ -39,6 +39,11 @@ export class Episode {
     return share > 0 && moment + 1 < this.moments ? value + share * way(values[first + 1] - value) : value;
   }
 
+  // Return true if a robot is not removed.
+  isThere(robot, moment) {
+    return this.robots.status[robot * this.moments + moment] !== REMOVED;
+  }
+
   // Return true if a message of the neighbour on a side (0, 1) was due since the moment before, but none arrived.
   isLost(robot, side, moment) {
     const { neighbours, delay } = this.about,
@@ -47,8 +52,9 @@ export class Episode {
     return this.robots.silent[(2 * robot + side) * this.moments + moment] > delay + every - 1;
   }
 
-  // Return true if a message between two ring neighbours, in either direction, was lost.
+  // Return true if a message between two ring neighbours, in either direction, was lost; removed robots send none.
   isCut(i, j, moment) {
+    if (!this.isThere(i, moment) || !this.isThere(j, moment)) return false;
     const lost = (of, from) =>
       [0, 1].some((side) => this.about.neighbours[of][side] === from && this.isLost(of, side, moment));
     return lost(i, j) || lost(j, i);
@@ -58,13 +64,6 @@ export class Episode {
 // An angle in [-pi, pi).
 export function turned(angle) {
   return angle - TURN * Math.floor((angle + Math.PI) / TURN);
-}
-
-function losesMessages(episode) {
-  for (let f = 0; f < episode.moments; f++) {
-    for (let i = 0; i < episode.count; i++) if (episode.isLost(i, 0, f) || episode.isLost(i, 1, f)) return true;
-  }
-  return false;
 }
 
 // Events: [{kind, time, until, robots, words}], by time.
@@ -107,10 +106,10 @@ function eventsOf(episode) {
 }
 
 // Return the event of a rogue.
-function rogueEvent({ steps, until, detected }, step) {
-  const words = `the rogue that this policy misses: undetected for ${number((until - steps[0]) * step)} s`;
+function rogueEvent({ begin, until, detected }, step) {
+  const words = `the rogue that this policy misses: undetected for ${number((until - begin) * step)} s`;
   const ends = detected ? `, then detected at ${number(until * step)} s` : ", until the end";
-  return { kind: "rogue", time: steps[0] * step, until: until * step, robots: [], words: words + ends };
+  return { kind: "rogue", time: begin * step, until: until * step, robots: [], words: words + ends };
 }
 
 // Decode all arrays in the data of lissajous_env/replay/contents.py.

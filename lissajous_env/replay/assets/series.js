@@ -1,7 +1,7 @@
 // The charts of an episode and their lines.
 
 import { ROBOT_COLOURS, robotColour } from "./colours.js";
-import { detections, deviations, edges, inSight, returns, ringDistances, separations } from "./derived.js";
+import { detections, deviations, inSight, returns, ringDistances, separations } from "./derived.js";
 
 const MOST_LINES = 40;
 
@@ -9,7 +9,7 @@ const MOST_LINES = 40;
 // least, most, stepped, summary}].
 export function chartsOf(episode) {
   const charts = [];
-  if (episode.raw.curve.length > 0 && episode.about.ring.length > 1) charts.push(phases(episode), distances(episode));
+  if (episode.raw.curve.length > 0 && episode.about.links.length > 0) charts.push(phases(episode), distances(episode));
   if (episode.hasSightings) charts.push(sightings(episode));
   if (episode.targets.count > 0) charts.push(seen(episode));
   if (episode.ground.age) charts.push(ages(episode, "Undetected time", "age", "unseen"));
@@ -23,9 +23,8 @@ function phases(episode) {
 }
 
 function distances(episode) {
-  const { sensing, radius } = episode.about,
-    pairs = edges(episode);
-  const series = ofEach(ringDistances(episode), (k) => pairs[k][0], (k) => pairs[k].join("–"));
+  const { sensing, radius, links } = episode.about;
+  const series = ofEach(ringDistances(episode), (k) => links[k][0], (k) => links[k].join("–"));
   const bounds = [
     [2 * sensing, "2 r_s (discs part)", "var(--failed)"],
     [2 * radius, "2 r (collision)", "var(--touch)"],
@@ -87,7 +86,8 @@ function ofEach(rows, robotOf, labelOf) {
       return { label: labelOf(k), values, colour: robotColour(robot), robot };
     });
   }
-  const of = (pick) => Array.from(rows[0], (_, f) => pick(rows.map((row) => row[f])));
+  const there = (f) => rows.map((row) => row[f]).filter((value) => value !== null);
+  const of = (pick) => Array.from(rows[0], (_, f) => (there(f).length ? pick(there(f)) : null));
   const mean = (all) => all.reduce((sum, value) => sum + value, 0) / all.length;
   return [
     { label: "largest", values: of((all) => Math.max(...all)), colour: robotColour(3) },

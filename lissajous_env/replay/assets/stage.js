@@ -2,7 +2,6 @@
 
 import { Bodies } from "./bodies.js";
 import { COLOURS, faded, robotPaint } from "./colours.js";
-import { edges } from "./derived.js";
 import { FAILED, REMOVED, turned } from "./episode.js";
 import { Ground } from "./ground.js";
 import { paintRogue, Targets } from "./targets.js";
@@ -19,7 +18,7 @@ function trailOf(episode) {
 
 export class Stage {
   constructor(canvas, episode, camera) {
-    Object.assign(this, { canvas, episode, camera, ground: new Ground(episode), edges: edges(episode) });
+    Object.assign(this, { canvas, episode, camera, ground: new Ground(episode) });
     this.context = canvas.getContext("2d");
     this.base = document.createElement("canvas");
     this.floor = document.createElement("canvas");
@@ -187,8 +186,8 @@ export class Stage {
   paintRing(places, at) {
     const { context, episode } = this;
     context.lineWidth = 1.3;
-    for (const [i, j] of this.edges) {
-      if (places[i].status === REMOVED || places[j].status === REMOVED) continue;
+    for (const [i, j] of episode.about.links) {
+      if (!episode.isThere(i, at.moment) || !episode.isThere(j, at.moment)) continue;
       const lost = episode.isCut(i, j, at.moment);
       context.strokeStyle = lost ? COLOURS.lost : faded(COLOURS.link, this.many ? 0.25 : 0.45);
       context.setLineDash(lost ? [3, 5] : []);

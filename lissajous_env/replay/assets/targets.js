@@ -87,23 +87,20 @@ export function paintRogue(stage, at) {
   if (!rogue) return;
   const { context } = stage,
     step = at.now * every,
-    { steps, places } = rogue;
-  if (step < steps[0] || step > rogue.until + stage.episode.about.flash / stage.episode.raw.step) return;
-  const next = steps.findIndex((later) => later > step),
-    after = next < 0 ? steps.length : next;
-  const share = next < 0 ? 0 : (step - steps[after - 1]) / (steps[after] - steps[after - 1]);
-  const [x, y] = [0, 1].map((axis) => {
-    const [from, to] = [places[after - 1][axis], (places[after] || places[after - 1])[axis]];
-    return from + share * (to - from);
-  });
+    { begin, until, places } = rogue;
+  if (step < begin || step > until + stage.episode.about.flash / stage.episode.raw.step) return;
+  const passed = Math.min((step - begin) / rogue.every, places.length - 1),
+    before = Math.floor(passed);
+  const after = places[Math.min(before + 1, places.length - 1)];
+  const [x, y] = places[before].map((from, axis) => from + (passed - before) * (after[axis] - from));
   context.strokeStyle = faded(COLOURS.unseen, 0.75);
   context.lineWidth = 1.6;
   context.beginPath();
-  for (const place of [...places.slice(0, after), [x, y]]) context.lineTo(stage.px(place[0]), stage.py(place[1]));
+  for (const place of [...places.slice(0, before + 1), [x, y]]) context.lineTo(stage.px(place[0]), stage.py(place[1]));
   context.stroke();
   const [px, py] = [stage.px(x), stage.py(y)];
   context.lineWidth = 2;
-  context.fillStyle = step < rogue.until ? COLOURS.unseen : COLOURS.found;
+  context.fillStyle = step < until ? COLOURS.unseen : COLOURS.found;
   context.strokeStyle = COLOURS.card;
   context.beginPath();
   for (const [right, down] of [[0, -7], [6, 0], [0, 7], [-6, 0]]) context.lineTo(px + right, py + down);

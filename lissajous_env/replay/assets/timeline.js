@@ -24,10 +24,8 @@ export class Timeline {
     this.rows = this.lanes.flatMap(([kind, words, colour]) =>
       episodes.map((_, k) => ({ kind, words: k ? "" : words, colour, k })),
     );
-    // Distinct times of events, for stepping.
-    this.all = episodes
-      .flatMap((episode, k) => episode.events.map((event) => ({ ...event, episode: k })))
-      .sort((one, other) => one.time - other.time);
+    // All events, for stepping.
+    this.all = episodes.flatMap((episode) => episode.events).sort((one, other) => one.time - other.time);
   }
 
   // Return the names of the lanes; two episodes have separate lanes.

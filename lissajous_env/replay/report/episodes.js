@@ -55,7 +55,7 @@ export class Episodes {
       count = this.report.episodes.seed.length;
     fill(byId("list"), this.head(), places.slice(0, most).map((k) => this.row(k)));
     const listed = total > count ? ` listed, the worst of ${total.toLocaleString("en")}` : "";
-    byId("found").textContent = `${places.length.toLocaleString("en")} episodes${listed}`;
+    byId("found").textContent = `${places.length.toLocaleString("en")} episode${places.length === 1 ? "" : "s"}${listed}`;
     byId("more").hidden = places.length <= most;
     byId("more").textContent = `Show more of ${(places.length - most).toLocaleString("en")}`;
   }

@@ -10,7 +10,7 @@ import { Viewer } from "./viewer.js";
 import { byId, element } from "./words.js";
 
 function begin(report) {
-  const viewer = new Viewer(...replaysOf(report));
+  const viewer = new Viewer(report);
   const episodes = new Episodes(report, (id) => viewer.open(id));
   showOverall(report);
   showFailures(report, (wanted) => episodes.narrow(wanted));
@@ -21,21 +21,6 @@ function begin(report) {
   contents(report);
   byId("made").append(element("dl", "row muted facts-row", ...facts(Object.entries(report.made))));
   globalThis.report = { report, viewer, episodes };
-}
-
-// Playable episodes and their partners: the reference, or for the reference the worst of the others.
-function replaysOf(report) {
-  const entries = {};
-  for (const [id, [s, p, seed]] of Object.entries(report.replays)) {
-    const policy = report.policies[p].name,
-      scenario = report.scenarios[s].name;
-    entries[id] = { title: `${scenario} · ${policy} · seed ${seed}`, group: `${s} ${seed}`, policy };
-  }
-  const partner = (id, others) => {
-    const [s] = report.replays[id];
-    return others.find((other) => report.replays[other][1] === report.scenarios[s].reference) || others[0];
-  };
-  return [entries, partner];
 }
 
 // Open the replay of a clicked episode, or else its row in the table.

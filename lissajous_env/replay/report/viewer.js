@@ -3,10 +3,8 @@
 import { byId } from "./words.js";
 
 export class Viewer {
-  // `entries`: {title, group, policy} by the id of the data; those of one group can be side by side.
-  // `partner(id)`: the default episode beside another.
-  constructor(entries, partner) {
-    Object.assign(this, { entries, partner });
+  constructor(report) {
+    this.report = report;
     byId("close").addEventListener("click", () => byId("viewer").close());
     byId("viewer").addEventListener("close", () => {
       byId("frame").srcdoc = "";
@@ -20,19 +18,20 @@ export class Viewer {
   // Open the replay in the address, at its moment and robot: #ID&t=12.3&robot=2.
   follow() {
     const [id, ...rest] = location.hash.slice(1).split("&");
-    if (Object.hasOwn(this.entries, id)) this.open(id, rest.join("&"));
+    if (Object.hasOwn(this.report.replays, id)) this.open(id, rest.join("&"));
   }
 
+  // Beside an episode is, by default, that of the reference, or beside that the worst of the others on the same seed.
   open(id, at = "") {
-    const entry = this.entries[id],
-      others = Object.keys(this.entries).filter((other) => other !== id && this.entries[other].group === entry.group);
-    byId("viewer-title").textContent = entry.title;
-    byId("beside").replaceChildren(
-      new Option("nothing", ""),
-      ...others.map((other) => new Option(this.entries[other].policy, other)),
-    );
+    const { replays, scenarios, policies } = this.report,
+      [s, p, seed] = replays[id];
+    const others = Object.keys(replays).filter((other) => other !== id && replays[other][0] === s && replays[other][2] === seed);
+    byId("viewer-title").textContent = `${scenarios[s].name} · ${policies[p].name} · seed ${seed}`;
+    const options = others.map((other) => new Option(policies[replays[other][1]].name, other));
+    byId("beside").replaceChildren(new Option("nothing", ""), ...options);
     byId("beside").parentElement.hidden = others.length === 0;
-    byId("beside").value = this.partner(id, others) || "";
+    const reference = others.find((other) => replays[other][1] === scenarios[s].reference);
+    byId("beside").value = reference || others[0] || "";
     if (!byId("viewer").open) byId("viewer").showModal();
     history.replaceState(null, "", `#${[id, at].filter(Boolean).join("&")}`);
     this.play(id, byId("beside").value, at);

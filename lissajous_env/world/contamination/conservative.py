@@ -26,15 +26,11 @@ stored is that at the end of the next step (`lissajous_env.world.contamination.f
 `Contamination.labels` contains L times 256.
 """
 
-from typing import Any
-
-import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import columns_of, disc_run
-from lissajous_env.device.stage import FIELD_ROW, named_struct, part, stage
-from lissajous_env.parameters.spreading import Reaches
+from lissajous_env.device.stage import FIELD_ROW, part, stage
 from lissajous_env.world.contamination.labels import MARGIN, NONE, PER_STEP
 from lissajous_env.world.state import NEVER, NOWHERE
 from lissajous_env.world.targets.motion import BOUNDARY
@@ -43,32 +39,6 @@ wp.set_module_options(OPTIONS)
 
 _ROUNDING = wp.constant(1e-6)
 """Share of all lengths by which a disc is made smaller, because of the rounding of float32."""
-
-
-@named_struct("reach")
-class Reach:
-    """`lissajous_env.parameters.spreading.Reaches` for kernels."""
-
-    moved: float
-    """Largest displacement of a target in a step [m]."""
-    lags: wp.array(dtype=wp.int32)
-    widths: wp.array2d(dtype=wp.int32)
-    """(lags, rows up or down)."""
-    rows: wp.array(dtype=wp.int32)
-    """Largest number of rows up or down, for each lag."""
-
-
-def as_reach(reaches: Reaches, device: Any) -> Reach:
-    """Copy reaches to a device."""
-    reach = Reach()
-    reach.moved = reaches.moved
-    reach.lags = wp.array(reaches.lags, dtype=wp.int32, device=device)
-    reach.rows = wp.array([len(row) - 1 for row in reaches.widths], dtype=wp.int32, device=device)
-    widths = np.zeros((len(reaches.lags), max(map(len, reaches.widths), default=0)), dtype=np.int32)
-    for row, values in zip(widths, reaches.widths, strict=True):
-        row[: len(values)] = values
-    reach.widths = wp.array(widths, dtype=wp.int32, device=device, ndim=2)
-    return reach
 
 
 @part
@@ -81,15 +51,15 @@ def is_near_entry(row, column, rows_away: int, columns_away: int, rows: int, col
 
 
 @part
-def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough: int, reach, contamination) -> int:
+def least_label(w, slot, row, column, rows: int, lag: int, enough: int, hops, contamination) -> int:
     """Return the smallest label among the cells that a lag reaches, or any label of at most `enough`."""
     least = int(NONE)
-    for k in range(2 * reach.rows[lag] + 1):  # this row, one below, one above, two below ...
+    for k in range(2 * hops.rows_away[lag] + 1):  # this row, one below, one above, two below ...
         rows_away = (k + 1) / 2
-        width = reach.widths[lag, rows_away]
+        width = hops.widths[lag, rows_away]
         other = wp.where(k % 2 == 1, row - rows_away, row + rows_away)
         if other >= 0 and other < rows:
-            for near in range(wp.max(column - width, 0), wp.min(column + width, columns - 1) + 1):
+            for near in range(wp.max(column - width, 0), wp.min(column + width, hops.columns - 1) + 1):
                 least = wp.min(least, contamination.labels[w, slot, other + MARGIN, near + MARGIN])
             if least <= enough:
                 return least
@@ -97,18 +67,18 @@ def least_label(w, slot, row, column, rows: int, columns: int, lag: int, enough:
 
 
 @part
-def bound_of_cell(w, tick: int, row, column, rows: int, target, hops, reach, contamination) -> int:
+def bound_of_cell(w, tick: int, row, column, rows: int, target, hops, contamination) -> int:
     """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
     arrives = target.arrival_rate > 0.0
-    for k in range(reach.lags.shape[0]):
-        lag = reach.lags[k]
+    for k in range(hops.lags.shape[0]):
+        lag = hops.lags[k]
         since = int(NONE)  # of targets that were introduced in the meantime
-        if arrives and is_near_entry(row, column, reach.rows[k], reach.widths[k, 0], rows, hops.columns, target):
+        if arrives and is_near_entry(row, column, hops.rows_away[k], hops.widths[k, 0], rows, hops.columns, target):
             since = wp.max((tick - lag + 1) * hops.period - 1, 0) * PER_STEP
         if label < NONE and since > label:
             slot = (tick - lag + hops.history_length) % hops.history_length
-            least = least_label(w, slot, row, column, rows, hops.columns, k, label, reach, contamination)
+            least = least_label(w, slot, row, column, rows, k, label, hops, contamination)
             label = wp.max(label, wp.min(least, since))
     return label
 
@@ -141,7 +111,7 @@ def reset_bounds(w, row, target, hops, clock, contamination):
 
 
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest")
-def bound_labels(w, row, curve, target, hops, reach, clock, robots, contamination):
+def bound_labels(w, row, curve, target, hops, clock, robots, contamination):
     """Bound the label of each cell, and clear the cells that a disc covers entirely."""
     now = clock.step[w]
     tick = now / hops.period
@@ -150,12 +120,12 @@ def bound_labels(w, row, curve, target, hops, reach, clock, robots, contaminatio
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
         if now > 0 and steps_since == 0:
-            label = bound_of_cell(w, tick, row, column, rows, target, hops, reach, contamination)
+            label = bound_of_cell(w, tick, row, column, rows, target, hops, contamination)
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
         elif now > 0 and target.arrival_rate > 0.0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * PER_STEP)
-    clear_covered(w, slot, row, rows, float(steps_since) * reach.moved, curve, hops, robots, contamination)
+    clear_covered(w, slot, row, rows, float(steps_since) * hops.moved, curve, hops, robots, contamination)
     oldest = int(NEVER)
     ages = wp.int64(0)
     for column in range(hops.columns):

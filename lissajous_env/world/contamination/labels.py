@@ -41,14 +41,26 @@ class Hops:
     delays: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.int32)
     edge_gap: float
+    moved: float
+    """Largest displacement of a target in a step, for `task.conservative` [m]."""
+    lags: wp.array(dtype=wp.int32)
+    rows_away: wp.array(dtype=wp.int32)
+    """Largest number of rows up or down, for each lag."""
+    widths: wp.array2d(dtype=wp.int32)
+    """(lags, rows up or down)."""
 
 
 def as_hops(spreading: Spreading, device: Any) -> Hops:
     """Copy hops to a device."""
-    hops: Any = to_struct(Hops, spreading)
-    hops.history_length, hops.edge_gap = spreading.history_length, spreading.edge_gap
-    hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
-    hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
+    hops, reaches = to_struct(Hops, spreading), spreading.reaches
+    hops.history_length, hops.edge_gap, hops.moved = spreading.history_length, spreading.edge_gap, reaches.moved
+    rows = max(map(len, reaches.widths), default=0)
+    widths = np.array([(*row, *[0] * (rows - len(row))) for row in reaches.widths]).reshape(len(reaches.widths), rows)
+    hops.widths = wp.array(widths, dtype=wp.int32, device=device)
+    rows_away = [len(row) - 1 for row in reaches.widths]
+    lists = {"delays": spreading.delays, "shares": spreading.shares, "lags": reaches.lags, "rows_away": rows_away}
+    for name, numbers in lists.items():
+        setattr(hops, name, wp.array(numbers, dtype=wp.int32, device=device))
     return hops
 
 
@@ -246,8 +258,7 @@ _LABEL_CELLS = f"""
         for (int l = 0; l < lanes; ++l) {{
             const int entered = enter >> (first + l) & 1 ? now.entry : none;
             const int stayed = entered < label[l] ? entered : label[l];
-            const int hops_in = stayed / {int(PER_STEP)} > now.oldest ? hopped[l] : none;
-            const int earliest = hops_in < stayed ? hops_in : stayed, since = earliest / {int(PER_STEP)};
+            const int earliest = hopped[l] < stayed ? hopped[l] : stayed, since = earliest / {int(PER_STEP)};
             const int counts = (earliest < none ? 1 : 0) & todo >> (first + l);
             const int known = counts ? since : {int(NEVER)};
             oldest = known < oldest ? known : oldest;

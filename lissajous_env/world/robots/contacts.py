@@ -13,7 +13,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.stage import ROBOT, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Task
-from lissajous_env.world.robots.nearby import PARTED, columns_crossed, max_displacement, rows_crossed
+from lissajous_env.world.robots.nearby import PARTED, bins_crossed, has_lists, max_displacement
 from lissajous_env.world.state import FAILED, LONGER, NEVER, NOWHERE, REMOVED, WORKING, planar
 
 wp.set_module_options(OPTIONS)
@@ -77,23 +77,22 @@ def compare_with_others(
 ) -> float:
     """Run `compare_pair` for a robot and those of larger index; return the least squared distance of all [m^2].
 
-    No robot moves farther than `displacement` [m] in the step. With bins, robots in the lists of the bins that the path
-    crosses are compared, some more than once. All robots are compared if lists do not reach as far as `relevant`, as in
+    No robot moves farther than `displacement` [m] in the step. With bins, robots in the lists of the bins around the
+    path are compared, some more than once. All robots are compared if lists do not reach as far as `relevant`, as in
     the first step of an episode.
     """
     nearest = float(1.0e30)
-    if bins.columns > 0 and relevant <= bins.reach and bins.is_everywhere[w, i] == 0:
-        rows = rows_crossed(w, i, 0.0, robots, bins)
-        for row in range(rows[0], rows[1] + 1):
-            columns = columns_crossed(w, i, row, 0.0, robots, bins)
-            for column in range(columns[0], columns[1] + 1):
-                entry = bins.entry[w, bins.first[w, row * bins.columns + column]]
-                while entry[0] >= 0:
-                    j = entry[0]
+    if relevant <= bins.reach and has_lists(w, bins):
+        crossed = bins_crossed(w, i, 0.0, robots, bins)
+        for row in range(crossed[0], crossed[1] + 1):
+            for column in range(crossed[2], crossed[3] + 1):
+                entry = bins.first[w, row * bins.columns + column]
+                while entry >= 0:
+                    j = bins.entry[w, entry][0]
                     if j > i:
                         least = compare_pair(w, i, j, now, contact, places, robots, latest, tally)
                         nearest = wp.min(nearest, least)
-                    entry = bins.entry[w, entry[1]]
+                    entry = bins.entry[w, entry][1]
     else:
         last = robots.path.shape[2] - 1
         apart = relevant + 2.0 * displacement

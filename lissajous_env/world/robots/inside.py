@@ -1,8 +1,9 @@
 """The rule by which cars stay inside walls: every action leaves a car a way to a circle that it can drive for ever.
 
-With `task.boundary = wall`, the centre of a body is inside the walls where it is in K, the rectangle without a strip of
-the radius of a body, `CLEARANCE`, and `DEVIATIONS` standard deviations of a measured coordinate. A car at speed v turns
-at best on a circle of the radius R, with its wheelbase l, its largest steering angle and its grip,
+Walls are the edge of the rectangle where it stops bodies, with `task.boundary = wall`, or removes robots, `remove`. The
+centre of a body is inside the walls where it is in K, the rectangle without a strip of the radius of a body,
+`CLEARANCE`, and `DEVIATIONS` standard deviations of a measured coordinate. A car at speed v turns at best on a circle
+of the radius R, with its wheelbase l, its largest steering angle and its grip,
 
     R(v) = max(l / tan(delta_max), v^2 / a_lat)
 
@@ -20,8 +21,9 @@ car's own constants. Otherwise it takes the first of the following actions for w
 with that at the beginning of a way out that the car has now, with the throttle that is wanted, and then with the motor
 off, or with the throttle for `CREEP`, a low speed, if the car is slower. If there is none, the car follows the way out.
 
-**A car with a way out never meets a wall.** Assume exact measurements, equal cars and no failures. A car that follows a
-way out with the motor off still has one after a step, so that there always is an action:
+**A car with a way out never meets a wall.** Assume exact measurements, equal cars with `robot.model_offset` as their
+`robot.offset`, and no failures. A car that follows a way out with the motor off still has one after a step, so that
+there always is an action:
 
 1. On the circle, its centre does not move, so it remains in C.
 2. On the straight line, the centre of the circle moves along a line whose part in C is at least L long, so that a step
@@ -320,9 +322,13 @@ def scaled_gain(scenario: Scenario, gain: float) -> float:
 
 
 def margin_of(scenario: Scenario) -> float:
-    """Return the width of the strip along the edge in which no centre of a body is, that of K [m]."""
+    """Return the width of the strip along the edge in which no centre of a body is, that of K [m].
+
+    It is negative where the edge removes robots, which it does when they are wholly outside, and there is little noise.
+    """
     rounding = ROUNDING * (scenario.curve.half_width + scenario.curve.half_height)
-    return (1 + CLEARANCE) * scenario.robot.radius + DEVIATIONS * scenario.noise.position + 2 * rounding
+    body = 1 if scenario.task.boundary == "wall" else -1
+    return (body + CLEARANCE) * scenario.robot.radius + DEVIATIONS * scenario.noise.position + 2 * rounding
 
 
 def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
@@ -350,7 +356,7 @@ def walls_of(scenario: Scenario, turns_early: bool = False) -> Any:
 
 def has_room(scenario: Scenario) -> bool:
     """Return whether there are walls that are at least a circle at `CREEP` apart."""
-    if scenario.task.boundary != "wall":
+    if scenario.task.boundary == "open":
         return False
     walls = walls_of(scenario)
     return walls.turning < min(walls.half_width, walls.half_height)

@@ -1,17 +1,15 @@
 """Bins: squares of the rectangle, each with a list of the robots that come near it in a step.
 
 With many robots, kernels read the robots near a place from the list of its bin instead of testing all robots. A robot
-is in the list of each bin that its path in the step, widened by `reach` to both sides, crosses. So the list of a
-place's bin contains every robot that came within `reach` of the place at any time of the step. It may contain others,
+is in the list of each bin of the rectangle around its path in the step, widened by `reach` to all sides. So the list of
+a place's bin contains every robot that came within `reach` of the place at any time of the step. It may contain others,
 and its order is not defined: kernels measure the distance, and of two robots at the same distance they use the one with
-the lower index.
+the lower index. If robots go so far in a step that there is no room for the lists, all robots are tested in it.
 
-A list is read from the first entry of its bin to an entry without a robot:
-
-    entry = bins.entry[w, bins.first[w, k]]
-    while entry[0] >= 0:
-        ...  # robot entry[0]
-        entry = bins.entry[w, entry[1]]
+    entry = bins.first[w, k]
+    while entry >= 0:
+        ...  # robot bins.entry[w, entry][0]
+        entry = bins.entry[w, entry][1]
 """
 
 import math
@@ -48,17 +46,13 @@ class Bins:
     widened: wp.float32
     """The same, and a margin for rounding [m]."""
     room: wp.int32
-    """Number of entries for lists of single bins. Those after them form one more list, with which every list ends."""
+    """Number of entries of all lists."""
     first: wp.array2d(dtype=wp.int32)
-    """(W, K) first entry of each bin."""
+    """(W, K) first entry of each bin, or -1."""
     entry: wp.array2d(dtype=wp.vec2i)
-    """(W, room + N + 1) robot, or -1 at the end, and the next entry."""
+    """(W, room) robot, and the next entry in the same bin, or -1."""
     used: wp.array(dtype=wp.int32)
-    """(W,) number of entries that the lists require; those above `room` do not exist."""
-    everywhere: wp.array(dtype=wp.int32)
-    """(W,) number of robots that are in every list."""
-    is_everywhere: wp.array2d(dtype=wp.int32)
-    """(W, N) 1 for these."""
+    """(W,) number of entries that the lists require; above `room`, there are no lists."""
     first_target: wp.array2d(dtype=wp.int32)
     """(W, K) first of the entries of the targets in sight of each bin, or -1."""
     target_entry: wp.array2d(dtype=wp.vec4)
@@ -87,85 +81,51 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
 
 
 @part
-def rows_crossed(w, i, widened: float, robots, bins) -> wp.vec2i:
-    """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
-    low = robots.path[w, i, 0][1]
+def bins_crossed(w, i, widened: float, robots, bins) -> wp.vec4i:
+    """Return first and last row and first and last column of the bins around a path, `widened` [m] to all sides."""
+    low = planar(robots.path[w, i, 0])
     high = low
     for s in range(1, robots.path.shape[2]):
-        low = wp.min(low, robots.path[w, i, s][1])
-        high = wp.max(high, robots.path[w, i, s][1])
-    return wp.vec2i(row_of(low - widened, bins), row_of(high + widened, bins))
+        low = wp.min(low, planar(robots.path[w, i, s]))
+        high = wp.max(high, planar(robots.path[w, i, s]))
+    return wp.vec4i(
+        row_of(low[1] - widened, bins),
+        row_of(high[1] + widened, bins),
+        column_of(low[0] - widened, bins),
+        column_of(high[0] + widened, bins),
+    )
 
 
-@part
-def columns_crossed(w, i, row, widened: float, robots, bins) -> wp.vec2i:
-    """Return the first and last column of this path in one of these rows."""
-    bottom = float(row) * bins.size - bins.half_height
-    low = wp.where(row == 0, -1.0e30, bottom - widened)
-    high = wp.where(row == bins.rows - 1, 1.0e30, bottom + bins.size + widened)
-    left = float(1.0e30)
-    right = float(-1.0e30)
-    start = planar(robots.path[w, i, 0])
-    for s in range(1, robots.path.shape[2]):
-        end = planar(robots.path[w, i, s])
-        moved = end - start
-        enter = float(0.0)
-        leave = float(1.0)
-        if moved[1] != 0.0:
-            one = (low - start[1]) / moved[1]
-            other = (high - start[1]) / moved[1]
-            enter = wp.max(wp.min(one, other), 0.0)
-            leave = wp.min(wp.max(one, other), 1.0)
-        elif start[1] < low or start[1] > high:
-            leave = -1.0
-        if enter <= leave:
-            one = start[0] + enter * moved[0]
-            other = start[0] + leave * moved[0]
-            left = wp.min(left, wp.min(one, other))
-            right = wp.max(right, wp.max(one, other))
-        start = end
-    if left > right:
-        return wp.vec2i(0, -1)
-    return wp.vec2i(column_of(left - widened, bins), column_of(right + widened, bins))
+@wp.func
+def has_lists(w: int, bins: Bins) -> bool:
+    """Return whether a world has lists in this step."""
+    if bins.columns == 0:
+        return False
+    return bins.used[w] <= bins.room
 
 
-@part
-def list_robot(w, i, robots, bins) -> bool:
-    """Put a robot into the lists of the bins that it comes near; return whether there was room for it."""
-    rows = rows_crossed(w, i, bins.widened, robots, bins)
-    for row in range(rows[0], rows[1] + 1):
-        columns = columns_crossed(w, i, row, bins.widened, robots, bins)
-        for column in range(columns[0], columns[1] + 1):
-            entry = wp.atomic_add(bins.used, w, 1)
-            if entry >= bins.room:
-                return False
-            after = wp.atomic_exch(bins.first, w, row * bins.columns + column, entry)
-            bins.entry[w, entry] = wp.vec2i(i, after)
-    return True
-
-
-@stage(BIN, writes="bins: entry, everywhere, first, first_target, targets_used, used")
+@stage(BIN, writes="bins: first, first_target, targets_used, used")
 def clear_bins(w, lane, lanes, clock, bins):
     """Empty the lists."""
     for k in range(lane, bins.first.shape[1], lanes):
-        bins.first[w, k] = bins.room
+        bins.first[w, k] = -1
         bins.first_target[w, k] = -1
-    for k in range(bins.room + lane, bins.entry.shape[1], lanes):
-        bins.entry[w, k] = wp.vec2i(-1, k + 1)
     if lane == 0:
         bins.used[w] = 0
         bins.targets_used[w] = 0
-        bins.everywhere[w] = 0
 
 
-@stage(ROBOT, writes="bins: entry, everywhere, first, is_everywhere, used")
+@stage(ROBOT, writes="bins: entry, first, used")
 def list_robots(w, i, clock, robots, bins):
-    """List the robots that are not removed; one for which there is no room is added to the end of all lists."""
-    bins.is_everywhere[w, i] = 0
-    if robots.status[w, i] != REMOVED and not list_robot(w, i, robots, bins):
-        bins.is_everywhere[w, i] = 1
-        last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
-        bins.entry[w, last] = wp.vec2i(i, last + 1)
+    """Put each robot that is not removed into the lists of the bins that it comes near, as far as there is room."""
+    if robots.status[w, i] != REMOVED:
+        crossed = bins_crossed(w, i, bins.widened, robots, bins)
+        for row in range(crossed[0], crossed[1] + 1):
+            for column in range(crossed[2], crossed[3] + 1):
+                entry = wp.atomic_add(bins.used, w, 1)
+                if entry < bins.room:
+                    after = wp.atomic_exch(bins.first, w, row * bins.columns + column, entry)
+                    bins.entry[w, entry] = wp.vec2i(i, after)
 
 
 MANY = 64
@@ -177,7 +137,7 @@ _FEWEST = 12
 _BINS_PER_ROBOT = 16
 _AT_LEAST = 1024
 _MOST_ENTRIES = 256
-"""Most entries for a robot; a robot that needs more is in every list."""
+"""Most entries for a robot."""
 
 
 def has_bins(scenario: Scenario) -> bool:
@@ -205,16 +165,14 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> A
         return filled
     filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
-    bins_across = 2 * filled.widened / filled.size + 2
-    entries_each = min(math.ceil(bins_across * (bins_across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
-    filled.room, bins = n * entries_each, filled.columns * filled.rows
+    across = (2 * filled.widened + speed * scenario.task.step) / filled.size + 2
+    filled.room, bins = n * min(math.ceil(across**2), _MOST_ENTRIES), filled.columns * filled.rows
 
     def array(*shape: int, dtype: Any = wp.int32) -> Any:
         return wp.zeros((num_worlds, *shape), dtype=dtype, device=device)
 
-    filled.first, filled.entry = array(bins), array(filled.room + n + 1, dtype=wp.vec2i)
-    filled.used, filled.everywhere, filled.is_everywhere = array(), array(), array(n)
-    filled.first_target, filled.targets_used = array(bins), array()
+    filled.first, filled.entry = array(bins), array(filled.room, dtype=wp.vec2i)
+    filled.used, filled.first_target, filled.targets_used = array(), array(bins), array()
     filled.target_entry = array(scenario.target_capacity, dtype=wp.vec4)
     return filled
 
@@ -224,15 +182,15 @@ def nearest_listed(w, place: wp.vec2, robots, bins) -> wp.vec2:
     """Return (index, squared distance [m^2]) of the working robot nearest to a place in the list of its bin."""
     nearest = int(0)
     least = float(1.0e30)
-    entry = bins.entry[w, bins.first[w, bin_of(place, bins)]]
-    while entry[0] >= 0:
-        i = entry[0]
+    entry = bins.first[w, bin_of(place, bins)]
+    while entry >= 0:
+        i = bins.entry[w, entry][0]
         away = robots.sensor[w, i] - place
         square = wp.dot(away, away)
         if square < least or (square == least and i < nearest):
             least = square
             nearest = i
-        entry = bins.entry[w, entry[1]]
+        entry = bins.entry[w, entry][1]
     return wp.vec2(float(nearest), least)
 
 
@@ -244,7 +202,7 @@ def nearest_sensors(w, count: int, x: Floats, y: Floats, robots, bins) -> tuple[
     """
     nearest = Ints()
     least = Floats(1.0e30)
-    if bins.columns > 0:
+    if has_lists(w, bins):
         for k in range(count):
             listed = nearest_listed(w, wp.vec2(x[k], y[k]), robots, bins)
             nearest[k] = int(listed[0])

@@ -148,35 +148,30 @@ def can_turn(place: wp.vec2, heading: float, turning_radius: float, half: wp.vec
     return way_within(place + to_side, ahead, half) >= 0.0 or way_within(place - to_side, ahead, half) >= 0.0
 
 
-@wp.func
-def heading_with_room(place: wp.vec2, heading: float, turning_radius: float, half: wp.vec2) -> float:
-    """Return the nearest heading at which a car has room to turn [rad]; the same heading if there is none."""
-    if half[0] < 0.0 or half[1] < 0.0 or can_turn(place, heading, turning_radius, half):
-        return heading
-    spacing = TWO_PI / float(_HEADINGS)
-    for k in range(1, _HEADINGS + 1):
-        turned = float((k + 1) / 2) * spacing * wp.where(k % 2 == 0, -1.0, 1.0)
-        if can_turn(place, heading + turned, turning_radius, half):
-            width = wp.sign(turned) * spacing
-            for _halving in range(_HALVINGS):
-                width *= 0.5
-                if can_turn(place, heading + turned - width, turning_radius, half):
-                    turned -= width
-            return wrap(heading + turned)
-    return heading
-
-
 @part
 def heading_from_walls(place: wp.vec2, heading: float, speed: float, turning_radius, curve, robot) -> float:
     """Return the heading at which a car begins between walls [rad]: the nearest with room for its tightest circle.
 
     Its steering (`turning_radius` [m]) or, at its speed [m/s], its grip limits that circle. The car on it stays in the
-    rectangle without the inset, and its body within the walls.
+    rectangle without the inset, and its body within the walls. Without such a heading, it is that on the curve.
     """
     radius = wp.max(turning_radius, speed * speed / robot.lateral_acceleration_max)
     x = wp.min(curve.half_width - robot.radius, curve.reach_x)
     y = wp.min(curve.half_height - robot.radius, curve.reach_y)
-    return heading_with_room(place, heading, radius, wp.vec2(x - radius, y - radius))
+    half = wp.vec2(x - radius, y - radius)
+    if half[0] < 0.0 or half[1] < 0.0 or can_turn(place, heading, radius, half):
+        return heading
+    spacing = TWO_PI / float(_HEADINGS)
+    for k in range(1, _HEADINGS + 1):
+        turned = float((k + 1) / 2) * spacing * wp.where(k % 2 == 0, -1.0, 1.0)
+        if can_turn(place, heading + turned, radius, half):
+            width = wp.sign(turned) * spacing
+            for _halving in range(_HALVINGS):
+                width *= 0.5
+                if can_turn(place, heading + turned - width, radius, half):
+                    turned -= width
+            return wrap(heading + turned)
+    return heading
 
 
 @part

@@ -46,7 +46,7 @@ def limit_actions(block, noise, action, clock, robots, latest, limited_action, c
 
     An action that is not finite is replaced by zero, and its world flagged. The last components of an action are a
     message, to which neither noise nor effort applies. `limited_action` has commands, without noise, and message.
-    Actions of robots that do not work have no effort, because they have no effect.
+    Actions of robots that do not work have no effort and no change, because they have no effect.
     """
     n = action.shape[1]
     size = command.shape[2]
@@ -76,7 +76,7 @@ def limit_actions(block, noise, action, clock, robots, latest, limited_action, c
     for k in range(abreast.ABREAST):
         if k < abreast.width():
             squares[k] = wp.where(abreast.is_in(k, working), squares[k] / float(size), 0.0)
-            change[k] = wp.where(abreast.is_in(k, has_earlier), change[k] / float(size), 0.0)
+            change[k] = wp.where(abreast.is_in(k, has_earlier & working), change[k] / float(size), 0.0)
     abreast.put_floats(block, block.active_mask, squares, latest.effort)
     abreast.put_floats(block, block.active_mask, change, latest.change)
     flagged = block.active_mask & abreast.where_above(block, invalid, 0.0)
@@ -196,7 +196,10 @@ def send(w, lane, lanes, clock, robots, links):
 
 @stage(ROBOT, writes="messages: sending, sent")
 def send_messages(w, i, limited_action, clock, robots, messages):
-    """Send a policy's message, the last components of its action; a failed robot repeats its last one."""
+    """Send a policy's message, the last components of its action; a failed robot repeats its last one.
+
+    It is a stage of its own because the loop over the components would cost `send` a third more time without any.
+    """
     size = messages.sending.shape[2]
     status = robots.status[w, i]
     for m in range(size):

@@ -16,13 +16,13 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.stage import TARGET, part, stage
 from lissajous_env.device.structs import code_of
 from lissajous_env.settings.task import Targets as TargetSettings
-from lissajous_env.world.robots.nearby import Bins, bin_of, max_displacement, nearest_sensors
+from lissajous_env.world.robots.nearby import Bins, bin_of, has_lists, max_displacement, nearest_sensors
 from lissajous_env.world.state import DETECTED, GONE, HIDDEN, NOWHERE, PRESENT, planar
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from_all, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
 
-_TRIES = wp.constant(64)
+TRIES = wp.constant(64)
 """Number of positions that are tried for a target that appears outside all discs."""
 _FROM_ALL = wp.constant(code_of(TargetSettings, "flight", "all"))
 
@@ -75,16 +75,16 @@ def first_detection(
     first = int(-1)
     least = float(2.0)
     if has_list:
-        entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
-        while entry[0] >= 0:
-            i = entry[0]
+        entry = bins.first[w, bin_of(before, bins)]
+        while entry >= 0:
+            i = bins.entry[w, entry][0]
             if robots.sensor[w, i][0] < NOWHERE:
                 share = share_until_detection(w, i, before, after, radius, robots)
                 if share < least or (share == least and i < first):
                     least = share
                     first = i
-            entry = bins.entry[w, entry[1]]
-    elif farthest > 0.0:
+            entry = bins.entry[w, entry][1]
+    else:
         for i in range(robots.sensor.shape[1]):
             if wp.length_sq(robots.sensor[w, i] - after) < farthest * farthest:
                 share = share_until_detection(w, i, before, after, radius, robots)
@@ -112,7 +112,7 @@ def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins):
             break  # the slots are in the order of their times
         if targets.status[w, t] == HIDDEN:
             draw = randomness.stream(key, t, randomness.UNSEEN)
-            for _ in range(_TRIES):
+            for _ in range(TRIES):
                 x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
                 y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
                 targets.position[w, t] = wp.vec2(x, y)
@@ -296,7 +296,7 @@ def detect_together(
             if group.status[k] == PRESENT:
                 before = wp.vec2(group.before_x[k], group.before_y[k])
                 after = wp.vec2(x[k], y[k])
-                has_list = bins.columns > 0 and near[k] <= longest_listed
+                has_list = near[k] <= longest_listed and has_lists(w, bins)
                 first = first_detection(w, before, after, radius, near[k] + displacement, has_list, robots, bins)
             at_end = wp.vec2(float(nearest[k]), least[k])
             waiting -= detect(w, t, now, at_end, first, radius, targets, latest)
@@ -320,7 +320,7 @@ def move_and_detect(w, lane, lanes, curve, target, sensing, task, clock, robots,
     displacement = max_displacement(w, robots)
     # A target that an extension moved farther than lists reach may have passed any robot. Half of the margin of the
     # lists is for the rounding of a target that moves exactly as far.
-    longest_listed = wp.where(bins.columns > 0, 0.5 * (bins.reach + bins.widened), 1.0e30)
+    longest_listed = wp.where(has_lists(w, bins), 0.5 * (bins.reach + bins.widened), 1.0e30)
     total = wp.vec2i(0, 0)
     end = targets.status.shape[1]
     t = int(lane)

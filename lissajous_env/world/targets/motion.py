@@ -180,16 +180,16 @@ def is_moved(motion: int) -> bool:
 
 
 @part
-def repulsion(away: float, target) -> float:
-    """Return the signed repulsion of a robot or wall at a signed distance `away` [m]: 1 / distance, limited [1/m]."""
-    return wp.sign(away) / wp.max(wp.abs(away), _CLOSEST * target.flee_radius)
+def repulsion(distance: float, target) -> float:
+    """Return the repulsion of a robot or wall at a distance [m]: 1 / distance, limited [1/m]."""
+    return 1.0 / wp.max(distance, _CLOSEST * target.flee_radius)
 
 
 @part
 def away_from_all(w, place: wp.vec2, curve, target, robots) -> wp.vec2:
     """Return the direction of flight from all robots within `flee_radius` and from the walls, of any length."""
-    x = repulsion(place[0] + curve.half_width, target) + repulsion(place[0] - curve.half_width, target)
-    y = repulsion(place[1] + curve.half_height, target) + repulsion(place[1] - curve.half_height, target)
+    x = repulsion(curve.half_width + place[0], target) - repulsion(curve.half_width - place[0], target)
+    y = repulsion(curve.half_height + place[1], target) - repulsion(curve.half_height - place[1], target)
     force = _WALL * wp.vec2(x, y)
     for i in range(robots.sensor.shape[1]):
         away = place - robots.sensor[w, i]
