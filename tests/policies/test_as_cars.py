@@ -56,8 +56,7 @@ def test_a_drive_gains_the_yaw_rate_of_every_circle_within_one_radius_of_way(nam
 
 def test_the_filter_predicts_the_yaw_rate_of_a_drive():
     """Oracle: the simulated drives; the predicted speed, by the midpoint rule, differs from theirs by less than 1 %."""
-    alike = {"faults.schedule": (), "noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
-    drives = lissajous_env.scenario("experiment", **{"robot.kind": "differential"}, **alike)
+    drives = lissajous_env.scenario(DRIVES, **{"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0})
     simulation, policy = lissajous_env.Simulation(drives, 3), baselines.make("sweep-safe", drives, 3)
     for _ in range(20):
         simulation.step(policy.act(simulation.observation))
