@@ -17,9 +17,10 @@ a world begins, unless a function `reset(world)` fills them.
 
 import dataclasses
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from typing import Any
 
 import warp as wp
@@ -107,7 +108,10 @@ class Extension(Checked):
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.metadata}
 
     def __reduce__(self) -> tuple:
-        if self.place.partition(":")[0] in MAIN_MODULES and not isinstance(self.run, wp.Kernel):
+        module, _, attribute = self.place.partition(":")
+        at_place = reduce(lambda owner, name: getattr(owner, name, None), attribute.split("."), sys.modules.get(module))
+        is_there = module not in MAIN_MODULES and getattr(at_place, "run", None) is self.run
+        if not is_there and not isinstance(self.run, wp.Kernel):
             reset = self.reset and ByValue(self.reset)
             more = self.settings | {"state": self.state, "reset": reset}
             return partial(type(self), **more), (self.name, ByValue(self.run), self.place), {"_parts": self._parts}
