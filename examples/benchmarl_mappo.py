@@ -6,10 +6,9 @@
 Rewards and scores of the episodes are written as CSV files into a folder in `--out`.
 """
 
-import dataclasses
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import tyro
 from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig
@@ -22,7 +21,7 @@ from training.torchrl.benchmarl import LissajousTaskClass
 ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig}
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Settings:
     """Settings of the example."""
 
@@ -40,17 +39,15 @@ class Settings:
     """Seed of the worlds and of the learner."""
     device: str = "cpu"
     """Device of the worlds and of the learner: `cpu` or `cuda`."""
-    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
-    """Overrides of scenario fields, and `state`, as in `training.torchrl.benchmarl`."""
 
 
-def experiment(settings: Settings) -> Experiment:
-    """Return the experiment, whose `run()` trains.
+def experiment(settings: Settings, **overrides: Any) -> Experiment:
+    """Return the experiment, whose `run()` trains; the overrides are of scenario fields, and `state`.
 
     Raises:
         ValueError: the scenario or an override is invalid.
     """
-    task = LissajousTaskClass(settings.scenario, dict(settings.overrides))
+    task = LissajousTaskClass(settings.scenario, overrides)
     frames = settings.worlds * task.scenario.task.steps
     config = ExperimentConfig.get_from_yaml()
     config.sampling_device = config.train_device = config.buffer_device = settings.device
@@ -81,7 +78,7 @@ def main(settings: tyro.conf.OmitArgPrefixes[Settings], overrides: Overrides = (
         settings: settings of the example.
         overrides: scenario fields to change, such as --set task.duration=20 targets.count=5
     """
-    experiment(dataclasses.replace(settings, overrides=parse_overrides(overrides))).run()
+    experiment(settings, **parse_overrides(overrides)).run()
 
 
 if __name__ == "__main__":

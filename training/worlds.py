@@ -160,7 +160,11 @@ class Worlds(Stateful):
         """Begin episodes in the masked worlds, and compute the actions of the base in all of them."""
         if mask.any():
             self.batch.reset(mask)
-            self._left[mask] = self.steps
+            size = self.batch.group_size
+            steps = np.repeat([simulation.scenario.task.steps for simulation in self.batch.simulations], size)
+            # A world of a space that has lost all of its robots begins anew alone, and still ends with its group.
+            begun = mask if self.batch.space is None else mask.reshape(-1, size).all(axis=1).repeat(size)
+            self._left[begun] = steps[begun]
             for group, base in enumerate(self._bases):
                 base.reset(mask[self.batch.worlds_of(group)])
         self._update_base_actions()

@@ -27,7 +27,7 @@ from lissajous_env.theory.design import HEADROOM, best_design, best_formation, f
 DEFAULTS, FORMATIONS = "defaults", "Lissajous"
 """Names of the families of the included policies and of formations."""
 _FIRST = "partition", "line-abreast", "kuramoto-mpcc"
-"""Policies that are usually the best: the others are played only until they are known to be worse."""
+"""Beginnings of the names of policies that are usually the best, and are tried first."""
 _FILTERED = "kuramoto-mpcc"
 """The policy that is also played with the collision filters."""
 _FILTERS = "", "-safe"

@@ -28,7 +28,6 @@ class CarForDrive(Robot):
 @wp.kernel
 def to_twists(
     car: RobotStruct,
-    top_speed: float,
     step: float,
     observation: Observation,
     wanted: Actions,
@@ -41,7 +40,7 @@ def to_twists(
     control = steering_and_throttle(car, wp.vec2(wanted[w, i, 0], wanted[w, i, 1]))
     curvature = wp.tan(control[0]) / car.wheelbase
     push = motor_acceleration(car, car.drive, control[1])
-    speed = wp.max(own_speed(w, i, top_speed, observation), 0.0)
+    speed = wp.max(own_speed(w, i, car.speed_max, observation), 0.0)
     reached = car_step(car, wp.vec4(0.0, 0.0, 0.0, speed), curvature, push, step)
     heading_out[w, i] = own_heading(w, i, observation)
     speed_out[w, i] = reached[3]
@@ -73,13 +72,13 @@ class AsCars(Policy):
         self._act_kernel = as_car.act
         self._size = self.scenario.action_size - self.scenario.messages.size
         self._robot, self._car = (to_struct(RobotStruct, team.robot) for team in (self.scenario, cars))
-        self._top_speed, self._step = cars.robot.top_speed, self.scenario.task.step
         self._twist = [wp.zeros(self.shape, dtype=wp.float32, device=self.device) for _ in range(3)]
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         wanted = self.policy.act(observation)
-        self.launch(to_twists, self.shape, [self._car, self._top_speed, self._step, observation, wanted], self._twist)
+        inputs = [self._car, self.scenario.task.step, observation, wanted]
+        self.launch(to_twists, self.shape, inputs, self._twist)
         self.launch(self._act_kernel, self.shape, [self._robot, *self._twist], [self.action])
         if self.scenario.messages.size:
             wp.copy(self.action[:, :, self._size :], wanted[:, :, 2:])

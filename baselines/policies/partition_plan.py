@@ -292,15 +292,15 @@ def _ranked(problem: Problem, parameters: PartitionParameters) -> list[tuple[tup
 
 
 def rating_of(
-    loop: np.ndarray, half: tuple, problem: Problem, step: float = 1.0, limit: float = math.inf, coarse: bool = False
+    loop: np.ndarray, half: tuple, problem: Problem, step: float = 1.0, limit: float = math.inf
 ) -> tuple[float, float, float]:
     """Return how well robots on loops (N, K, 2), with places `step` apart, watch a rectangle of half sides `half`.
 
     Returns:
         Worst-case undetected time [control step], infinite above `limit`; share of places that are never visited; and
-        longest time between two visits [control step]. `unvisited_and_gap` describes `coarse`.
+        longest time between two visits [control step].
     """
-    unvisited, gap = unvisited_and_gap(loop, half, problem.sensing, coarse)
+    unvisited, gap = unvisited_and_gap(loop, half, problem.sensing)
     worst = math.inf
     if unvisited == 0:
         worst = worst_undetected_time(loop, half, problem.sensing, problem.target_speed, step, limit)

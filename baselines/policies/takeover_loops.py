@@ -143,7 +143,7 @@ def _watching_alone(
         if min(differences, default=math.inf) >= _DISTINCT * problem.turning:
             distinct.append(around)
     places = [distinct[0] + moved * np.array(way) for way in itertools.product(range(2), range(2)) if distinct]
-    bounded = [rating_of(at[None], half, problem, coarse=True)[0] < math.inf for at in places]
+    bounded = [rating_of(at[None], half, problem)[0] < math.inf for at in places]
     return distinct[:SHAPES], bool(distinct) and all(bounded)
 
 

@@ -216,10 +216,9 @@ class _Search:
             possible &= speed >= np.minimum(self.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * self.fastest
             possible &= speed <= np.maximum(self.fastest, np.maximum(before, after)) * (1 + 1e-9)
             possible &= (gain <= self.drag * (self.top_speeds[robot] - speed)) & (gain >= -0.85 * self.drag * speed)
-            if math.isfinite(fastest_turning):
-                along = _distance(before, after, swell, duration, share)
-                is_straight = (along >= pieces[..., 0]) & (along <= lengths - pieces[..., 2]) & (TURNS[:, 1] == 0)
-                possible &= is_straight | (speed <= fastest_turning * (1 + 1e-9))
+            along = _distance(before, after, swell, duration, share)
+            is_straight = (along >= pieces[..., 0]) & (along <= lengths - pieces[..., 2]) & (TURNS[:, 1] == 0)
+            possible &= is_straight | (speed <= fastest_turning * (1 + 1e-9))
         if np.isfinite(self.within).all():
             turns = np.broadcast_to(TURNS, pieces.shape)[possible]
             reach = dubins_reach(start, pieces[possible], turns, np.array(turning))

@@ -121,8 +121,8 @@ def _entries(owner: Any) -> list[tuple[Any, Any]]:
     if is_struct(owner):
         return list(fields_of(owner).items())
     entries: Any = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
-    if isinstance(owner, Stateful):
-        entries = owner.__getstate__()  # without views, which are made anew
+    if isinstance(owner, Stateful) and isinstance(state := owner.__getstate__(), dict):
+        entries = state  # without views, which are made anew
     return [] if _is_opaque(owner) else [(key, value) for key, value in entries.items() if key != _ARGUMENTS]
 
 

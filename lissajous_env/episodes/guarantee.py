@@ -93,10 +93,22 @@ class IdealFormation:
             extensions=(),
         )
 
-    def guaranteed_time(self, speed: float) -> float:
-        """Return the longest time [s] that a target of a speed [m/s], as of `against`, can stay undetected, or inf."""
-        age = self._largest_age(speed, until_cleared=False)
-        return math.inf if age is None else age * self._step
+    def guaranteed_time(self, speed: float, until_cleared: bool = False) -> float:
+        """Return the longest time [s] that a target of a speed [m/s], as of `against`, can stay undetected, or inf.
+
+        The formation is periodic, so a target that can evade for ever from some moment on could also do so from the
+        start: once all targets of the start are detected, none can. With `until_cleared` the episode ends there, and
+        the result is the longest time so far.
+        """
+        simulation = Simulation(self.against(speed), threads=1)
+        simulation.action.fill_(1.0)
+        field, steps = simulation.contamination, simulation.scenario.task.steps
+        for now in range(1, steps + 1):
+            simulation.advance()
+            if until_cleared and now % 10 == 0 and field.oldest.numpy()[0] > 0:
+                return int(field.age_max.numpy()[0]) * self._step
+        longest, at_end = int(field.age_max.numpy()[0]), int(field.age.numpy()[0])
+        return math.inf if is_open(longest, at_end, steps) else longest * self._step
 
     def critical_speed(self) -> float:
         """Return the speed from which on a target, which can do all that a slower one can, evades for ever [m/s].
@@ -105,23 +117,5 @@ class IdealFormation:
             0 if even a target at rest can, inf if none up to `fastest_rogue` can; within 1/500 of that.
         """
         speeds = np.linspace(0.0, self.fastest_rogue, _SPEEDS)
-        first = bisect_left(speeds, True, key=lambda speed: self._largest_age(speed, until_cleared=True) is None)
+        first = bisect_left(speeds, math.inf, key=lambda speed: self.guaranteed_time(speed, until_cleared=True))
         return math.inf if first == _SPEEDS else float(speeds[max(first - 1, 0) : first + 1].mean())
-
-    def _largest_age(self, speed: float, until_cleared: bool) -> int | None:
-        """Play an episode; return the largest age [step], or None if it still grows at the end.
-
-        The episode ends early when all initial targets are detected, if requested.
-
-        The formation is periodic, so a target that can evade for ever from some moment on could also do so from the
-        start: once all targets of the start are detected, none can.
-        """
-        simulation = Simulation(self.against(speed), threads=1)
-        simulation.action.fill_(1.0)
-        field, steps = simulation.contamination, simulation.scenario.task.steps
-        for now in range(1, steps + 1):
-            simulation.advance()
-            if until_cleared and now % 10 == 0 and field.oldest.numpy()[0] > 0:
-                return int(field.age_max.numpy()[0])
-        longest, at_end = int(field.age_max.numpy()[0]), int(field.age.numpy()[0])
-        return None if is_open(longest, at_end, steps) else longest

@@ -29,13 +29,10 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.theory.worst_case import clearing_time, revisiting_time
+from lissajous_env.world.targets.detection import TRIES
 
 _INSTANTS = 40_001
 """Number of times at which the undetected share is computed; between two times the later, smaller value is used."""
-
-_PLACES = 64
-"""Number of places that are tried for a target that appears outside all discs; if all are sensed, it is detected at
-once."""
 
 
 def robot_speed_limit(scenario: str | Scenario) -> float:
@@ -138,7 +135,7 @@ def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray
     at_once = float(_swept(scenario, radius, 0.0))
     if at_once >= whole:
         return np.zeros_like(times)
-    has_place = 1 - (at_once / whole) ** _PLACES  # probability that one of the places is outside all discs
+    has_place = 1 - (at_once / whole) ** TRIES  # probability that one of the places is outside all discs
     return has_place * np.clip(1 - (size - at_once) / (whole - at_once), 0.0, 1.0)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.commands import COMMAND_NAMES, actions_of_commands, named_commands
-from lissajous_env.logs.log import Log, Series
+from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import COLLISION, EDGE, FAULT, PrescribedSimulation
 from lissajous_env.logs.writing import episode_of
@@ -137,11 +137,9 @@ def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     scenario, if that is longer.
     """
     firsts, ends = ([float(track.time[place]) for track in log.tracks] for place in (0, -1))
-    lasts, steps = np.sort(ends), 0
-    for k, last in enumerate(lasts.tolist()):
-        until = math.floor((last - log.start) / step + _SHORTER)
-        if not k or (log.start + until * step - lasts[:k] > gap).all():
-            steps = until
+    lasts = np.sort(ends)
+    last = lasts[np.append(True, np.diff(lasts) > gap)][-1]
+    steps = math.floor((last - log.start) / step + _SHORTER)
     removed = [robot for robot, status in log.statuses.items() if REMOVED in status.value]
     if len(removed) == len(log.tracks) and (own := own_scenario(log)) is not None:
         steps = max(steps, round(own.task.duration / step))
@@ -167,8 +165,19 @@ def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
     # A car whose weak motor does not drive it may begin at the formation's speed.
     speeds = np.maximum(scenario.top_speeds, scenario.robot.top_speed)
     tracks = [dataclasses.replace(track, position=track.position * axes) for track in log.tracks]
+    tracks = tracks if is_simulated else [_without_repeats(track, gap) for track in tracks]
     pairs, radius = zip(tracks, speeds, strict=True), scenario.robot.radius
     return [motion_of(track, gap, speed, radius, trusted=is_simulated) for track, speed in pairs]
+
+
+def _without_repeats(track: Track, gap: float) -> Track:
+    """Return a track without the repeats of poses that other ones follow within a gap: they are not measurements."""
+    poses = np.column_stack([track.position, np.nan_to_num(track.heading)])
+    firsts = np.flatnonzero(np.append(True, np.diff(poses, axis=0).any(axis=1)))
+    is_brief = np.append(np.diff(track.time[firsts]) <= gap, False)
+    rows = ~np.repeat(is_brief, np.diff(firsts, append=len(track)))
+    rows[firsts] = True
+    return Track(*(values[rows] for values in vars(track).values()))
 
 
 def _remarks(

@@ -17,9 +17,10 @@ a world begins, unless a function `reset(world)` fills them.
 
 import dataclasses
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial, reduce
 from typing import Any
 
 import warp as wp
@@ -94,8 +95,12 @@ class Extension(Checked):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that identify the extension: its settings and the parts of its function."""
-        parts = fingerprint(self.run) if self.reset is None else fingerprint(self.reset) | fingerprint(self.run)
-        return {"kind": self.kind, "name": self.name, "place": self.place, **self.settings, "parts": parts}
+        return {"kind": self.kind, "name": self.name, "place": self.place, **self.settings, "parts": self._parts}
+
+    @cached_property
+    def _parts(self) -> dict[str, str]:
+        """Parts of its functions; a copy in another process, which has no source of them, brings them along."""
+        return ({} if self.reset is None else fingerprint(self.reset)) | fingerprint(self.run)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -103,10 +108,13 @@ class Extension(Checked):
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.metadata}
 
     def __reduce__(self) -> tuple:
-        if self.place.partition(":")[0] in MAIN_MODULES and not isinstance(self.run, wp.Kernel):
+        module, _, attribute = self.place.partition(":")
+        at_place = reduce(lambda owner, name: getattr(owner, name, None), attribute.split("."), sys.modules.get(module))
+        is_there = module not in MAIN_MODULES and getattr(at_place, "run", None) is self.run
+        if not is_there and not isinstance(self.run, wp.Kernel):
             reset = self.reset and ByValue(self.reset)
             more = self.settings | {"state": self.state, "reset": reset}
-            return partial(type(self), **more), (self.name, ByValue(self.run), self.place)
+            return partial(type(self), **more), (self.name, ByValue(self.run), self.place), {"_parts": self._parts}
         return load_extension, (self.place, self.settings)
 
 

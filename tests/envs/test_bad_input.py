@@ -23,8 +23,6 @@ def assert_refused(simulation, call, words):
 
 
 # Making a simulation or an environment.
-
-
 CONSTRUCTORS = {
     r"num_worlds must be a whole number of at least 1, got": (
         "num_worlds", [0, -3, 1.5, "4", None, True, np.True_, np.ma.masked, np.array([None])]
@@ -62,8 +60,6 @@ def test_settings_of_an_environment(make, settings, words):
 
 
 # The simulation.
-
-
 SHAPE = r"^action must have shape \(2, 5, 1\), got"
 NUMBERS = "^action must contain real numbers, got"
 WARP = "^action must contain float32 if it is a Warp array, got"  # its bits used to be read as float32
@@ -100,8 +96,6 @@ def test_worlds_and_seeds_of_a_reset():
 
 
 # The environments.
-
-
 def test_steps_outside_an_episode():
     for make, action in (
         (lambda: parallel_env("experiment", max_cycles=2), {f"robot_{i}": np.zeros(2) for i in range(5)}),

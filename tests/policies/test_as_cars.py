@@ -54,6 +54,17 @@ def test_a_drive_gains_the_yaw_rate_of_every_circle_within_one_radius_of_way(nam
     assert speed[np.argmin(wider)] == pytest.approx(share * cars.top_speed, rel=0.02)
 
 
+def test_the_filter_predicts_the_yaw_rate_of_a_drive():
+    """Oracle: the simulated drives; the predicted speed, by the midpoint rule, differs from theirs by less than 1 %."""
+    drives = lissajous_env.scenario(DRIVES, **{"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0})
+    simulation, policy = lissajous_env.Simulation(drives, 3), baselines.make("sweep-safe", drives, 3)
+    for _ in range(20):
+        simulation.step(policy.act(simulation.observation))
+        yaw_rate = simulation.robots.yaw_rate.numpy()
+        np.testing.assert_allclose(policy.policy.filter._yaw_rate.numpy(), yaw_rate, rtol=0.01, atol=0.01)
+        assert np.abs(yaw_rate).max() > 2
+
+
 def test_a_world_depends_on_its_own_observation_alone():
     scenario = lissajous_env.scenario(SHORT, **{"messages.size": 2})
     together = lissajous_env.evaluate(baselines.make("partition-repair-safe", scenario, 3), scenario, range(3))

@@ -13,16 +13,8 @@ FAILING = {"faults.rate": 1e-9, "faults.mean_duration": 1.0, "task.duration": 30
 """Robots can fail, and the test chooses when."""
 
 
-def stop(simulation, chosen, steps=8):
-    """Let chosen robots (W, N) that work stop dead in the next steps."""
-    until = simulation.robots.failed_until.numpy()
-    now = simulation.clock.step.numpy()[:, None]
-    until = np.where(chosen & (until < now), now + steps, until)
-    simulation.robots.failed_until.assign(until.astype(np.int32))
-
-
 def stop_before_others(simulation, filter):
-    """Robots that drive stop dead if another one drives at where they are; the others drive at their nearest."""
+    """Robots that drive stop dead for 8 steps if another one drives at where they are."""
     position = simulation.robots.position.numpy()[..., :2]
     heading, speed = simulation.robots.heading.numpy(), simulation.robots.speed.numpy()
     offset = position[:, None] - position[:, :, None]
@@ -32,7 +24,9 @@ def stop_before_others(simulation, filter):
     radius, drag = simulation.scenario.robot.radius, simulation.scenario.robot.drag
     near = far < 2 * radius + speed[:, :, None] / drag
     threatened = (towards & near & (far > 0)).any(axis=1)
-    stop(simulation, threatened & (speed > 0.05))
+    until, now = simulation.robots.failed_until.numpy(), simulation.clock.step.numpy()[:, None]
+    until = np.where(threatened & (speed > 0.05) & (until < now), now + 8, until)
+    simulation.robots.failed_until.assign(until.astype(np.int32))
 
 
 def test_robots_that_stop_dead_before_others_are_not_hit():

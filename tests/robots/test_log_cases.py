@@ -6,7 +6,6 @@ Oracle: five robots on circles at 0.5 m/s, whose way, speed and smallest distanc
 import functools
 import json
 import math
-import re
 
 import numpy as np
 import pytest
@@ -112,6 +111,9 @@ FIXED = {
     "quaternions are zero": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=0.0)), ("not of length 1",)),
     "quaternions are long": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h, length=2.0)), ("not of length 1",)),
     "poses without speeds": (shrunk(make=stamped), ("were not logged",)),
+    "poses that are published five times": (
+        of_robots(lambda k, t: stamped(EPOCH + t, *circle(k, int(10 * t + 1e-6) / 10)), moments(LASTS, 0.02)), (),
+    ),
     "poses that are NaN or far beyond all floats of 32 bits": (
         of_robots(lambda k, t: odometry(EPOCH + t, (math.nan, 1e300)[k] if k < 2 and 1.9 < t < 2 else circle(k, t)[0],
                                         *circle(k, t)[1:])), ("2 messages", "not finite or above 1e+12"),
@@ -165,10 +167,9 @@ def test_a_clock_that_is_set_while_recording_is_refused(tmp_path):
     ]  # fmt: skip
     with pytest.raises(ValueError, match=r"robot 0 must rise .* a jump of 3\.96 s back, recorded at 1700000006"):
         scored(tmp_path / "reset", reset)
-    for jump, words in ((3600.0, "ahead"), (-0.4, "back"), (-2.0, "back")):
+    for jump, words in ((600.0, "ahead"), (-0.4, "back"), (-2.0, "back")):
         set_late = of_robots(lambda k, t, jump=jump: odometry(EPOCH + t + jump * (t > 2.45), *circle(k, t)))
-        got = f"a jump of {abs(jump + 0.1):.3g} s {words}, recorded at 1700000002.5"
-        with pytest.raises(ValueError, match=re.escape(got)):
+        with pytest.raises(ValueError, match=rf"jump of {abs(jump + 0.1):.3g} s {words}, recorded at 1700000002\.5"):
             scored(tmp_path / str(jump), set_late)
 
 
@@ -309,8 +310,7 @@ REFUSED = {
         "got 0; 41 messages of /robot_0/odom are ignored",
     ),
     "too long": (
-        [record for k in range(5) for t in (0.0, 1.0, 50_000.0)
-         for record in [(f"/robot_{k}/odom", odometry(t, *circle(k, t)), t)]],
+        [(f"/robot_{k}/odom", odometry(t, *circle(k, t)), t) for k in range(5) for t in (0.0, 1.0, 50_000.0)],
         {}, "longest time without a pose is 49999 s, of robot 4",
     ),
     "array": (

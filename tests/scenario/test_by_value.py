@@ -25,7 +25,6 @@ import copy, multiprocessing
 import numpy as np
 import baselines, lissajous_env
 FACTOR = 2.0
-
 @lissajous_env.reward_term(weight=-0.5)
 def near_wall(world):
     return abs(world.robots.position[..., 0]) * FACTOR
@@ -55,6 +54,7 @@ assert copy.deepcopy(extended) == extended
 POOL = """from concurrent.futures import ProcessPoolExecutor
 with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
     rows = [pool.submit(lissajous_env.evaluate, policy, made, [3]).result()[0] for made, policy in tasks]
+    assert pool.submit(lissajous_env.Scenario.digest, extended).result() == extended.digest()
     sys.ps1 = "In : "  # the cell of the rogue is edited and run again, while the other process lives on
     lissajous_env.rogue("to-the-right")(lambda rows: -decide(rows))
     rows.append(pool.submit(lissajous_env.evaluate, tasks[1][1], haunted, [3]).result()[0])

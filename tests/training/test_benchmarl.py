@@ -52,8 +52,8 @@ def parameters(run, group="robot"):
 )
 def test_training(algorithm, iterations, overrides, tmp_path):
     # Oracle: parameters that change; curves with one finite value for each iteration; the action that was requested.
-    settings = Settings("intruders", algorithm, iterations, worlds=4, out=tmp_path, overrides={**SHORT, **overrides})
-    run = experiment(settings)
+    settings = Settings("intruders", algorithm, iterations, worlds=4, out=tmp_path)
+    run = experiment(settings, **SHORT, **overrides)
     before = parameters(run)
     run.run()
     after = parameters(run)
@@ -80,7 +80,7 @@ def test_training(algorithm, iterations, overrides, tmp_path):
 @pytest.mark.parametrize("algorithm", ["mappo", "qmix"])
 def test_what_was_trained_is_a_policy(algorithm, tmp_path):
     # Oracle: TorchRL's own rollout of the same module in the environment that it was trained on, on the same seeds.
-    run = experiment(Settings("intruders", algorithm, 1, worlds=2, out=tmp_path, overrides=SHORT))
+    run = experiment(Settings("intruders", algorithm, 1, worlds=2, out=tmp_path), **SHORT)
     run.run()
     scenario = lissajous_env.scenario("intruders", **SHORT)
     env = LissajousTorchEnv(scenario, 3, seed=6, discrete_actions=algorithm == "qmix")
@@ -181,7 +181,7 @@ def test_both_sides_are_trained(algorithm, tmp_path):
     # Oracle: the parameters of both groups change and stay finite.
     few = {"targets.count": 3, "targets.arrival_rate": 0.0, "targets.entry": "unseen", "sensing.radius": 0.4}
     overrides = {**SHORT, **few, "rogues": "agents"}
-    run = experiment(Settings("experiment", algorithm, 2, worlds=4, out=tmp_path, overrides=overrides))
+    run = experiment(Settings("experiment", algorithm, 2, worlds=4, out=tmp_path), **overrides)
     before = {group: parameters(run, group) for group in ("robot", "rogue")}
     run.run()
     for group, start in before.items():

@@ -78,8 +78,13 @@ def test_a_training_draws_from_the_split_train_and_is_validated_on_the_first_of_
     settings, space = small(tmp_path, scenario="watch-v1", groups=4), lissajous_env.scenario_space("watch-v1")
     validated = [scenario.name for scenario in settings.make_validation_scenarios()]
     assert validated == [scenario.name for scenario in itertools.islice(space.scenarios("validation"), 16)]
-    played = {simulation.scenario.name for simulation in Worlds(settings, 8, 0).batch.simulations}
+    worlds = Worlds(settings, 8, 0)
+    played = {simulation.scenario.name for simulation in worlds.batch.simulations}
     assert {space.split_of(int(name.rpartition("-")[2])) for name in played} == {"train"}
+    worlds.begin(np.arange(8) % 2 == 0)  # half of each group alone, as after the loss of all robots
+    for _ in range(worlds.steps):
+        worlds.begin(worlds.step(np.zeros((worlds.count, 2))).over)
+    assert not played & {simulation.scenario.name for simulation in worlds.batch.simulations}, "groups end together"
     # A grid that the reward uses is there, as without a space.
     fields = {"task.reward_idleness": -0.1, "task.grid": (10, 8)}
     rewarded = dataclasses.replace(settings, overrides=fields).make_validation_scenarios()

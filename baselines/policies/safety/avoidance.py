@@ -31,6 +31,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.world.robots.car import car_action, lowest_speed, motor_acceleration, throttle
 from lissajous_env.world.robots.contacts import closest_approach
+from lissajous_env.world.robots.differential import integral_of_ramp, ramp
 
 wp.set_module_options(OPTIONS)
 
@@ -43,6 +44,8 @@ _LONGEST = 40
 _DIFFERENCE = wp.constant(0.05)
 """Change of an action by which the margins are differentiated."""
 
+Car = wp.types.vector(length=5, dtype=wp.float32)
+"""x, y [m], heading [rad], speed [m/s] and yaw rate [rad/s] of a car."""
 Others = wp.array(dtype=wp.vec4)
 """Relative x, y [m] and velocity over ground [m/s] of the other robots (NEAREST,)."""
 Paths = wp.array2d(dtype=wp.vec2)
@@ -107,8 +110,6 @@ class Constants:
     """Number of robots in sight in an observation."""
     sight: wp.float32
     """Distance within which they are observed [m]."""
-    speed_unit: wp.float32
-    """Top speed of a car, the unit of its observed speed [m/s]."""
     step: wp.float32
     """Control step [s]."""
     age_unit: wp.float32
@@ -120,10 +121,11 @@ class Constants:
 
 
 @wp.func
-def car_after(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
-    """Return x, y [m], heading [rad], v [m/s] a step later: (12) by the midpoint rule, with v up to speed_max.
+def car_after(c: Constants, car: Car, action: wp.vec2) -> Car:
+    """Return the car a step later: (12) by the midpoint rule, with v up to speed_max.
 
-    A dead zone of the motor is left out, except for cars that reverse.
+    A dead zone of the motor is left out, except for cars that reverse. A car that stands for a differential drive gains
+    its yaw rate steadily.
     """
     robot = c.robot
     h = c.step
@@ -136,9 +138,18 @@ def car_after(c: Constants, car: wp.vec4, action: wp.vec2) -> wp.vec4:
     after = wp.clamp(after, lowest_speed(robot), wp.max(before, c.safety.speed_max))
     way = 0.5 * h * (before + after)
     grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-20)
-    turn = way * wp.clamp(curvature_of(robot, action[0]), -grip, grip)
-    ahead = cos_sin(car[2] + 0.5 * turn)
-    return wp.vec4(car[0] + way * ahead[0], car[1] + way * ahead[1], car[2] + turn, after)
+    curvature = wp.clamp(curvature_of(robot, action[0]), -grip, grip)
+    turn = way * curvature
+    middle = car[2] + 0.5 * turn
+    heading = car[2] + turn
+    yaw_rate = float(0.0)
+    if wp.isfinite(robot.yaw_acceleration_max):
+        missing = after * curvature - car[4]
+        middle -= 0.5 * missing * h - integral_of_ramp(0.0, missing, robot.yaw_acceleration_max, 0.5 * h)
+        heading -= missing * h - integral_of_ramp(0.0, missing, robot.yaw_acceleration_max, h)
+        yaw_rate = ramp(car[4], after * curvature, robot.yaw_acceleration_max * h)
+    ahead = cos_sin(middle)
+    return Car(car[0] + way * ahead[0], car[1] + way * ahead[1], heading, after, yaw_rate)
 
 
 @wp.func
@@ -170,9 +181,7 @@ def price(safety: SafetyStruct, b: int) -> float:
 
 
 @wp.func
-def barrier(
-    c: Constants, car: wp.vec4, first: int, after: int, others: Others, action: wp.vec2, way_out: wp.vec2
-) -> float:
+def barrier(c: Constants, car: Car, first: int, after: int, others: Others, action: wp.vec2, way_out: wp.vec2) -> float:
     """Return min m_k(action; way_out) over the robots k from `first` on and before `after` [m].
 
     The margin m_k is the least distance to robot k less 2 r + clearance + growth t, over the horizon. The car applies
@@ -197,7 +206,7 @@ def barrier(
 
 
 @wp.func
-def lay_out_manoeuvres(c: Constants, car: wp.vec4, first: int, count: int, moves: bool, path_out: Paths):
+def lay_out_manoeuvres(c: Constants, car: Car, first: int, count: int, moves: bool, path_out: Paths):
     """Write the places [m] of a car, which stands unless it `moves`, on `count` manoeuvres to rows from `first` on."""
     for b in range(count):
         now = car
@@ -223,14 +232,15 @@ def margin_of_paths(c: Constants, one: int, other: int, path: Paths) -> float:
 
 
 @wp.func
-def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Paths) -> int:
+def agreed_way_out(c: Constants, car: Car, n: int, others: Others, path: Paths) -> int:
     """Return the manoeuvre b that two cars agree on, because both compute the best pair of manoeuvres.
 
     b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin if this car
     follows b and the other b' from now on. Both cars of a pair observe the same two states, so they compute the same
-    pair. `path` is working memory: places on the manoeuvres of this car, then on those of another.
+    pair; yaw rates are not observed, and 0 here. `path` is working memory: places on the manoeuvres of this car, then
+    on those of another.
     """
-    lay_out_manoeuvres(c, car, 0, MANOEUVRES, True, path)
+    lay_out_manoeuvres(c, Car(car[0], car[1], car[2], car[3], 0.0), 0, MANOEUVRES, True, path)
     score = Scores(wp.inf)
     for k in range(n):
         other = others[k]
@@ -238,7 +248,7 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
         moves = speed >= c.safety.resting
         answers = wp.where(moves, MANOEUVRES, 1)
         heading = wp.atan2(other[3], other[2])
-        lay_out_manoeuvres(c, wp.vec4(other[0], other[1], heading, speed), MANOEUVRES, answers, moves, path)
+        lay_out_manoeuvres(c, Car(other[0], other[1], heading, speed, 0.0), MANOEUVRES, answers, moves, path)
         for b in range(MANOEUVRES):
             best = float(-wp.inf)
             for answer in range(answers):
@@ -258,7 +268,7 @@ def agreed_way_out(c: Constants, car: wp.vec4, n: int, others: Others, path: Pat
 
 
 @wp.func
-def linearise(c: Constants, car: wp.vec4, n: int, others: Others, at: wp.vec2, way_out: wp.vec2, rows_out: HalfPlanes):
+def linearise(c: Constants, car: Car, n: int, others: Others, at: wp.vec2, way_out: wp.vec2, rows_out: HalfPlanes):
     """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0, with g by differences towards the middle of the box.
 
     The margins are divided by `safety.unit`.
@@ -280,7 +290,7 @@ def list_seen(w: int, i: int, c: Constants, own: wp.vec2, observation: Observati
     for k in range(wp.min(c.robots_seen, NEAREST)):
         if sees(w, i, k, observation):
             away = offset_seen(w, i, k, c.sight, observation)
-            velocity = velocity_seen(w, i, k, c.speed_unit, observation) + own
+            velocity = velocity_seen(w, i, k, c.robot.speed_max, observation) + own
             others_out[n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
             n += 1
     return n
@@ -329,7 +339,7 @@ def list_heard(
 
 @wp.func
 def avoid(
-    c: Constants, car: wp.vec4, n: int, others: Others, wanted: wp.vec2, top: float, path: Paths, rows: HalfPlanes
+    c: Constants, car: Car, n: int, others: Others, wanted: wp.vec2, top: float, path: Paths, rows: HalfPlanes
 ) -> wp.vec2:
     """Return the wanted action in the box if a way out remains after it, or else the nearest one that leaves one."""
     u = into_box(wanted, top)
@@ -357,6 +367,7 @@ def keep_clear(
     c: Constants,
     curve: CurveStruct,
     memory: wp.array4d(dtype=wp.vec3),
+    yaw_rate: wp.array2d(dtype=float),
     observation: Observation,
     wanted: Actions,
     others: wp.array3d(dtype=wp.vec4),
@@ -369,15 +380,17 @@ def keep_clear(
     u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
     for k in range(action_out.shape[2]):
         action_out[w, i, k] = wanted[w, i, k]  # beyond the first two, a message
-    speed = wp.max(own_speed(w, i, c.speed_unit, observation), lowest_speed(c.robot))
+    speed = wp.max(own_speed(w, i, c.robot.speed_max, observation), lowest_speed(c.robot))
     heading = own_heading(w, i, observation)
     n = list_seen(w, i, c, speed * cos_sin(heading), observation, others[w, i])
     if c.listens == 1:
         n = list_heard(w, i, n, c, curve, memory, observation, others[w, i])
+    car = Car(0.0, 0.0, heading, speed, yaw_rate[w, i])
+    yaw_rate[w, i] = 0.0
     if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
         return
-    car = wp.vec4(0.0, 0.0, heading, speed)
     top = throttle_action(c.robot, (c.safety.speed_max - speed) / c.step + c.robot.drag * speed)
     u = avoid(c, car, n, others[w, i], u, top, path[w, i], rows[w, i])
     action_out[w, i, 0] = u[0]
     action_out[w, i, 1] = u[1]
+    yaw_rate[w, i] = car_after(c, car, u)[4]

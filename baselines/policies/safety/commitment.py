@@ -321,7 +321,7 @@ def commit(
     step = memory.steps[w]
     for i in range(n):
         here = own_position(w, i, curve, observation)
-        speed = wp.max(own_speed(w, i, terms.speed_unit, observation), 0.0)
+        speed = wp.max(own_speed(w, i, terms.robot.speed_max, observation), 0.0)
         car = wp.vec4(here[0], here[1], own_heading(w, i, observation), speed)
         memory.decided[w, i] = 0
         if not begin(w, i, terms, car, memory, observation):

@@ -41,8 +41,6 @@ class Terms:
     """Bound of the error of a measured heading [rad]."""
     speed_error: wp.float32
     """Bound of the error of a measured speed [m/s]."""
-    speed_unit: wp.float32
-    """Unit of observed speeds [m/s]."""
     half_width: wp.float32
     """Half of the width of the rectangle that tails stay in [m]."""
     half_height: wp.float32

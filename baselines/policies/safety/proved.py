@@ -130,7 +130,6 @@ def terms_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cp
     decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
     error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * largest_speed_change(scenario))
     terms.speed_error = parameters.deviations * noise.speed + error
-    terms.speed_unit = robot.top_speed
     room = _IN_RANGE if task.boundary == "open" else 1.0
     body = {"open": 0.0, "wall": robot.radius, "remove": -robot.radius}[task.boundary]
     terms.half_width, terms.half_height = room * curve.half_width - body, room * curve.half_height - body

@@ -37,6 +37,8 @@ neighbours, as long as no message is lost; where they are late, their senders ar
 Other cars that approach at 2 m/s in `intruders` are sensed too late. A car that stops abruptly less than about 0.45 m
 ahead cannot be avoided. There are only nine ways out, so a car between two others may have none. Of three cars, two may
 agree on ways out that do not suit the third.
+
+A differential drive gains its yaw rate steadily. It is not observed, so the filter predicts it from step to step.
 """
 
 import dataclasses
@@ -77,7 +79,7 @@ class Safe(Filter):
     about = "with a collision filter that intervenes late and gently"
     as_car = True
     communicates = "positions of ring neighbours"
-    remembers = ("_memory",)
+    remembers = ("_memory", "_yaw_rate")
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
         super().__init__(scenario, num_worlds, device, parameters)
@@ -91,12 +93,12 @@ class Safe(Filter):
         constants.robot = to_struct(RobotStruct, scenario.robot)
         constants.robots_seen, constants.sight = scenario.sensing.robots_seen, sight_of_cars(scenario)
         constants.step, constants.age_unit = scenario.task.step, scenario.time_unit
-        constants.speed_unit = scenario.robot.top_speed
         constants.delay = scenario.delay_steps * scenario.task.step
         constants.listens = int(sight_speed < formation_speed)
         self._constants = constants
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._memory = wp.zeros((*self.shape, 2, steps_of_velocity(scenario)), dtype=wp.vec3, device=self.device)
+        self._yaw_rate = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         others, places = (*self.shape, int(NEAREST)), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
         self._others = wp.zeros(others, dtype=wp.vec4, device=self.device)
         self._paths = wp.zeros((*self.shape, *places), dtype=wp.vec2, device=self.device)
@@ -105,8 +107,9 @@ class Safe(Filter):
     def __call__(self, observation: wp.array, wanted: wp.array, out: wp.array | None = None) -> wp.array:
         """Return the actions for wanted ones, from observations."""
         out = self.action if out is None else out
-        inputs = [self._constants, self._curve, self._memory, observation, wanted, self._others, self._paths]
-        self.launch(keep_clear, self.shape, [*inputs, self._rows], [out])
+        memory = [self._memory, self._yaw_rate]
+        inputs = [self._constants, self._curve, *memory, observation, wanted, self._others, self._paths, self._rows]
+        self.launch(keep_clear, self.shape, inputs, [out])
         return out
 
 

@@ -22,7 +22,7 @@ from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, away_from
 
 wp.set_module_options(MOTION)
 
-_TRIES = wp.constant(64)
+TRIES = wp.constant(64)
 """Number of positions that are tried for a target that appears outside all discs."""
 _FROM_ALL = wp.constant(code_of(TargetSettings, "flight", "all"))
 
@@ -112,7 +112,7 @@ def place_unseen(w, lane, lanes, curve, sensing, clock, robots, targets, bins):
             break  # the slots are in the order of their times
         if targets.status[w, t] == HIDDEN:
             draw = randomness.stream(key, t, randomness.UNSEEN)
-            for _ in range(_TRIES):
+            for _ in range(TRIES):
                 x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
                 y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
                 targets.position[w, t] = wp.vec2(x, y)
