@@ -176,6 +176,7 @@ class _Fit:
         self._names, self._least = tuple(model), np.array([least for _, least in model.values()][:5])
         self._is_car = is_car
         self._free = 4 if is_car else 5  # number of entries of a state that the motion depends on
+        track = track.without_repeats(_GAP)
         # The last command counts for as long as any other one: later, the robot may have stopped without commands.
         until = commands.time[-1] + np.diff(commands.time).max(initial=0.0)
         first, last = max(track.time[0], commands.time[0]), min(track.time[-1], until)

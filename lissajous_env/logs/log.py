@@ -69,6 +69,15 @@ class Track:
     def __len__(self) -> int:
         return len(self.time)
 
+    def without_repeats(self, gap: float) -> "Track":
+        """Return this track without repeated poses that others follow within a gap [s]: they were not measured."""
+        poses = np.column_stack([self.position, np.nan_to_num(self.heading)])
+        firsts = np.flatnonzero(np.append(True, np.diff(poses, axis=0).any(axis=1)))
+        is_brief = np.append(np.diff(self.time[firsts]) <= gap, False)
+        rows = ~np.repeat(is_brief, np.diff(firsts, append=len(self)))
+        rows[firsts] = True
+        return Track(*(values[rows] for values in vars(self).values()))
+
 
 @dataclass(frozen=True)
 class Log:

@@ -10,7 +10,7 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.logs.commands import COMMAND_NAMES, actions_of_commands, named_commands
-from lissajous_env.logs.log import Log, Series, Track
+from lissajous_env.logs.log import Log, Series
 from lissajous_env.logs.motion import Motion, motion_of
 from lissajous_env.logs.prescribed import COLLISION, EDGE, FAULT, PrescribedSimulation
 from lissajous_env.logs.writing import episode_of
@@ -165,19 +165,9 @@ def _motions(log: Log, scenario: Scenario, gap: float) -> list[Motion]:
     # A car whose weak motor does not drive it may begin at the formation's speed.
     speeds = np.maximum(scenario.top_speeds, scenario.robot.top_speed)
     tracks = [dataclasses.replace(track, position=track.position * axes) for track in log.tracks]
-    tracks = tracks if is_simulated else [_without_repeats(track, gap) for track in tracks]
+    tracks = tracks if is_simulated else [track.without_repeats(gap) for track in tracks]
     pairs, radius = zip(tracks, speeds, strict=True), scenario.robot.radius
     return [motion_of(track, gap, speed, radius, trusted=is_simulated) for track, speed in pairs]
-
-
-def _without_repeats(track: Track, gap: float) -> Track:
-    """Return a track without the repeats of poses that other ones follow within a gap: they are not measurements."""
-    poses = np.column_stack([track.position, np.nan_to_num(track.heading)])
-    firsts = np.flatnonzero(np.append(True, np.diff(poses, axis=0).any(axis=1)))
-    is_brief = np.append(np.diff(track.time[firsts]) <= gap, False)
-    rows = ~np.repeat(is_brief, np.diff(firsts, append=len(track)))
-    rows[firsts] = True
-    return Track(*(values[rows] for values in vars(track).values()))
 
 
 def _remarks(

@@ -16,7 +16,7 @@ from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_arrays, reset_clock
-from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
+from lissajous_env.world.contamination.conservative import bound_labels
 from lissajous_env.world.contamination.field import clear_cells, reset_labels, spread, update_undetected_time
 from lissajous_env.world.coverage import cover
 from lissajous_env.world.observing import observe, store_final_rows
@@ -68,8 +68,6 @@ def stages_of(scenario: Scenario, rogues: Any = None, begins: bool = False) -> l
         Stage("entry", place_unseen, when=targets.entry == "unseen"),
         Stage("targets", move_and_detect),
         Stage("coverage", cover, when=task.grid is not None),
-        Stage("labels", reset_labels, when=begins and task.contamination is not None),
-        Stage("bounds", reset_bounds, when=begins and task.conservative),
         *(_contamination(scenario, begins) if task.contamination is not None else []),
         Stage("consequences", stop_or_remove, when=moves and task.on_collision != "count"),
         Stage("boundary", mark_outside),
@@ -123,7 +121,7 @@ def _contamination(scenario: Scenario, begins: bool) -> list[Stage]:
     guarantee, ticks = Stage("guarantee", update_undetected_time), scenario.spreading.ticks
     if scenario.task.conservative:
         return [Stage("contamination", bound_labels), guarantee]
-    stages = []
+    stages = [Stage("labels", reset_labels, when=begins)]
     for tick in range(ticks - 1 if begins else 0, ticks):
         count, own = f" {tick + 1}" if ticks > 1 else "", {"tick": tick}
         stages.append(Stage(f"clearing{count}", clear_cells, own=own))

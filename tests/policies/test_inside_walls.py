@@ -156,6 +156,7 @@ def test_loops_that_overlap_and_have_no_ways_are_refused(monkeypatch):
 def test_cars_within_walls_or_an_edge_that_removes_them_have_no_collisions(name, policy, fields, longest):
     """Oracle: the simulated collisions, contacts, places and worst case, also after neighbours take over a cell."""
     scenario = lissajous_env.scenario(name, **{"task.boundary": "wall", "task.duration": 16.0, **fields})
+    assert -lissajous_env.world.robots.inside.margin_of(scenario) < math.sqrt(0.5) * scenario.robot.radius, "at corners"
     policy = baselines.make(policy, scenario)
     if policy.name == "partition-repair":
         reach = np.array([scenario.resolve().driven.half_width, scenario.resolve().driven.half_height])

@@ -25,8 +25,7 @@ def stop_before_others(simulation, filter):
     near = far < 2 * radius + speed[:, :, None] / drag
     threatened = (towards & near & (far > 0)).any(axis=1)
     until, now = simulation.robots.failed_until.numpy(), simulation.clock.step.numpy()[:, None]
-    until = np.where(threatened & (speed > 0.05) & (until < now), now + 8, until)
-    simulation.robots.failed_until.assign(until.astype(np.int32))
+    simulation.robots.failed_until.assign(np.where(threatened & (speed > 0.05) & (until < now), now + 8, until))
 
 
 def test_robots_that_stop_dead_before_others_are_not_hit():

@@ -111,16 +111,18 @@ def test_a_dead_zone_and_a_delay_of_a_car_that_reverses_are_recovered():
     check(identify(track, commands, guess), true, 0.02, CONSTANTS)
 
 
-def test_a_bad_first_guess_uneven_times_and_failures_do_not_matter(minute):
+def test_a_bad_first_guess_uneven_times_repeated_poses_and_failures_do_not_matter(minute):
     # Nor do poses after the last command that was recorded.
     track, commands, true, _ = minute
     commands = Series(commands.time[:-60], commands.value[:-60])
-    rows = np.sort(np.random.default_rng(0).permutation(len(track))[:450])
+    rows = np.repeat(np.sort(np.random.default_rng(0).permutation(len(track))[:450]), 2)
     speed = np.where((track.time >= 20) & (track.time < 30), 0.0, track.speed)
     status = Series(track.time, ((track.time >= 20) & (track.time < 30)).astype(int))
-    thinned = Track(track.time[rows], track.position[rows], track.heading[rows] + 4 * np.pi, speed[rows])
-    guess = Robot(wheelbase=0.3, drag=2.0, drive=20.0, offset=2.0)
-    check(identify(thinned, commands, guess, status), true, 0.03)
+    time = track.time[rows] + np.tile([0.0, 0.03], 450)
+    thinned = Track(time, track.position[rows], track.heading[rows] + 4 * np.pi, speed[rows])
+    fit = identify(thinned, commands, Robot(wheelbase=0.3, drag=2.0, drive=20.0, offset=2.0), status)
+    check(fit, true, 0.03)
+    assert fit.values["delay"] < 0.005
 
 
 @pytest.mark.parametrize(

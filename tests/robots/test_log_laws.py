@@ -23,8 +23,6 @@ from lissajous_env.logs.writing import save_mcap
 PAIR = {"robot.count": 2, "formation.p": 1, "formation.ring": (0, 1), "faults.schedule": (), "task.grid": (18, 8)}
 SCENARIO = lissajous_env.scenario("experiment", **PAIR)
 STEP = SCENARIO.task.step
-COUNTED = ("targets", "collisions")
-"""Columns that must be equal."""
 CONTINUOUS = {
     "distance_mean": 1e-3, "speed_max": 1e-3, "min_separation": 1e-3, "lateral_error_mean": 1e-3,
     "spacing_factor": 1e-3, "contact_time": 1e-9, "outside_time": 1e-9, "phase_error": 2e-3,
@@ -96,7 +94,7 @@ def scored(folder, *bags, topics=TOPICS, origin=(0.0, 0.0, 0.0)):
 
 def differences(one, other):
     """Columns of two rows that differ."""
-    names = [name for name in COUNTED if one[name] != other[name]]
+    names = [name for name in ("targets", "collisions") if one[name] != other[name]]
     for name, tolerance in CONTINUOUS.items():
         a, b = one[name], other[name]
         if math.isnan(a) != math.isnan(b) or abs(a - b) > tolerance * (1 + abs(a)):

@@ -139,10 +139,7 @@ def test_a_function_and_a_factory_are_policies():
         ({"policy": "kuramoto"}, "which drives kind curve"),
         ({"policy": lambda team, *_: Filtered(baselines.make("sweep-proved", team), Safe)}, "filter -proved"),
         ({"scenario": "watch", "policy": lambda rows: rows}, "tracks_seen and sensing.teammates_seen must be 0"),
-        (
-            {"scenario": lissajous_env.scenario("experiment", **{"sensing.cells_seen": (4, 2)})},
-            "cells_seen must be",
-        ),
+        ({"scenario": lissajous_env.scenario("experiment", **{"sensing.cells_seen": (4, 2)})}, "cells_seen must be"),
     ],
 )
 def test_what_does_not_fit_is_refused(changes, words):

@@ -205,7 +205,9 @@ def test_a_robot_that_announces_decides_as_one_that_does_not():
     assert announces.announce(Odometry(math.nan, 0.0, 0.0, 0.0, 9.0)) is None
 
 
-def test_an_origin_without_a_heading_is_refused():
+def test_wrong_settings_are_refused():
+    with pytest.raises(ValueError, match=r"node.command must be one of car, dart, twist, twist_stamped, got 'boat'"):
+        RobotSettings(command="boat")
     with pytest.raises(ValueError, match=r"node.origin must be x, y \[m\] and heading \[rad\], got"):
         RobotSettings(origin=(0.0, 1.0))
 

@@ -139,10 +139,7 @@ class RogueVecEnv(BatchVecEnv):
 
 
 class RobotVecEnv(BatchVecEnv):
-    """Robots with shared parameters: row k N + i is robot i of world k; see `BatchVecEnv`.
-
-    A removed robot terminates, and its row is constant until its world is reset.
-    """
+    """Robots with shared parameters: row k N + i is robot i of world k; see `BatchVecEnv`."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, **settings: Any):
         super().__init__(scenario, num_worlds, roles="robots", **settings)

@@ -131,7 +131,7 @@ def terms_of(scenario: Scenario, parameters: ProvedParameters, device: Any = "cp
     error = max((_ROUNDING + decay_error) * robot.top_speed, 2 * decay_error * largest_speed_change(scenario))
     terms.speed_error = parameters.deviations * noise.speed + error
     room = _IN_RANGE if task.boundary == "open" else 1.0
-    body = {"open": 0.0, "wall": robot.radius, "remove": -robot.radius}[task.boundary]
+    body = {"open": 0.0, "wall": robot.radius, "remove": -math.sqrt(0.5) * robot.radius}[task.boundary]
     terms.half_width, terms.half_height = room * curve.half_width - body, room * curve.half_height - body
     terms.message_loss = noise.message_loss**parameters.repeats
     terms.chord = (task.step / task.substeps) ** 2 / 8

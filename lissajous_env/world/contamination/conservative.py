@@ -100,29 +100,27 @@ def clear_covered(w, slot, row, rows: int, grown: float, curve, hops, robots, co
                 contamination.labels[w, slot, row + MARGIN, column + MARGIN] = NONE
 
 
-@stage(FIELD_ROW, writes="contamination: labels")
-def reset_bounds(w, row, target, hops, clock, contamination):
-    """Contaminate the cells in which targets are introduced, if some are present from the start."""
-    rows = contamination.row_ages.shape[1]
-    for column in range(hops.columns):
-        enter = target.count > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target)
-        for k in range(hops.history_length):
-            contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(enter, 0, NONE)
-
-
 @stage(FIELD_ROW, writes="contamination: labels, row_ages, row_oldest")
 def bound_labels(w, row, curve, target, hops, clock, robots, contamination):
-    """Bound the label of each cell, and clear the cells that a disc covers entirely."""
+    """Bound the label of each cell, and clear the cells that a disc covers entirely.
+
+    At a reset, the cells in which targets are introduced are contaminated if some are present from the start.
+    """
     now = clock.step[w]
     tick = now / hops.period
     steps_since = now % hops.period  # the tick
     slot = tick % hops.history_length
     rows = contamination.row_ages.shape[1]
     for column in range(hops.columns):
-        if now > 0 and steps_since == 0:
+        is_entry = is_near_entry(row, column, 0, 0, rows, hops.columns, target)
+        if now == 0:
+            for k in range(hops.history_length):
+                label = wp.where(target.count > 0 and is_entry, 0, NONE)
+                contamination.labels[w, k, row + MARGIN, column + MARGIN] = label
+        elif steps_since == 0:
             label = bound_of_cell(w, tick, row, column, rows, target, hops, contamination)
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
-        elif now > 0 and target.arrival_rate > 0.0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
+        elif target.arrival_rate > 0.0 and is_entry:
             label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
             contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * PER_STEP)
     clear_covered(w, slot, row, rows, float(steps_since) * hops.moved, curve, hops, robots, contamination)

@@ -324,10 +324,11 @@ def scaled_gain(scenario: Scenario, gain: float) -> float:
 def margin_of(scenario: Scenario) -> float:
     """Return the width of the strip along the edge in which no centre of a body is, that of K [m].
 
-    It is negative where the edge removes robots, which it does when they are wholly outside, and there is little noise.
+    It is negative where the edge removes robots, which it does when they are wholly outside, and there is little noise:
+    at a corner, a centre may be outside by sqrt(1 / 2) of the radius in both directions.
     """
     rounding = ROUNDING * (scenario.curve.half_width + scenario.curve.half_height)
-    body = 1 if scenario.task.boundary == "wall" else -1
+    body = 1.0 if scenario.task.boundary == "wall" else -math.sqrt(0.5)
     return (body + CLEARANCE) * scenario.robot.radius + DEVIATIONS * scenario.noise.position + 2 * rounding
 
 
