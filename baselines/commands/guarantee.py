@@ -24,16 +24,12 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import require
 
-_PAPER = "experiment", "ideal"
-"""The paper's two curves."""
 _SMALLEST, _LARGEST = 0.3, 1.35
 """Range of the sensing radii, over that of Eq. (8)."""
-_DIGITS = 9
-"""Decimal digits of these ratios: the ratio of the scenario may be one of the range, apart from rounding errors."""
 
 
 def guarantee(
-    scenarios: ScenarioNames = _PAPER,
+    scenarios: ScenarioNames = ("experiment", "ideal"),
     radii: int = 22,
     cells: int = 90,
     output: Output = DEFAULT_OUTPUT,
@@ -41,8 +37,8 @@ def guarantee(
 ) -> None:
     """Compute how fast a target must be to evade a formation for ever.
 
-    The critical speed is printed for a range of sensing radii and, in bold, for that of the scenario. It is the speed
-    of targets that know the robots' future and may start anywhere.
+    The critical speed is printed for the scenario's sensing radius (in bold) and a range of others. It is the speed of
+    targets that know the robots' future and may start anywhere.
 
     Example:
         lissajous guarantee evaders team
@@ -72,18 +68,17 @@ def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[dic
         times = {"guaranteed_time": points.guaranteed_time(scenario.rogue_speed)}
         return {"radius": points.radius, "critical_speed": points.critical_speed()} | times
 
-    own = scenario.sensing_radius / scenario.detection_radius
-    shares = np.unique(np.append(np.linspace(_SMALLEST, _LARGEST, radii), own).round(_DIGITS))
+    own = scenario.sensing_radius / scenario.detection_radius  # one of the range, apart from rounding errors, or not
+    shares = np.unique(np.append(np.linspace(_SMALLEST, _LARGEST, radii), own).round(12))
     with ThreadPoolExecutor(cores()) as threads:
         return list(threads.map(of_share, shares.tolist()))
 
 
 def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]], cells: int) -> None:
     """Print a row for each sensing radius, computed with this number of cells along the longer side."""
-    speed, required = scenario.rogue_speed, scenario.detection_radius
-    words = f"N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s"
-    lengths = f"sensing radius {scenario.sensing_radius:.3g} m, Eq. (8) requires {required:.3g} m"
-    console.print(Text.assemble((scenario.name, "bold"), f"  {words}, {lengths}"))
+    speed, own, required = scenario.rogue_speed, scenario.sensing_radius, scenario.detection_radius
+    words = f"N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, sensing radius {own:.3g} m"
+    console.print(Text.assemble((scenario.name, "bold"), f"  {words}, Eq. (8) requires {required:.3g} m"))
     columns = [
         "sensing\nradius [m]",
         "over that\nof Eq. (8)",
@@ -91,10 +86,9 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]
         f"at {speed:g} m/s undetected\nfor at most [s]",
     ]
     highest = IdealFormation(scenario, cells=cells).fastest_rogue
-    own = round(scenario.sensing_radius / required, _DIGITS) * required
     print_table(console, columns, [
         [
-            Text(f"{row['radius']:.3g}", "bold" if row["radius"] == own else ""),
+            Text(f"{row['radius']:.3g}", "bold" if math.isclose(row["radius"], own) else ""),
             f"{row['radius'] / required:.2f}",
             f"{row['critical_speed']:.3g}" if row["critical_speed"] < math.inf else f"> {highest:.3g}",
             f"{row['guaranteed_time']:.1f}" if row["guaranteed_time"] < math.inf else "for ever",

@@ -175,8 +175,7 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
     for name in folder.written:
         if "/" in name and not name.endswith("/"):
             folder.remove(name)
-    for k, planned in enumerate(plans, start=1):
-        plan = planned.plan
+    for k, plan in enumerate((planned.plan for planned in plans), start=1):
         name = re.sub(r"[^\w.-]", "-", plan.scenario.name).lstrip(".-")[:80] or "plan"  # for files, see `NAMES`
         words = f"Planned for {plan.settings.policy} ({plan.about})."
         renamed = dataclasses.replace(plan.scenario, name=f"{name}-{k}", description=words)
