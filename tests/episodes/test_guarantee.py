@@ -67,6 +67,10 @@ def test_the_guarantee_comes_back_after_a_fault():
     assert math.isnan(row["guarantee_recovery_time"])
     (row,) = lissajous_env.evaluate(baselines.make("still", scenario, 1), scenario, seeds=[0])
     assert math.isnan(row["guarantee_recovery_time"]), "what was never regained"
+    # Closed form: without discs that cover all, a target may enter from 5.1 s on; 0.1 s after 9 s, all is clear again.
+    faults = {"faults.schedule": tuple((robot, 5.0, 9.0) for robot in range(5)), "sensing.radius": 9.0}
+    (row,) = lissajous_env.evaluate(baselines.make("still", scenario, 1), quiet, seeds=[0], **faults)
+    assert (row["guaranteed_detection_time"], row["guarantee_recovery_time"]) == pytest.approx((3.9, 0.1))
 
 
 def test_a_rogue_must_be_faster_where_sensors_are_larger():
