@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 
 import numpy as np
 import pytest
@@ -89,9 +88,8 @@ def test_the_command_prints_its_radii_and_that_of_the_scenario(capsys):
     assert [round(row["radius"], 2) for row in json.loads(said)["evaders"]] == [0.35, 0.6, 0.96, 1.56]
     _, table, _ = called(capsys, "guarantee", "evaders", "--radii", 3, "--cells", 40)
     # The largest speed that is tried is 4 times that of the formation, 6.76 m/s; with more cells it is lower.
-    rows = [r"0\.30 +0\.0594 +for ever", r"0\.6 +0\.52 +0\.68 +3\.0", r"0\.955 +0\.82 +> 6\.76 +1\.5"]
-    words = r"\s+".join([*rows, r"1\.56 +1\.35 +> 6\.76 +0\.0\s"])
-    assert re.search(words, table)
+    words = "0.347 0.30 0.0594 for ever 0.6 0.52 0.68 3.0 0.955 0.82 > 6.76 1.5 1.56 1.35 > 6.76 0.0"
+    assert words in " ".join(table.split())
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
