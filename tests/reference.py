@@ -313,23 +313,21 @@ class World:
 
     def _tally(self, begin: bool) -> None:
         here = [i for i in range(self.n) if not self.removed(i)]
+        there = [i for i in range(self.n) if i in here or self.at_work[i]]  # also those removed at the end of the step
         curve = self.scenario.curve
         tracking, lateral = [], []
-        for i in here:
+        for i in there:
             on_curve = curve_point(curve, self.alpha * self.robots[i].phase)
             tracking.append(math.dist(on_curve[:2], self.robots[i].position[:2]))
             lateral.append(self._distance_from_curve(self.robots[i].position[:2]))
         self.tracking_max = max([self.tracking_max, *tracking])
         self.lateral_max = max([self.lateral_max, *lateral])
-        if not begin and here:
-            self.tracking_sum += sum(tracking) / len(here)
-            self.lateral_sum += sum(lateral) / len(here)
-        for i in here:
-            for j in self.scenario.neighbours[i]:
-                if j in here:
-                    self.spacing_max = max(
-                        self.spacing_max, math.dist(self.robots[i].position, self.robots[j].position)
-                    )
+        if not begin and there:
+            self.tracking_sum += sum(tracking) / len(there)
+            self.lateral_sum += sum(lateral) / len(there)
+        pairs = [(i, j) for i in here for j in self.scenario.neighbours[i] if j in here]
+        distances = [math.dist(self.robots[i].position, self.robots[j].position) for i, j in pairs]
+        self.spacing_max = max([self.spacing_max, *distances])
         offsets = [self.robots[i].phase - self.equilibrium[i] for i in here]
         turn = math.atan2(sum(math.sin(o) for o in offsets), sum(math.cos(o) for o in offsets))
         if self.first_fault is None and any(self.stuck(i) for i in range(self.n)):

@@ -58,8 +58,7 @@ def score_of(world) -> dict[str, float]:
 
 def recovery_time(world) -> float:
     """Time from the end of the last fault until the formation is back in its swing before the first one [s]."""
-    faulty = any(world.stuck(i) for i in range(world.n))
-    if world.resumed_at is None or faulty:
+    if world.resumed_at is None or any(world.stuck(i) for i in range(world.n)):
         return math.nan
     band = max(RECOVERED, SWING_MARGIN * max(world.deviations[: world.first_fault]))
     off = [k for k, deviation in enumerate(world.deviations) if k >= world.first_fault and deviation > band]

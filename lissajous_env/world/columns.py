@@ -168,7 +168,7 @@ OBSERVED = Column(
 WITHIN_BOUND = Column(
     "detected_within_bound",
     "share of the targets that were detected within the detection-time bound T_max = (2 pi / omega) / (N / kappa), "
-    "which holds only if r_s meets Eq. (8); targets that were present for less than T_max and not detected are "
+    "which holds only if r_s meets Eq. (8); targets that were present for at most T_max and not detected are "
     "excluded",
     _within_bound, rule=SHARE, empty="no target was present for T_max or detected, or targets appear anew",
     title="within T_max", better=1,
@@ -188,7 +188,7 @@ CONTACT_TIME = Column(
 SEPARATION = Column(
     "min_separation", "smallest distance between the centres of two robots of such a pair",
     lambda e: e.totals["min_separation"] if e.totals["min_separation"] < 1e29 else math.nan, "m",
-    empty="only one robot", title="least distance", better=1, order=9,
+    empty="no such pair", title="least distance", better=1, order=9,
 )
 COVERAGE = Column(
     "coverage_time", "time until every cell was covered by some robot", lambda e: e.reached(e.totals["covered_at"]),
@@ -209,7 +209,7 @@ LONGEST_IDLENESS = Column(
 )
 LATERAL_ERROR = Column(
     "lateral_error_mean", "distance of a robot from the nearest point of the curve, mean over robots and time",
-    _in_formation(lambda e: e.per_step(e.totals["lateral_sum"])), "m", empty=_NO_FORMATION,
+    _in_formation(lambda e: e.totals["lateral_sum"] / max(e.totals["present_steps"], 1)), "m", empty=_NO_FORMATION,
 )
 LARGEST_LATERAL_ERROR = Column(
     "lateral_error_max", "largest distance of a robot from the curve",
@@ -218,7 +218,7 @@ LARGEST_LATERAL_ERROR = Column(
 TRACKING_ERROR = Column(
     "tracking_error_mean",
     "distance of a robot from the point of the curve at its own phase, mean over robots and time",
-    _in_formation(lambda e: e.per_step(e.totals["tracking_sum"])), "m", empty=_NO_FORMATION,
+    _in_formation(lambda e: e.totals["tracking_sum"] / max(e.totals["present_steps"], 1)), "m", empty=_NO_FORMATION,
 )
 LARGEST_TRACKING_ERROR = Column(
     "tracking_error_max", "largest of these distances", _in_formation(lambda e: e.totals["tracking_max"]), "m",
@@ -267,8 +267,8 @@ DISTANCE = Column(
 )
 TOP_SPEED = Column("speed_max", "largest speed of any robot", lambda e: e.totals["speed_max"], "m/s")
 SMOOTHNESS = Column(
-    "smoothness", "mean square of the change of the action from step to step; 0 is steady",
-    lambda e: e.totals["change_sum"] / (e.steps - 1) if e.steps > 1 else math.nan, empty="only one step",
+    "smoothness", "mean square of the change of the action from step to step, mean over working robots; 0 is steady",
+    lambda e: e.totals["change_sum"] / (e.totals["change_steps"] or math.nan), empty="no robot worked after one step",
 )
 SENSED = Column(
     "sensed_fraction", "share of the cells that some robot has covered",
@@ -292,20 +292,20 @@ AT_END = Column(
 OPEN = Column(
     "guarantee_open",
     "1 if the episode shows no bound of the worst-case undetected time: it was still growing at the end and was at "
-    "least half of the episode, or no robot was left; otherwise 0",
+    "least half of the episode, or no robot was left while targets could be undetected or arrive; otherwise 0",
     _contaminated(lambda e: float(e.is_open)), rule=FLAG, empty=_NO_CONTAMINATION, better=-1, summary=MEAN,
 )
 AGE = Column(
     "contaminated_age_mean",
     "longest time for which a target that may be in a cell can have been undetected, 0 for a cleared cell, mean over "
     "cells and time",
-    _contaminated(lambda e: e.per_step(e.contamination["mean_age_sum"]) * e.step), "s", empty=_NO_CONTAMINATION,
+    _contaminated(lambda e: e.contamination["mean_age_sum"] / max(e.steps, 1) * e.step), "s", empty=_NO_CONTAMINATION,
     better=-1,
 )
 GUARANTEE_RECOVERY = Column(
     "guarantee_recovery_time",
     "time from the end of the last fault until the time for which a target can have been undetected stays, for at "
-    "least 0.3 rad / omega, below 1.1 times its largest value before the first fault",
+    "least 0.3 rad / omega, within 1.1 times its largest value before the first fault",
     _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s",
     empty=f"never, never disturbed, or {_NO_CONTAMINATION}", better=-1,
 )

@@ -92,13 +92,11 @@ def cover(w, lane, lanes, curve, sensing, clock, robots, cells, latest, tally):
                 visit_disc(place, lane, lanes, curve, radius, columns, CENTRE, cells.coming[w], cells.sensed_by[w, i])
             )
     counts = count_visits(w, lane, lanes, clock.step[w], cells)
-    ended = counts[0]
-    added = counts[1]
-    if ended > wp.int64(0):
-        wp.atomic_add(latest.idle_ended, w, ended)
+    if counts[0] > wp.int64(0):
+        wp.atomic_add(latest.idle_ended, w, counts[0])
     if added_each > wp.int64(0):
         wp.atomic_add(tally.covered_each, w, added_each)
-        wp.atomic_add(tally.covered, w, added)
+        wp.atomic_add(tally.covered, w, counts[1])
 
 
 def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any) -> np.ndarray:

@@ -132,10 +132,6 @@ class Episode:
         """Return the time of a step [s]; NaN for one that was never reached."""
         return math.nan if step == NEVER else step * self.step
 
-    def per_step(self, total: Any) -> Any:
-        """Return the mean over the steps of a sum over them."""
-        return total / max(self.steps, 1)
-
     def recovery(self, last_off: Any) -> float:
         """Return the time from the end of the last fault until a quantity returned to its bounds [s].
 

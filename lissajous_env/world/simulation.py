@@ -198,10 +198,8 @@ class Simulation(Copyable):
 
         The rows of other worlds are infinite instead of NaN, so that environment checkers consider equal infos equal.
         """
-        numbers, chosen = (
-            np.full((self.num_worlds, len(self.score_names)), np.inf),
-            chosen_worlds(worlds, self.num_worlds),
-        )
+        chosen = chosen_worlds(worlds, self.num_worlds)
+        numbers = np.full((self.num_worlds, len(self.score_names)), np.inf)
         if len(chosen):
             numbers[chosen] = [[row[name] for name in self.score_names] for row in self.score(chosen)]
         return numbers

@@ -205,8 +205,7 @@ class Cells:
     """The coverage grid: R rows, C columns, and B words of bits for 64 columns each."""
 
     sensed_at: wp.array3d(dtype=wp.int32)
-    """(W, R, C) last step before the present visit in which a cell was sensed, 0 for never; see
-    `lissajous_env.world.coverage.last_sensed`."""
+    """(W, R, C) last step before the present visit in which a cell was sensed, 0 for never: `coverage.last_sensed`."""
     sensed: wp.array3d(dtype=wp.uint64)
     """(W, B, R) a bit for each cell that some robot has sensed."""
     sensed_by: wp.array4d(dtype=wp.uint64)
@@ -260,7 +259,7 @@ class Contamination:
     age_before: wp.array(dtype=wp.int32)
     """(W,) largest `age` before the first fault [step]."""
     high_at: wp.array(dtype=wp.int32)
-    """(W,) latest step after the first fault in which `age` was at least 1.1 times `age_before`; -1 for none."""
+    """(W,) latest step after the first fault in which `age` exceeded 1.1 times `age_before`; -1 for none."""
 
 
 @named_struct("latest")
@@ -322,9 +321,11 @@ class EpisodeTotals:
     covered_each: wp.array(dtype=wp.int64)
     """(W,) cells covered, summed over robots."""
     covered_at: wp.array(dtype=wp.int32)
-    """(W,) step in which every cell had been covered."""
     covered_each_at: wp.array(dtype=wp.int32)
-    """(W,) step in which every robot had covered every cell."""
+    """(W,) step in which every cell had been covered, and step in which every robot had covered every cell."""
+    present_steps: wp.array(dtype=wp.int32)
+    change_steps: wp.array(dtype=wp.int32)
+    """(W,) steps in which some robot was not removed, and steps after the first in which some robot worked."""
     lateral_sum: wp.array(dtype=wp.float64)
     """(W,) distance from the curve, summed over steps, mean over robots [m]."""
     lateral_max: wp.array(dtype=wp.float32)
@@ -354,11 +355,10 @@ class EpisodeTotals:
     speed_max: wp.array(dtype=wp.float32)
     """(W,) largest speed of a robot, forwards or backwards [m/s]."""
     change_sum: wp.array(dtype=wp.float64)
-    """(W,) mean square of the change of the action, summed over steps, mean over the robots that were not removed."""
+    """(W,) mean square of the change of the action, summed over steps, mean over the working robots."""
     outside_steps: wp.array(dtype=wp.int64)
-    """(W,) steps with the whole body outside the rectangle, summed over robots."""
     partly_outside_steps: wp.array(dtype=wp.int64)
-    """(W,) steps with some part of the body outside the rectangle, summed over robots."""
+    """(W,) steps with the whole body outside the rectangle, and with some part of it, summed over robots."""
     wall_contacts: wp.array2d(dtype=wp.int32)
     """(W, N) contacts with a wall that began."""
     at_wall: wp.array2d(dtype=wp.int32)

@@ -78,9 +78,11 @@ def compute_reward(w, lane, lanes, task, cells_total, clock, contamination, late
 def tally_motion(w, now, robots, latest, tally):
     """Add up distances from the curve and from the points at the phases, distances travelled and changes of actions.
 
-    Record the largest distances from the curve and from these points, and the largest speed.
+    Record the largest distances from the curve and from these points, and the largest speed. Robots that a collision or
+    the edge removed at the end of the step count in it, and changes of actions only for robots that worked.
     """
     present = int(0)
+    working = int(0)
     lateral = wp.float64(0.0)
     tracking = wp.float64(0.0)
     distance = float(0.0)
@@ -88,31 +90,34 @@ def tally_motion(w, now, robots, latest, tally):
     for i in range(robots.status.shape[1]):
         for s in range(1, robots.path.shape[2]):
             distance += wp.length(robots.path[w, i, s] - robots.path[w, i, s - 1])
-        if robots.status[w, i] != REMOVED:
+        if robots.status[w, i] != REMOVED or latest.sensed[w, i] == 1:
             present += 1
+            working += latest.sensed[w, i]
             lateral += wp.float64(latest.lateral[w, i])
             tracking += wp.float64(latest.tracking[w, i])
             change += latest.change[w, i]
             tally.lateral_max[w] = wp.max(tally.lateral_max[w], latest.lateral[w, i])
             tally.tracking_max[w] = wp.max(tally.tracking_max[w], latest.tracking[w, i])
             tally.speed_max[w] = wp.max(tally.speed_max[w], wp.abs(robots.speed[w, i]))
-    if now > 0:
-        tally.lateral_sum[w] += lateral / wp.float64(wp.max(present, 1))
-        tally.tracking_sum[w] += tracking / wp.float64(wp.max(present, 1))
+    if now > 0 and present > 0:
+        tally.lateral_sum[w] += lateral / wp.float64(present)
+        tally.tracking_sum[w] += tracking / wp.float64(present)
         tally.distance_sum[w] += wp.float64(distance)
-        tally.change_sum[w] += wp.float64(change / float(wp.max(present, 1)))
+        tally.present_steps[w] += 1
+    if now > 1 and working > 0:
+        tally.change_sum[w] += wp.float64(change / float(working))
+        tally.change_steps[w] += 1
 
 
 @part
 def tally_spacing(w, neighbours, robots, tally):
     """Record the largest distance of neighbours on the ring."""
-    square = float(0.0)
     for i in range(robots.status.shape[1]):
         for side in range(2):
             j = neighbours[i, side]
             if j > i and robots.status[w, i] != REMOVED and robots.status[w, j] != REMOVED:
-                square = wp.max(square, wp.length_sq(robots.position[w, i] - robots.position[w, j]))
-    tally.spacing_max[w] = wp.max(tally.spacing_max[w], wp.sqrt(square))
+                distance = wp.length(robots.position[w, i] - robots.position[w, j])
+                tally.spacing_max[w] = wp.max(tally.spacing_max[w], distance)
 
 
 @part
@@ -132,8 +137,7 @@ def tally_faults(w, robots, tally):
         fault_end = wp.max(fault_end, robots.resumed_at[w, i])
     failed = any_failed(w, robots)
     tally.fault_end[w] = wp.where(failed, -1, fault_end)
-    if failed:
-        tally.faulted[w] = 1
+    tally.faulted[w] = wp.where(failed, 1, tally.faulted[w])
 
 
 @part
@@ -182,9 +186,9 @@ def tally_coverage(w, now, num_robots: int, cells_total, tally):
 
 @stage(
     WORLD,
-    writes="tally: change_sum, covered_at, covered_each_at, distance_sum, fault_end, faulted, lateral_max, "
-    "lateral_sum, nominal_phase_error, observed, off_at, outside_steps, partly_outside_steps, phase_error, "
-    "phase_error_max, spacing_max, speed_max, tracking_max, tracking_sum",
+    writes="tally: change_steps, change_sum, covered_at, covered_each_at, distance_sum, fault_end, faulted, "
+    "lateral_max, lateral_sum, nominal_phase_error, observed, off_at, outside_steps, partly_outside_steps, "
+    "phase_error, phase_error_max, present_steps, spacing_max, speed_max, tracking_max, tracking_sum",
 )
 def update_totals(w, cells_total, neighbours, clock, robots, latest, tally):
     """Add the state after this step to the totals of the episode."""

@@ -9,18 +9,17 @@ import lissajous_env
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.columns import MEANINGS, NAMES
 from lissajous_env.world.coverage import last_sensed
-from lissajous_env.world.state import WORKING
+from lissajous_env.world.state import REMOVED
 
 # The columns as they are promised to who reads the files.
 PROMISED = (
     "scenario, policy, episode, seed, targets, detected_fraction, detection_time_mean, detection_time_p95, "
     "detection_time_max, detection_rate, observed_fraction, detected_within_bound, collisions, contact_time, "
-    "min_separation, coverage_time, "
-    "coverage_time_each, idleness_mean, idleness_max, lateral_error_mean, lateral_error_max, "
-    "tracking_error_mean, tracking_error_max, spacing_factor, phase_error, recovery_time, outside_time, "
-    "partly_outside_time, wall_contacts, blocked_time, distance_mean, speed_max, smoothness, sensed_fraction, "
-    "guaranteed_detection_time, unseen_at_end, guarantee_open, contaminated_age_mean, guarantee_recovery_time, "
-    "return_mean"
+    "min_separation, coverage_time, coverage_time_each, idleness_mean, idleness_max, lateral_error_mean, "
+    "lateral_error_max, tracking_error_mean, tracking_error_max, spacing_factor, phase_error, recovery_time, "
+    "outside_time, partly_outside_time, wall_contacts, blocked_time, distance_mean, speed_max, smoothness, "
+    "sensed_fraction, guaranteed_detection_time, unseen_at_end, guarantee_open, contaminated_age_mean, "
+    "guarantee_recovery_time, return_mean"
 )
 
 
@@ -77,12 +76,8 @@ def test_what_never_was_is_nan():
     detection = {name for name in NAMES if name.startswith("detect")}
     coverage = {"coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "sensed_fraction"}
     guarantee = {name for name in NAMES if "guarantee" in name} | {"unseen_at_end", "contaminated_age_mean"}
-    assert missing == detection | coverage | guarantee | {
-        "min_separation",
-        "recovery_time",
-        "smoothness",
-        "observed_fraction",
-    }
+    others = {"min_separation", "recovery_time", "smoothness", "observed_fraction"}
+    assert missing == detection | coverage | guarantee | others
     assert row["targets"] == 0
 
 
@@ -147,29 +142,34 @@ def test_the_spacing_of_the_formation_is_what_8_says(name, tight):
 
 
 @pytest.mark.parametrize("name", ["rough", "failure"])
-def test_way_speed_smoothness_and_what_was_sensed(name):
-    # Oracle: NumPy, from the places through each step, the speeds, the actions and the cells. A wild action is limited
-    # first, one that is not finite is zero, noise is none of the policy's, and that of failed robots counts 0.
-    simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **{"noise.actuator": 0.05}), 2, seed=3)
-    rng, actions, works, way = np.random.default_rng(1), [], [], np.zeros(2)
-    fastest = simulation.robots.speed.numpy().max(axis=1)
+def test_way_speed_errors_smoothness_and_what_was_sensed(name):
+    # Oracle: NumPy, from places, speeds, actions and cells. A wild action is limited first, one that is not finite is
+    # zero, noise is none of the policy's. Failed robots do not act, and removed ones count until the end of their step.
+    lost = {"faults.removed": tuple((k, 2.5) for k in range(5)), "noise.actuator": 0.05, "task.on_collision": "remove"}
+    failed = {"faults.schedule": ((0, 0.5, 1.2), (1, 0.0, 9.0)), "faults.rate": 0.0, "robot.radius": 0.4}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **lost, **failed), 2, seed=3)
+    rng, actions, works, there, errors, way = np.random.default_rng(1), [], [], [], [], np.zeros(2)
+    robots, fastest = simulation.robots, simulation.robots.speed.numpy().max(axis=1)
     for step in range(30):
         action = rng.uniform(-1.3, 1.3, simulation.action_shape).astype(np.float32)
         if step == 7:
             action[0, 2] = np.nan
+        works.append((robots.status.numpy() != REMOVED) & (step < 25) & [not 5 <= step < 12, False, True, True, True])
         simulation.step(action)
         actions.append(np.clip(np.where(np.isfinite(action).all(axis=-1, keepdims=True), action, 0), -1, 1))
-        works.append(simulation.robots.status.numpy() == WORKING)
-        way += np.linalg.norm(np.diff(simulation.robots.path.numpy(), axis=2), axis=-1).sum(axis=(1, 2))
-        fastest = np.maximum(fastest, simulation.robots.speed.numpy().max(axis=1))
+        there.append(works[-1] | (robots.status.numpy() != REMOVED))
+        errors.append(simulation.latest.tracking.numpy().copy())
+        way += np.linalg.norm(np.diff(robots.path.numpy(), axis=2), axis=-1).sum(axis=(1, 2))
+        fastest = np.maximum(fastest, robots.speed.numpy().max(axis=1))
     rows = simulation.score()
+    assert (np.sum(there, axis=(0, 2)) < 5 * 25).any(), "robots crashed"
     assert [row["distance_mean"] for row in rows] == pytest.approx(way / 5, rel=1e-5)
     assert [row["speed_max"] for row in rows] == pytest.approx(fastest)
-    change = (np.array(works)[1:, ..., None] * np.diff(actions, axis=0) ** 2).mean(axis=(0, 2, 3))
-    assert [row["smoothness"] for row in rows] == pytest.approx(change, rel=1e-5)
-    sensed = (last_sensed(simulation.cells.sensed_at.numpy(), simulation.cells.in_discs.numpy(), [30, 30]) > 0).mean(
-        axis=(1, 2)
-    )
-    assert all(row["sensed_fraction"] >= share - 1e-9 for row, share in zip(rows, sensed, strict=True))
+    change = np.ma.array((np.diff(actions, axis=0) ** 2).mean(axis=-1), mask=~np.array(works)[1:])
+    assert [row["smoothness"] for row in rows] == pytest.approx(change.mean(axis=2).mean(axis=0), rel=1e-5)
+    tracking = np.ma.array(errors, mask=~np.array(there)).mean(axis=2).mean(axis=0)
+    assert [row["tracking_error_mean"] for row in rows] == pytest.approx(tracking, rel=1e-4, abs=1e-6)
+    sensed = last_sensed(simulation.cells.sensed_at.numpy(), simulation.cells.in_discs.numpy(), [30, 30]) > 0
+    assert ([row["sensed_fraction"] for row in rows] >= sensed.mean(axis=(1, 2)) - 1e-9).all()
     simulation.reset()
     assert simulation.score()[0]["distance_mean"] == 0

@@ -143,5 +143,5 @@ def update_undetected_time(w, target, task, hops, clock, robots, tally, contamin
     contamination.mean_age_sum[w] += wp.float64(mean_age)
     if tally.faulted[w] == 0 and not any_failed(w, robots):
         contamination.age_before[w] = contamination.age_max[w]
-    elif float(age) >= FAULT_MARGIN * float(contamination.age_before[w]):
+    elif float(age) > FAULT_MARGIN * float(contamination.age_before[w]):
         contamination.high_at[w] = now
