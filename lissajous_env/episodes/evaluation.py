@@ -161,7 +161,7 @@ def evaluate(
     """
     seeds, variant = list(seeds), named.build(scenario, **overrides)
     if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
-        hint = "; `baselines.make` makes a policy by its name" if isinstance(policy, str) else ""
+        hint = "; `baselines.make` makes one by name, a class by a call" if isinstance(policy, (str, type)) else ""
         raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}{hint}")
     acting: Any = policy
     if not hasattr(policy, "act"):
