@@ -24,14 +24,12 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import require
 
-_PAPER = "experiment", "ideal"
-"""The paper's two curves."""
 _SMALLEST, _LARGEST = 0.3, 1.35
 """Range of the sensing radii, over that of Eq. (8)."""
 
 
 def guarantee(
-    scenarios: ScenarioNames = _PAPER,
+    scenarios: ScenarioNames = ("experiment", "ideal"),
     radii: int = 22,
     cells: int = 90,
     output: Output = DEFAULT_OUTPUT,
@@ -39,15 +37,15 @@ def guarantee(
 ) -> None:
     """Compute how fast a target must be to evade a formation for ever.
 
-    The critical speed is printed for a range of sensing radii. It is the speed of targets that know the robots' future
-    and may start anywhere.
+    The critical speed is printed for the scenario's sensing radius (in bold) and a range of others. It is the speed of
+    targets that know the robots' future and may start anywhere.
 
     Example:
         lissajous guarantee evaders team
 
     Args:
         scenarios: names of scenarios, .toml files, or module:attribute; by default the paper's two curves.
-        radii: number of sensing radii, from 0.3 to 1.35 times that of Eq. (8) of the paper.
+        radii: number of sensing radii, from 0.3 to 1.35 times that of Eq. (8) of the paper, beside the scenario's own.
         cells: grid cells along the longer side of the rectangle; more of them are more precise and slower.
     """
     whole_number("radii", radii, 2, 200)
@@ -63,22 +61,24 @@ def guarantee(
 
 
 def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[dict[str, float]]:
-    """Return critical speeds and guaranteed times for sensing radii from 0.3 to 1.35 times that of Eq. (8)."""
+    """Return critical speeds and guaranteed times for the sensing radius, and 0.3 to 1.35 times that of Eq. (8)."""
 
     def of_share(share: float) -> dict[str, float]:
         points = IdealFormation(scenario, share * scenario.detection_radius, cells)
         times = {"guaranteed_time": points.guaranteed_time(scenario.rogue_speed)}
         return {"radius": points.radius, "critical_speed": points.critical_speed()} | times
 
+    own = scenario.sensing_radius / scenario.detection_radius  # one of the range, apart from rounding errors, or not
+    shares = np.unique(np.append(np.linspace(_SMALLEST, _LARGEST, radii), own).round(12))
     with ThreadPoolExecutor(cores()) as threads:
-        return list(threads.map(of_share, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
+        return list(threads.map(of_share, shares.tolist()))
 
 
 def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]], cells: int) -> None:
     """Print a row for each sensing radius, computed with this number of cells along the longer side."""
-    speed, required = scenario.rogue_speed, scenario.detection_radius
-    words = f"N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, Eq. (8) requires"
-    console.print(Text.assemble((scenario.name, "bold"), f"  {words} {required:.3g} m"))
+    speed, own, required = scenario.rogue_speed, scenario.sensing_radius, scenario.detection_radius
+    words = f"N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, sensing radius {own:.3g} m"
+    console.print(Text.assemble((scenario.name, "bold"), f"  {words}, Eq. (8) requires {required:.3g} m"))
     columns = [
         "sensing\nradius [m]",
         "over that\nof Eq. (8)",
@@ -88,7 +88,7 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]
     highest = IdealFormation(scenario, cells=cells).fastest_rogue
     print_table(console, columns, [
         [
-            f"{row['radius']:.3g}",
+            Text(f"{row['radius']:.3g}", "bold" if math.isclose(row["radius"], own) else ""),
             f"{row['radius'] / required:.2f}",
             f"{row['critical_speed']:.3g}" if row["critical_speed"] < math.inf else f"> {highest:.3g}",
             f"{row['guaranteed_time']:.1f}" if row["guaranteed_time"] < math.inf else "for ever",

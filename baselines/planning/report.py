@@ -28,7 +28,7 @@ FIGURES = "plans.json"
 
 def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) -> None:
     """Print a table of plans."""
-    failures, bounds, episodes = outcome.request.failures, outcome.lower_bounds, f"{_played(plans)} episodes"
+    failures, bounds, episodes = outcome.request.failures, outcome.lower_bounds, f"{_played(plans)}\nepisodes"
     without_walls = any(scenario.task.boundary != "wall" for scenario in outcome.scenarios.values())
 
     def entries(planned: Planned) -> list[tuple[bool, Column, str]]:
@@ -43,7 +43,7 @@ def print_plans(console: Any, outcome: PlanOutcome, plans: Sequence[Planned]) ->
             (len(outcome.scenarios) > 1, Column("N"), str(robots)),
             (True, Column(f"worst case [s]\n{episodes}"), worst_in_words(planned.rows)),
             (True, Column(f"second half [s]\n{episodes}"), worst_in_words(planned.rows, SETTLED_TIME)),
-            (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)} episodes"), failed),
+            (failures > 0, Column(f"with {_lost(outcome)} lost [s]\n{_losses(outcome)}\nepisodes"), failed),
             (True, Column("lower\nbound [s]", rank=2), number(bounds.get(robots, math.nan))),
             (True, Column("mean detection\ntime [s]", rank=1), str(detection)),
             (True, Column("least gap\n[m]", rank=2), number(figures.clearance)),
@@ -175,10 +175,9 @@ def write(folder: Folder, plans: Sequence[Planned], episodes: Episodes) -> None:
     for name in folder.written:
         if "/" in name and not name.endswith("/"):
             folder.remove(name)
-    for k, planned in enumerate(plans, start=1):
-        plan = planned.plan
+    for k, plan in enumerate((planned.plan for planned in plans), start=1):
         name = re.sub(r"[^\w.-]", "-", plan.scenario.name).lstrip(".-")[:80] or "plan"  # for files, see `NAMES`
-        words = f"{plan.settings.policy} ({plan.about})."
+        words = f"Planned for {plan.settings.policy} ({plan.about})."
         renamed = dataclasses.replace(plan.scenario, name=f"{name}-{k}", description=words)
         folder.write(f"{k}/{SCENARIO_FILE}", as_toml(renamed))
         folder.write(f"{k}/{POLICY_FILE}", plan.settings.as_toml())

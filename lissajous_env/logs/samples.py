@@ -46,7 +46,7 @@ def poses_of(bags: Bags, topic: str) -> dict[str, Samples]:
     for part, whole in samples.items():
         own = bags.finite(topic, whole, 7)
         heading, square = heading_of(*own.values[:, 3:7].T)
-        if odd := int((np.abs(square - 1) > _UNIT).sum()):
+        if (odd := int((np.abs(square - 1) > _UNIT).sum())) and not np.isnan(heading).all():  # else `Motion.remarks`
             bags.remark(topic, "accepted with quaternions that are not of length 1", odd)
         poses[part] = dataclasses.replace(own, values=np.column_stack([own.values[:, :3], heading, own.values[:, 7:]]))
     bags.poses[topic] = {part: _in_root(part, poses) for part in poses} if TRANSFORMS in kinds else poses
