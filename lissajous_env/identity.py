@@ -7,9 +7,9 @@ distribution is identified by its version, which results store beside these part
 import contextlib
 import functools
 import hashlib
-import inspect
 import os
 import platform
+import re
 import shlex
 import sys
 import types
@@ -17,6 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OWN_PACKAGES
@@ -30,17 +31,15 @@ def fingerprint(value: Any) -> dict[str, str]:
     """Return what identifies a function, class, partial, Warp kernel or object, the same in every process, by name.
 
     Its parts are the name of the definition and a digest of the file of the module; in a script or at a prompt, of its
-    own source. A partial also has the parts of its arguments that are plain values, functions or classes. Other values,
-    and those in closures and attributes, are not compared.
+    own compiled code. A partial also has the parts of its arguments; of one that is no function, class, plain value or
+    dataclass, only the type. Values in closures and attributes are not compared.
     """
     if isinstance(value, functools.partial):
         parts = fingerprint(value.func)
         for name, argument in (dict(enumerate(value.args)) | value.keywords).items():
-            if isinstance(argument, (str, int, float)):
-                parts[f"argument {name}"] = digest_of(repr(argument).encode())
-            elif callable(argument):
-                for part, text in fingerprint(argument).items():
-                    parts[part if part.startswith(MODULE) else f"argument {name} {part}"] = text
+            described = fingerprint(argument) if callable(argument) else {"": digest_of(_text_of(argument).encode())}
+            for part, text in described.items():
+                parts[part if part.startswith(MODULE) else f"argument {name} {part}".strip()] = text
         return parts
     if isinstance(value, types.MethodType):
         return fingerprint(value.__self__) | {"method": value.__name__}
@@ -53,14 +52,25 @@ def fingerprint(value: Any) -> dict[str, str]:
 
 
 def _source(definition: Any, module: str) -> dict[str, str]:
-    """Return a digest of the file of a module; of a script or a prompt, of the source of the definition."""
+    """Return a digest of the file of a module; of a script or a prompt, of the compiled definition."""
     file = getattr(sys.modules.get(module), "__file__", None)
     if file is not None and module != "__main__" and Path(file).is_file():
         return {MODULE + module: digest_of(Path(file).read_bytes())}
-    try:
-        return {"source": digest_of(inspect.getsource(definition).encode())}
-    except (OSError, TypeError):
-        return {}
+    parts = vars(definition) if isinstance(definition, type) else {"": definition}
+    text = str([name + _text_of(part) for name, part in parts.items() if name[:2] != "__" or callable(part)])
+    return {"source": digest_of(text.encode())}
+
+
+def _text_of(part: Any) -> str:
+    """Return the compiled code of a function, method or property, or the text of a value, without addresses."""
+    part = getattr(part, "fget", getattr(part, "__func__", part))
+    if isinstance(part, types.FunctionType):
+        return _text_of(part.__code__) + _text_of((part.__defaults__, part.__kwdefaults__))
+    if isinstance(part, types.CodeType):
+        return f"{part.co_code.hex()} {part.co_names} {[*map(_text_of, part.co_consts)]}"
+    part = sorted(map(repr, part)) if isinstance(part, (set, frozenset)) else part  # in an order of its own
+    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):  # all numbers and digits of arrays
+        return re.sub(" at 0x[0-9a-fA-F]+", "", repr(part))
 
 
 def digest_of(data: bytes) -> str:

@@ -20,7 +20,7 @@ from baselines.policies.registry import fingerprint_of
 from lissajous_env.console.terminal import Progress
 from lissajous_env.identity import MODULE
 from lissajous_env.plugins import of_extra
-from lissajous_env.wording import shown, where_raised
+from lissajous_env.wording import require, where_raised
 
 _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
@@ -39,10 +39,8 @@ def check(device: str) -> None:
         ValueError: Ray is not installed, or the device has a number.
     """
     _ray()
-    if device not in ("cpu", "cuda"):
-        raise ValueError(
-            f"device of engine ray must be cpu or cuda, because Ray selects the device; got {shown(device)}"
-        )
+    rule = "must be cpu or cuda, because Ray selects the device"
+    require(device in ("cpu", "cuda"), "device of engine ray", rule, device)
 
 
 @contextlib.contextmanager

@@ -173,8 +173,10 @@ def register(
 
 
 def kind_of(factory: Any) -> str | None:
-    """Return the kind of robots that the policies of a factory drive, or None for any."""
-    return getattr(_origin(factory)[0], "kind", None)
+    """Return the kind of robots that the policies of a factory drive, by itself or as registered; None for any."""
+    origin = _origin(factory)
+    registered = (entry.kind for entry in POLICIES.values() if _origin(entry.factory) == origin)
+    return getattr(origin[0], "kind", None) or next(registered, None)
 
 
 def _origin(factory: Any) -> tuple:

@@ -45,12 +45,11 @@ class Stateful:
         """
         own = dict(_arrays(self))
         for name, array in own.items():
-            wanted = array.numpy() if isinstance(array, wp.array) else array
+            values = array.numpy() if isinstance(array, wp.array) else array
+            wanted = f"shape {values.shape} of {values.dtype}"
             got = f"shape {saved[name].shape} of {saved[name].dtype}" if name in saved else "none"
-            if got != f"shape {wanted.shape} of {wanted.dtype}":
-                raise ValueError(
-                    f"saved state must contain {name} of shape {wanted.shape} of {wanted.dtype}, got {got}"
-                )
+            if got != wanted:
+                raise ValueError(f"saved state must contain {name} of {wanted}, got {got}")
         if unknown := sorted(saved.keys() - own.keys()):
             raise ValueError(
                 f"saved state must contain only the arrays of {type(self).__name__}, got {few_of(unknown)}"

@@ -310,8 +310,5 @@ def _check_words(recording: Recording) -> None:
 
 
 def _check_size(size: int) -> None:
-    if size > MOST_BYTES:
-        raise ValueError(
-            f"a recording must contain at most {MOST_BYTES:,} bytes: use a coarser task.grid, fewer targets or "
-            "a shorter task.duration"
-        )
+    rule = f"must contain at most {MOST_BYTES:,} bytes: use a coarser task.grid, fewer targets or steps"
+    require(size <= MOST_BYTES, "a recording", rule, size)

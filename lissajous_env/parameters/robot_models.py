@@ -126,7 +126,7 @@ def model_of(kind: str) -> RobotModel:
     Raises:
         ValueError: there is no such model.
     """
-    require(kind in MODELS, "robot.kind", f"must be one of {few_of(MODELS, kind)}", kind)
+    require(kind in MODELS, "robot.kind", f"must be one of {few_of(MODELS, kind)}, or one that --import adds", kind)
     return MODELS[kind]
 
 

@@ -109,7 +109,7 @@ def rogue_of(name: str) -> Rogue | None:
     if name == AGENTS or isinstance(ROGUES.get(name), Rogue):
         return ROGUES.get(name)
     folder, known = folder_of(name), (AGENTS, *rogues())
-    rule = f"must be one of {few_of(known, name)}, or a folder with {CHECKPOINT}"
+    rule = f"must be one of {few_of(known, name)}, one that --import adds, or a folder with {CHECKPOINT}"
     require(folder is not None, "targets.rogues", rule, name, known)
     return importlib.import_module("training.learned.rogue").open_rogue(folder, name)
 

@@ -12,7 +12,7 @@ import training
 from baselines.planning import portfolio
 from baselines.policies import registry
 from baselines.policies.patrol import Laps, Still
-from lissajous_env import plugins
+from lissajous_env import plugins, scenario
 from training.learned.policy import register_shipped
 
 
@@ -25,12 +25,15 @@ def test_a_name_that_is_taken_is_refused():
 def test_the_same_policy_may_be_registered_again():
     before = baselines.names()
     baselines.register("still", None, Still)
+    mine = partial(Still, parameters=None)
     for _ in range(2):
-        baselines.register("mine", "car", partial(Laps, parameters=None))
+        baselines.register("mine", "car", mine)
     register_shipped()
     assert set(baselines.names()) == {*before, "mine", "mine-safe", "mine-proved"}
     with pytest.raises(ValueError, match="must be new, got 'mine'"):
         baselines.register("mine", "car", partial(Laps))
+    with pytest.raises(ValueError, match="must drive robots of kind curve, got mine, which drives kind car"):
+        registry.as_factory(mine, "mine")(scenario("failure"), 1, "cpu")  # as of `module:factory`
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

@@ -131,7 +131,7 @@ TOGETHER = [
     ({"formation.phase_rate": 1e3, "curve.half_width": 1e3}, "formation.phase_rate must keep cars"),
     ({"robot.wheelbase": 1e-3, "robot.steering_max": 1.57}, "robot.wheelbase must keep a car's turn in"),
     ({"noise.message_delay": 0.04}, "noise.message_delay must be 0 or from 1 to 1000 steps"),
-    ({"robot.kind": "boat"}, "robot.kind must be one of car, differential, curve, got 'boat'"),
+    ({"robot.kind": "boat"}, "robot.kind must be one of car, .*, curve, or one that --import adds, got 'boat'"),
     ({"curve.inset": 0.8}, "curve.inset must be below 0.8, half of the rectangle's side"),
     ({"curve.inset": 0.7, "sensing.radius": 0.6}, "sensing.radius must be at least the inset of 0.7"),
     ({"task.boundary": "wall", "robot.radius": 0.9}, "robot.radius must be below 0.8"),

@@ -23,20 +23,15 @@ QUIET = Console(quiet=True)
 SHORT = {"task.duration": 1.0, "faults.schedule": ()}
 
 MODULE = """
-import numpy as np
-import lissajous_env
-
+import lissajous_env, numpy as np
 def half():
     return 0.5
-
 class Mine:
     def __init__(self, scenario, num_worlds, device):
         self.num_worlds, self.shape = num_worlds, (num_worlds, scenario.num_robots, scenario.action_size)
-    def reset(self, worlds=None):
-        pass
+    reset = lambda self, worlds=None: None
     def act(self, observation):
         return np.full(self.shape, half(), dtype=np.float32)
-
 @lissajous_env.score_column(reduce="max")
 def fast(world):
     return half() * world.robots.speed.max(axis=1)
@@ -68,9 +63,8 @@ def test_a_folder_contains_one_version_of_a_module(tmp_path, more):
     refused = benchmark(tmp_path, 3, *more)
     assert refused.returncode == 2
     first, *table = refused.stderr.splitlines()
-    assert (
-        first == "error: out contains results of the same name with other code; choose another --out or undo the change"
-    )
+    words = "error: out contains results of the same name with other code; choose another --out or undo the change"
+    assert first == words
     assert any(".module my_module" in line for line in table)
     assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 2
     file.write_text(MODULE)
@@ -98,8 +92,12 @@ def test_whatever_makes_a_policy_is_identified_by_its_module():
         parts = registry.fingerprint_of(registry.as_factory(policy, "mine"))
         assert parts["code"].startswith(f"{__name__}:")
         assert set(parts) - {"argument speed"} == {"code", f"module {__name__}"}
-    variants = policies[2], functools.partial(Still, speed=0.4), policies[0].act, policies[0].reset
-    assert len({str(fingerprint(value)) for value in variants}) == 4
+    speeds = 0.5, 0.4, np.full(2000, 0.4), np.full(2000, 0.4 + 1e-12), *(lissajous_env.Faults(lost=k) for k in (1, 2))
+    variants = [*(functools.partial(Still, speed=speed) for speed in speeds), policies[0].act, policies[0].reset]
+    for text in (MODULE, "\n" + MODULE, MODULE.replace("half(), dtype", "0.4, dtype")):  # as cells, which have no file
+        exec(text, cell := {"__name__": "__main__"})
+        variants.append(cell["Mine"])
+    assert len({str(fingerprint(value)) for value in variants}) == len(variants) - 1  # not their place
     # Code of this distribution is identified by its version.
     assert set(registry.fingerprint_of(registry.as_factory("kuramoto"))) == {"code", "argument 0 code"}
 

@@ -114,7 +114,7 @@ def test_any_entry_may_be_missing_or_wrong(folder):
         (("card", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
         (("card", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
         (("card", "inputs"), ["a"], r"inputs and outputs must be \(1, 2\), as its card states, got \(0, 2\)"),
-        (("card", "base"), "nothing", "base must be a registered classical policy, or none, got 'nothing'"),
+        (("card", "base"), "nothing", "base must be a .* policy, one that --import adds, or none, got 'nothing'"),
         (("card", "settings"), None, "settings must be a mapping, got None"),
         (("card", "scenario_fields"), [], r"scenario_fields must be a mapping, got \[\]"),
         (("card", "activation"), "gelu", "unexpected keyword argument 'activation'"),

@@ -51,7 +51,7 @@ class Card:
         # A learned policy as a base could have this policy as its own base.
         base = self.base
         known = base is None or (isinstance(base, str) and registry.is_classical(base))
-        require(known, "base", "must be a registered classical policy, or none", base)
+        require(known, "base", "must be a registered classical policy, one that --import adds, or none", base)
 
     @classmethod
     def of(cls, scenario: Scenario, **more: Any) -> "Card":

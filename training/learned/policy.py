@@ -10,7 +10,7 @@ import baselines
 from baselines.policies.base import Policy
 from baselines.policies.registry import LOADERS, Loader
 from lissajous_env import Scenario
-from lissajous_env.wording import few_of, nearest
+from lissajous_env.wording import few_of, require
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.networks import TeamNetwork
@@ -35,23 +35,17 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     return policy
 
 
-def _own_scenario(folder: str) -> Scenario:
-    return checkpoint.scenario_of_card(checkpoint.read_description(folder)["card"])
-
-
 def find(name: str | Path) -> Path:
     """Return the folder of an included policy, or the given folder if it contains a checkpoint.
 
     Raises:
         ValueError: it is neither.
     """
-    shipped = _SHIPPED / str(name)
     if str(name) in names():
-        return shipped
-    if (Path(name) / checkpoint.FILE).is_file():
-        return Path(name)
-    rule = f"policy must be one of {few_of(names(), name)}, or a folder with {checkpoint.FILE}"
-    raise ValueError(f"{rule}, got {str(name)!r}{nearest(name, names())}")
+        return _SHIPPED / str(name)
+    rule = f"must be one of {few_of(names(), name)}, or a folder with {checkpoint.FILE}"
+    require((Path(name) / checkpoint.FILE).is_file(), "policy", rule, str(name), names())
+    return Path(name)
 
 
 def register_shipped() -> None:
