@@ -113,12 +113,13 @@ def tally_motion(w, now, robots, latest, tally):
 @part
 def tally_spacing(w, neighbours, robots, tally):
     """Record the largest distance of neighbours on the ring."""
+    square = float(0.0)
     for i in range(robots.status.shape[1]):
         for side in range(2):
             j = neighbours[i, side]
             if j > i and robots.status[w, i] != REMOVED and robots.status[w, j] != REMOVED:
-                distance = wp.length(robots.position[w, i] - robots.position[w, j])
-                tally.spacing_max[w] = wp.max(tally.spacing_max[w], distance)
+                square = wp.max(square, wp.length_sq(robots.position[w, i] - robots.position[w, j]))
+    tally.spacing_max[w] = wp.max(tally.spacing_max[w], wp.sqrt(square))
 
 
 @part
