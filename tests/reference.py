@@ -313,7 +313,7 @@ class World:
 
     def _tally(self, begin: bool) -> None:
         here = [i for i in range(self.n) if not self.removed(i)]
-        there = [i for i in range(self.n) if i in here or self.at_work[i]]  # also those removed at the end of the step
+        there = [i for i in range(self.n) if i in here or self.new_collisions[i] or self.outside[i]]
         curve = self.scenario.curve
         tracking, lateral = [], []
         for i in there:

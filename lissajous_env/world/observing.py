@@ -81,7 +81,8 @@ def observe_ring(w, i, now, curve, age_per_step, message_start, robots, links, m
             observation[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
             observation[w, i, start + 4] = clip_coordinate(0.5 * (message[2] - own[0]) / curve.half_width)
             observation[w, i, start + 5] = clip_coordinate(0.5 * (message[3] - own[1]) / curve.half_height)
-        if size > 0:  # a loop of no turns would still take time
+    if size > 0:  # a loop within the other would take time also without messages
+        for side in range(2):
             for m in range(size):
                 heard = wp.where(removed, 0.0, messages.heard[w, i, side, m])
                 observation[w, i, message_start + side * size + m] = heard

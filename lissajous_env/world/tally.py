@@ -90,7 +90,7 @@ def tally_motion(w, now, robots, latest, tally):
     for i in range(robots.status.shape[1]):
         for s in range(1, robots.path.shape[2]):
             distance += wp.length(robots.path[w, i, s] - robots.path[w, i, s - 1])
-        if robots.status[w, i] != REMOVED or latest.sensed[w, i] == 1:
+        if robots.status[w, i] != REMOVED or latest.collisions[w, i] > 0 or latest.outside[w, i] == 1:
             present += 1
             working += latest.sensed[w, i]
             lateral += wp.float64(latest.lateral[w, i])
@@ -99,10 +99,11 @@ def tally_motion(w, now, robots, latest, tally):
             tally.lateral_max[w] = wp.max(tally.lateral_max[w], latest.lateral[w, i])
             tally.tracking_max[w] = wp.max(tally.tracking_max[w], latest.tracking[w, i])
             tally.speed_max[w] = wp.max(tally.speed_max[w], wp.abs(robots.speed[w, i]))
+    if now > 0:
+        tally.distance_sum[w] += wp.float64(distance)
     if now > 0 and present > 0:
         tally.lateral_sum[w] += lateral / wp.float64(present)
         tally.tracking_sum[w] += tracking / wp.float64(present)
-        tally.distance_sum[w] += wp.float64(distance)
         tally.present_steps[w] += 1
     if now > 1 and working > 0:
         tally.change_sum[w] += wp.float64(change / float(working))
@@ -112,12 +113,13 @@ def tally_motion(w, now, robots, latest, tally):
 @part
 def tally_spacing(w, neighbours, robots, tally):
     """Record the largest distance of neighbours on the ring."""
+    square = float(0.0)
     for i in range(robots.status.shape[1]):
         for side in range(2):
             j = neighbours[i, side]
             if j > i and robots.status[w, i] != REMOVED and robots.status[w, j] != REMOVED:
-                distance = wp.length(robots.position[w, i] - robots.position[w, j])
-                tally.spacing_max[w] = wp.max(tally.spacing_max[w], distance)
+                square = wp.max(square, wp.length_sq(robots.position[w, i] - robots.position[w, j]))
+    tally.spacing_max[w] = wp.max(tally.spacing_max[w], wp.sqrt(square))
 
 
 @part

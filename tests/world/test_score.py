@@ -141,12 +141,12 @@ def test_the_spacing_of_the_formation_is_what_8_says(name, tight):
     assert row["lateral_error_max"] < 1e-4
 
 
-@pytest.mark.parametrize("name", ["rough", "failure"])
-def test_way_speed_errors_smoothness_and_what_was_sensed(name):
+@pytest.mark.parametrize(("name", "stop"), [("experiment", "coast"), ("experiment", "dead"), ("failure", "dead")])
+def test_way_speed_errors_smoothness_and_what_was_sensed(name, stop):
     # Oracle: NumPy, from places, speeds, actions and cells. A wild action is limited first, one that is not finite is
     # zero, noise is none of the policy's. Failed robots do not act, and removed ones count until the end of their step.
     lost = {"faults.removed": tuple((k, 2.5) for k in range(5)), "noise.actuator": 0.05, "task.on_collision": "remove"}
-    failed = {"faults.schedule": ((0, 0.5, 1.2), (1, 0.0, 9.0)), "faults.rate": 0.0, "robot.radius": 0.4}
+    failed = {"faults.schedule": ((0, 0.5, 1.2), (1, 0.0, 9.0)), "faults.stop": stop, "robot.radius": 0.4}
     simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **lost, **failed), 2, seed=3)
     rng, actions, works, there, errors, way = np.random.default_rng(1), [], [], [], [], np.zeros(2)
     robots, fastest = simulation.robots, simulation.robots.speed.numpy().max(axis=1)
@@ -154,10 +154,10 @@ def test_way_speed_errors_smoothness_and_what_was_sensed(name):
         action = rng.uniform(-1.3, 1.3, simulation.action_shape).astype(np.float32)
         if step == 7:
             action[0, 2] = np.nan
-        works.append((robots.status.numpy() != REMOVED) & (step < 25) & [not 5 <= step < 12, False, True, True, True])
+        there.append((robots.status.numpy() != REMOVED) & (step < 25))
+        works.append(there[-1] & [not 5 <= step < 12, False, True, True, True])
         simulation.step(action)
         actions.append(np.clip(np.where(np.isfinite(action).all(axis=-1, keepdims=True), action, 0), -1, 1))
-        there.append(works[-1] | (robots.status.numpy() != REMOVED))
         errors.append(simulation.latest.tracking.numpy().copy())
         way += np.linalg.norm(np.diff(robots.path.numpy(), axis=2), axis=-1).sum(axis=(1, 2))
         fastest = np.maximum(fastest, robots.speed.numpy().max(axis=1))
