@@ -236,8 +236,7 @@ class Contamination:
     swept: wp.array3d(dtype=wp.uint64)
     """(W, D, R) a bit for each of these, and for each that the disc of a robot that moved far has passed over."""
     settled: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) four numbers of 8 bits, one for each 8 cells: latest ticks after which all of them had the label of the
-    oldest target."""
+    """(W, R, B) four bytes, one for each 8 cells: latest ticks after which all had the label of the oldest target."""
     row_oldest: wp.array2d(dtype=wp.int32)
     """(W, R) earliest introduction of a target that may be in this row now [step]; NEVER for none."""
     row_ages: wp.array2d(dtype=wp.int64)
@@ -321,11 +320,13 @@ class EpisodeTotals:
     covered_each: wp.array(dtype=wp.int64)
     """(W,) cells covered, summed over robots."""
     covered_at: wp.array(dtype=wp.int32)
+    """(W,) step in which every cell had been covered."""
     covered_each_at: wp.array(dtype=wp.int32)
-    """(W,) step in which every cell had been covered, and step in which every robot had covered every cell."""
+    """(W,) step in which every robot had covered every cell."""
     present_steps: wp.array(dtype=wp.int32)
+    """(W,) steps in which some robot was not removed."""
     change_steps: wp.array(dtype=wp.int32)
-    """(W,) steps in which some robot was not removed, and steps after the first in which some robot worked."""
+    """(W,) steps after the first in which some robot worked."""
     lateral_sum: wp.array(dtype=wp.float64)
     """(W,) distance from the curve, summed over steps, mean over robots [m]."""
     lateral_max: wp.array(dtype=wp.float32)
@@ -357,8 +358,9 @@ class EpisodeTotals:
     change_sum: wp.array(dtype=wp.float64)
     """(W,) mean square of the change of the action, summed over steps, mean over the working robots."""
     outside_steps: wp.array(dtype=wp.int64)
+    """(W,) steps with the whole body outside the rectangle, summed over robots."""
     partly_outside_steps: wp.array(dtype=wp.int64)
-    """(W,) steps with the whole body outside the rectangle, and with some part of it, summed over robots."""
+    """(W,) steps with some part of the body outside the rectangle, summed over robots."""
     wall_contacts: wp.array2d(dtype=wp.int32)
     """(W, N) contacts with a wall that began."""
     at_wall: wp.array2d(dtype=wp.int32)
@@ -374,10 +376,8 @@ class EpisodeTotals:
 
 
 TYPES.update(
-    # Indices of a world, robot, other robot, target, row and column of a grid, and slot of a ring buffer.
-    **dict.fromkeys(("w", "i", "j", "t", "row", "column", "slot"), int),
-    # The present step, and the key of its random draws.
-    **dict.fromkeys(("now", "key"), int),
+    # Indices of a world, robots, a target, row and column of a grid, slot of a ring buffer; present step, key of draws.
+    **dict.fromkeys(("w", "i", "j", "t", "row", "column", "slot", "now", "key"), int),
     # Constants of a scenario, which `lissajous_env.world.values` documents.
     **dict.fromkeys(("steps", "cells_total", "message_start", "track_start", "cell_start"), int),
     **dict.fromkeys(("age_per_step", "bounds_per_step", "speed_unit", "turning_radius"), float),
