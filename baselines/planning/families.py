@@ -158,8 +158,12 @@ def _plan_of(scenario: Scenario, name: str, given: Variables) -> Plan:
     policy = absolute(PolicySettings(given["policy"], shares), scenario, digits=4)
     words = {key: f"{value:.3g}" if isinstance(value, float) else value for key, value in policy.parameters.items()}
     about = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in words.items())
-    about += f", start on an ellipse at {start:.3g} m/s" if start else ""
-    return Plan(name, on_ellipse(scenario, start) if start else scenario, policy, about)
+    if start:  # evenly spaced on the ellipse in the rectangle, all in the same sense; this is the speed at its fastest
+        about += f", start on an ellipse at {start:.3g} m/s"
+        ellipse = Curve(scenario.driven.half_width, scenario.driven.half_height, 1, 1)
+        rate = float(f"{start / geometry.largest_speed(ellipse):.6g}")
+        scenario = named.build(scenario, **formation_overrides(scenario, ellipse, rate))
+    return Plan(name, scenario, policy, about)
 
 
 def formations(scenario: Scenario) -> Family:
@@ -259,15 +263,3 @@ def formation_overrides(scenario: Scenario, curve: Curve, rate: float) -> dict[s
     if scenario.robot.kind == "curve":
         fields["robot.phase_rate_max"] = robots_top_speed(scenario) / (alpha * geometry.largest_speed(curve))
     return fields
-
-
-def on_ellipse(scenario: Scenario, fastest: float) -> Scenario:
-    """Return a scenario whose robots begin evenly spaced on the ellipse in its rectangle, all in the same sense.
-
-    Args:
-        scenario: The scenario.
-        fastest: Speed of the start where the ellipse is fastest [m/s].
-    """
-    ellipse = Curve(scenario.driven.half_width, scenario.driven.half_height, 1, 1)
-    rate = float(f"{fastest / geometry.largest_speed(ellipse):.6g}")
-    return named.build(scenario, **formation_overrides(scenario, ellipse, rate))

@@ -49,7 +49,7 @@ class Block:
     start: wp.int32
     """First of them, counted through all worlds."""
     count: wp.int32
-    """Number of robots: `width()` at most, and 0 where no world is active."""
+    """Number of robots: `width()` at most."""
     active_mask: wp.int32
     """Bit of each robot that is in an active world."""
 
@@ -77,8 +77,6 @@ def block_of(thread: int, begin: int, end: int, n: int, active: wp.array(dtype=w
     block.start = begin + thread * width()
     block.count = wp.min(width(), end - block.start)
     block.active_mask = where_world(block, n, active, 1)
-    if block.active_mask == 0:
-        block.count = 0
     return block
 
 
@@ -155,10 +153,15 @@ def _store(type: str, parts: tuple[str, ...], stride: str, offset: str = "0") ->
     store = " ".join(f"to[{stride} * k + {place}] = {part};" for place, part in enumerate(parts))
     return f"""
     wp::{type}* const to = (wp::{type}*)values.data + {stride} * (long long)block.start + {offset};
-    for (int k = 0; k < block.count; ++k)
-        if (mask >> k & 1) {{
+    if (mask == {(1 << _LENGTH) - 1})  // all of them, so that it becomes SIMD
+        for (int k = 0; k < {_LENGTH}; ++k) {{
             {store}
         }}
+    else
+        for (int k = 0; k < block.count; ++k)
+            if (mask >> k & 1) {{
+                {store}
+            }}
 """
 
 

@@ -41,7 +41,7 @@ if clock.active[w] == 0:
 """
 _BLOCK = """
 block = block_of(wp.tid(), first * entities, last * entities, entities, clock.active)
-if block.count == 0:
+if block.active_mask == 0:
     return
 """
 

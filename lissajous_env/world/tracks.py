@@ -55,14 +55,12 @@ def record_sightings(w, i, sensing, target, clock, robots, targets, tracks):
 
 @part
 def update_track(w, i, t, sighted: int, slot, sighted_at: int, step: float, tracks):
-    """Update the track of a target by a sighting, unless the track is newer or the robot knows that the target left.
+    """Update the track of a target by a sighting, unless the track is newer.
 
     `sighted` is _IN_SIGHT or _LEAVES in the step `sighted_at`, whose slot is `slot`; `step` is the control step [s].
     """
     latest = tracks.sighted_at[w, i, t]
     left_at = tracks.left_at[w, i, t]
-    if sighted_at <= left_at:
-        return
     if sighted == _LEAVES and sighted_at >= latest:
         tracks.leaves[w, i, t] = 1
         tracks.left_at[w, i, t] = sighted_at
@@ -116,7 +114,8 @@ def update_tracks(w, i, sensing, noise, task, neighbours, clock, links, tracks):
             tracks.mate_position[w, i, j] = wp.vec2(message[2], message[3])
             for t in range(tracks.sighted_at.shape[2]):
                 sighted = tracks.sighted[w, j, slot, t]
-                if sighted != _OUT_OF_SIGHT:
+                # Older news than that of its departure are of the target before it appeared anew.
+                if sighted != _OUT_OF_SIGHT and sent_at > tracks.left_at[w, i, t]:
                     tracks.other_sighted_at[w, i, t] = sent_at
                     update_track(w, i, t, sighted, slot, sent_at, task.step, tracks)
     slot = now % slots

@@ -114,20 +114,20 @@ def test_a_track_ends_when_its_target_was_detected_and_left(shared, more):
     # Story: who saw it leave observes that once, and so does who is told; who is not remembers it until it is too old.
     # Older news of it, which arrive later, change nothing, and a target that appears anew has no part in its track.
     simulation = simulation_of(4, **{"targets.leave": True, "sensing.shared": shared, "sensing.memory": 100.0} | more)
-    outdated, left, tracks, known = 0, 0, simulation.tracks, np.full((4, 5, 12), -1)
-    for _ in drive(simulation):
-        at, leaves = tracks.sighted_at.numpy(), tracks.leaves.numpy() == 1
+    outdated, left, tracks, known = 0, 0, simulation.tracks, np.full((4, 5, 12), -2)
+    for step in drive(simulation):
+        at, leaves, sent_at = tracks.sighted_at.numpy(), tracks.leaves.numpy() == 1, step - tracks.sighted.shape[2] + 2
         gone, saw = simulation.targets.status.numpy() == 3, tracks.own_sighted_at.numpy()
         left += entry(simulation, "track", "leaves").sum()
         outdated += ((at >= 0) & gone[:, None]).sum()
         assert not ((at >= 0) & gone[:, None] & (saw >= simulation.targets.found_at.numpy()[:, None])).any()
         assert (at > known)[at >= 0].all()
+        assert (sent_at > known)[tracks.other_sighted_at.numpy() == sent_at].all()
         assert np.linalg.norm(tracks.velocity.numpy()[at >= 0], axis=-1).max(initial=0) < 1.001
         known = np.where(leaves, at, known)
     assert (outdated > 0) == ("targets.respawn" not in more and (shared != "team" or more is MESSY))
     assert left > 0
-    if shared == "team" and not more:
-        assert left % 5 == 0
+    assert shared != "team" or more or left % 5 == 0
 
 
 def roam(simulation):

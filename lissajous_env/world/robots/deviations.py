@@ -33,7 +33,6 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
 from lissajous_env.theory.geometry import lap_phases
-from lissajous_env.world.robots.signals import positions_and_phases
 
 wp.set_module_options(OPTIONS)
 
@@ -128,7 +127,9 @@ def points_of(curve: Curve | None, device: str) -> Any:
 def compute_deviations(block, curve, formation, curve_points, equilibrium, clock, robots, latest):
     """Compute each robot's distances from the curve and from the point at its phase, and its phase error."""
     alpha = float(formation.alpha)
-    x, y, phase = positions_and_phases(block, robots)
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    phase = abreast.doubles(block, robots.phase)
     phase_offset = Floats()
     cos_offset = Floats()
     sin_offset = Floats()

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device import abreast, randomness
-from lissajous_env.device.abreast import Doubles, Floats
+from lissajous_env.device.abreast import Floats
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import curve_parameter, project, project_lissajous, wrap_phase
 from lissajous_env.device.stage import ROBOT, part, stage
@@ -90,19 +90,13 @@ def limit_actions(block, noise, action, clock, robots, latest, limited_action, c
                 disturb_command((block.start + k) / n, (block.start + k) % n, noise, clock, command)
 
 
-@part
-def positions_and_phases(block, robots) -> tuple[Floats, Floats, Doubles]:
-    """Return x, y [m] and phase [rad] of the robots of a block."""
-    x = abreast.coordinates(block, robots.position, 0)
-    y = abreast.coordinates(block, robots.position, 1)
-    return x, y, abreast.doubles(block, robots.phase)
-
-
 @stage(ROBOT, writes="robots: phase")
 def follow_curve(block, curve, formation, faults, clock, robots):
     """Update the phase of each robot that is not bound to the curve: that of the nearest point on its branch."""
     alpha = float(formation.alpha)
-    x, y, phase = positions_and_phases(block, robots)
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    phase = abreast.doubles(block, robots.phase)
     if curve.harmonics.shape[0] == 0:
         for k in range(abreast.ABREAST):
             if k < abreast.width():
@@ -137,7 +131,9 @@ def measure(block, curve, formation, noise, clock, robots, latest):
     """Measure each robot's pose and phase, and place its sensor; measurements of a removed robot are frozen."""
     n = robots.status.shape[1]
     alpha = float(formation.alpha)
-    x, y, phase = positions_and_phases(block, robots)
+    x = abreast.coordinates(block, robots.position, 0)
+    y = abreast.coordinates(block, robots.position, 1)
+    phase = abreast.doubles(block, robots.phase)
     heading = abreast.floats(block, robots.heading)
     speed = abreast.floats(block, robots.speed)
     working = block.active_mask & abreast.where_equal(block, robots.status, WORKING)

@@ -257,18 +257,17 @@ def detect_together(
     before_x = group.before_x
     before_y = group.before_y
     near = Floats()  # distance from both ends of a target's way within which a robot at rest may detect it [m]
+    approached = int(0)  # number of targets that may have come into sight
     for k in range(ABREAST):
         if k < width():
             dx = x[k] - before_x[k]
             dy = y[k] - before_y[k]
             near[k] = radius + wp.sqrt(dx * dx + dy * dy)
+            reach = near[k] + sight - radius
+            approached += wp.where(k < group.count, wp.where(square[k] < reach * reach, 1, 0), 0)
     nearest = Ints()
     least = square
-    comes_into_sight = bool(False)
-    for k in range(group.count):
-        reach = near[k] + sight - radius
-        comes_into_sight = comes_into_sight or square[k] < reach * reach
-    if comes_into_sight:  # otherwise `square` shows, too, that no target is in sight
+    if approached > 0:  # otherwise `square` shows, too, that no target is in sight
         nearest, least = nearest_sensors(w, group.count, x, y, robots, bins)
     waiting = int(0)
     sighted = int(0)
