@@ -11,7 +11,6 @@ import lissajous_env
 from lissajous_env.device.stage import ROBOT, stage
 from lissajous_env.parameters.spreading import reaches_of
 from lissajous_env.world.contamination.labels import introduced_at
-from lissajous_env.world.state import NEVER
 
 SPEED, RADIUS, HALF = 0.25, 0.3, 1.0
 
@@ -113,11 +112,6 @@ def test_reaches_are_what_two_points_of_two_cells_allow(sides, moved):
             assert apart <= way * (1 + 2e-6)
 
 
-def labels_of(simulation):
-    e = introduced_at(simulation)
-    return np.where(e == int(NEVER), 10**6, e)
-
-
 def played(policy, watch, duration=8.0, **overrides):
     scenario = lissajous_env.scenario("experiment", **{
         "targets.count": 1, "targets.arrival_rate": 1.0, "task.contamination": (60, 27), "task.duration": duration,
@@ -127,7 +121,7 @@ def played(policy, watch, duration=8.0, **overrides):
     policy = baselines.make(policy, scenario, 1)
     for _ in range(scenario.task.steps):
         simulation.step(policy.act(simulation.observation))
-        watch.append(labels_of(simulation))
+        watch.append(np.minimum(introduced_at(simulation), 10**6))
     return simulation.score()[0]
 
 

@@ -148,7 +148,7 @@ def _longer(*paths: Path | None) -> Path | None:
 def _with_later(
     longest: Path | None, played: PlayedEpisode, rogues: Sequence[tuple[int, int]], enough: int
 ) -> Path | None:
-    """Return the longest of a path and of those of rogues that appear at other steps.
+    """Return the longest of a path and, where targets arrive, of those of rogues that appear at other steps.
 
     A target that is undetected when another one appears may be that one. So no rogue is detected before one that
     appeared earlier, and between two steps no path is longer than from the first of them to the end of the path that
@@ -160,8 +160,8 @@ def _with_later(
         rogues: The rogues of the contamination stage, the longest undetected first.
         enough: Tolerance [step].
     """
-    search, ends = None, {played.steps: played.steps}
-    spans = [(min(since for since, _ in rogues) - 1, played.steps)] if rogues else []
+    search, ends, arrive = None, {played.steps: played.steps}, played.scenario.targets.arrival_rate > 0
+    spans = [(min(since for since, _ in rogues) - 1, played.steps)] if rogues and arrive else []
     while spans:
         first, last = spans.pop()
         most = min(ends[last] - first - 1, rogues[0][1] - rogues[0][0]) - enough
