@@ -121,11 +121,8 @@ def roll_out(
     for j in range(first_pose[s] + 1, first_pose[s + 1]):
         while now < time[j] - _ON_TIME:
             until = wp.min(time[j], now + _LONGEST)
-            following = int(wp.lower_bound(command_time, now - delay + _ON_TIME))
-            if command_time[following] < now - delay + _ON_TIME:
-                following += 1  # `lower_bound` returns the last one at most
-            else:
-                until = wp.min(until, command_time[following] + delay)
+            following = int(wp.lower_bound(command_time, now - delay + _ON_TIME))  # the last one is never in force
+            until = wp.min(until, command_time[following] + delay)
             given = command[wp.max(following - 1, 0)]
             state = advanced(robot, is_car, constants, state, given, float(until - now))
             now = until
@@ -211,7 +208,7 @@ class _Fit:
         limits = {"acceleration_max": guess.top_acceleration, "yaw_acceleration_max": guess.top_yaw_acceleration}
         given = limits | {"speed_factor": 1.0, "yaw_factor": 1.0, "delay": 0.0}
         self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model])
-        arrays = self._first_pose, self._time, commands.time, commands.value
+        arrays = self._first_pose, self._time, np.append(commands.time, np.inf), commands.value
         kinds = zip(arrays, (wp.int32, wp.float64, wp.float64, wp.vec2), strict=True)
         self._data = [wp.array(values, dtype=kind, device=as_device("cpu")) for values, kind in kinds]
         self._robot = to_struct(RobotStruct, guess), int(is_car)
