@@ -235,7 +235,7 @@ class Robot(Checked):
         least, full = max(self.throttle_min, self.dead_zone), self.full_throttle
         name, rule = "throttle_max", f"must be above throttle_min and dead_zone, {least:g}"
         if self.throttle_max is None and self.speed_max is not None:
-            rule = f"must be reached at a throttle above {least:g} (throttle_min, dead_zone) to 1000, not {full:g} [m/s]"
+            rule = f"must need a throttle above {least:g} (throttle_min, dead_zone), to 1000, not {full:.4g} [m/s]"
             name = "speed_max"
         self._require(least < full <= 1e3, name, rule)
         if self.speed_max is None:

@@ -97,5 +97,5 @@ def test_two_limits_must_agree():
     with pytest.raises(ValueError, match=r"^robot.speed_max must be 1.49967 m/s for throttle_max = 0.1385, or one of"):
         Robot(speed_max=1.5, throttle_max=0.1385)
     for fields in ({"speed_max": 0.5, "dead_zone": 0.2}, {"speed_max": 1500.0, "drag": 30.0}):
-        with pytest.raises(ValueError, match=r"^robot.speed_max must be reached at a throttle above .* to 1000, not"):
+        with pytest.raises(ValueError, match=r"^robot.speed_max must need a throttle above .*, to 1000, not"):
             Robot(**fields)
