@@ -18,6 +18,7 @@ PAIR = lissajous_env.scenario("experiment", **{"robot.count": 2, "formation.ring
 FIVE = lissajous_env.scenario("experiment", **EXACT, **RANDOM_STARTS)
 FIFTEEN = lissajous_env.scenario("team", **CROWD)
 ALIKE = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
+WIDE = {"curve.half_width": 60.0, "curve.half_height": 60.0, "formation.phase_rate": 0.01}
 GRIP = {"robot.lateral_acceleration_max": 1.0}
 CASES = {
     "two cars": PAIR,
@@ -133,9 +134,7 @@ def test_wheelbase_and_drive_are_learned_within_bounds_that_hold_the_truth(noise
 
 def test_far_from_all_the_action_passes_bit_for_bit():
     """Oracle: the wanted action, of cars whose tails cannot meet."""
-    wide = lissajous_env.scenario(
-        PAIR, **{"curve.half_width": 60.0, "curve.half_height": 60.0, "formation.phase_rate": 0.01}
-    )
+    wide = lissajous_env.scenario(PAIR, **WIDE)
     simulation = lissajous_env.Simulation(wide, 20, seed=2)
     filter = Proved(wide, 20)
     wanted = at_random(simulation, np.random.default_rng(0))
