@@ -76,14 +76,15 @@ def plain(kind, value):
     return KINDS[f"std_msgs/msg/{kind}"](value)
 
 
-def write(path, messages, stored=lambda topic, time, data: data):
+def write(path, messages, stored=lambda topic, time, data: data, mode="NONE"):
     """Write (topic, message, time of the recorder [s]) in the order of these times; a further entry names a channel.
 
-    `stored` returns the bytes that are written of a message.
+    `stored` returns the bytes that are written of a message, which a mode of rosbag2 may compress.
     """
-    library = rosbags()
-    with library.Writer(path, version=9, storage_plugin=library.StoragePlugin.MCAP) as writer:
-        channels = {}
+    library, channels = rosbags(), {}
+    writer = library.Writer(path, version=9, storage_plugin=library.StoragePlugin.MCAP)
+    writer.set_compression(library.CompressionMode[mode], library.CompressionFormat.ZSTD)
+    with writer:
         for topic, message, time, *part in sorted(messages, key=lambda record: record[2]):
             key = topic, message.__msgtype__, *part
             if key not in channels:

@@ -61,7 +61,7 @@ class Row:
         )
         self._numbers, self._targets_in_sight = state["messages"].heard.numpy()[0, 0], state["latest"].in_sight.numpy()
         self._scenario = scenario
-        self._near = float(scenario.equilibrium[robot] + scenario.displacements[robot])  # phase at the start [rad]
+        self._robot, self._start = robot, scenario.equilibrium + scenario.displacements  # phases at the start [rad]
         self.values = row.numpy()[0, 0]
         """(D,) the row."""
         self.forget()
@@ -109,7 +109,7 @@ class Row:
         if phase is not None:
             robots["phase"][0] = math.atan2(phase[1], phase[0]) % (2 * math.pi)
         elif self.pose is None:
-            robots["phase"][0] = locate(curve, alpha, pose.x, pose.y, pose.heading, self._near)
+            robots["phase"][0] = locate(curve, alpha, pose.x, pose.y, pose.heading, self._expected(heard))
         if phase is None and pose is not self.pose:
             self._follow()
         self._measure()
@@ -122,6 +122,11 @@ class Row:
         self._observe()
         self.pose = pose
         return self.values
+
+    def _expected(self, heard: Sequence[Message | None]) -> float:
+        """Return the phase in a formation with the neighbours that were heard; without any, that at the start [rad]."""
+        turns = (complex(*message[2:4]) * np.exp(-1j * self._start[message.sender]) for message in heard if message)
+        return float(self._start[self._robot] + np.angle(sum(turns)))
 
     def _hear(self, side: int, message: Message | None, now: float) -> None:
         """Store the latest message of a ring neighbour, at the time of a pose: phases of two poses are compared."""

@@ -81,8 +81,7 @@ def detection_rows(name: str, given: Any, width: int) -> np.ndarray:
     rows = as_floats(name, given)
     if rows.size == 0:
         return np.zeros((0, width), dtype=np.float32)
-    is_table = rows.ndim == 2 and rows.shape[1] == width
-    require(is_table, name, f"must be rows of {width} numbers", rows.shape)
+    require(rows.ndim == 2 and rows.shape[1] == width, name, f"must be rows of {width} numbers", rows.shape)
     return rows
 
 

@@ -105,13 +105,14 @@ class ControlLoop:
         started: True from the first call of `start` on.
         pose: The latest pose.
         works: False while the robot cannot move.
+        detections: Time and rows of the `robots` and `targets` that the sensor detected last.
         heard: The message of each ring neighbour that arrived last, by its index; None for none yet.
     """
 
     def __init__(self, onboard: Onboard, wait: float, wall: Callable[[], float] = monotonic):
         self.onboard, self.works = onboard, True
         self._step, self._wait, self._wall = onboard.scenario.task.step, wait, wall
-        self._detections: dict[str, tuple[float, Any]] = {}
+        self.detections: dict[str, tuple[float, Any]] = {}
         self._announced_at = -math.inf
         self.start(0.0)
         self.started = False
@@ -133,10 +134,6 @@ class ControlLoop:
         acted_later = self.pose is not None and pose.stamp <= self.pose.stamp <= self._acted_at
         if self._waits_since is None and not acted_later:
             self.pose, self._is_new = pose, True
-
-    def take_detections(self, part: str, rows: Any, stamp: float) -> None:
-        """Store `robots` or `targets` that the sensor detected at a time."""
-        self._detections[part] = stamp, rows
 
     def announce(self, now: float) -> Message | None:
         """Return the message of a new pose if it is time to send it; from then on, the robot waits to act on it.
@@ -161,7 +158,7 @@ class ControlLoop:
         if not self._is_due(now):
             return None
         limit = self.onboard.limits.pose_age
-        recent = {part: rows for part, (stamp, rows) in self._detections.items() if abs(now - stamp) <= limit}
+        recent = {part: rows for part, (stamp, rows) in self.detections.items() if abs(now - stamp) <= limit}
         heard = [message for message in self.heard.values() if message is not None]
         output = self.onboard.act(now, self.pose, heard, works=self.works, **recent)
         waits_since, self._waits_since, self._acted_at = self._waits_since, None, now

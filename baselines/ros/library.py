@@ -57,14 +57,6 @@ def make_executor() -> Any:
         return _OFFERED["SingleThreadedExecutor"]()
 
 
-def steady_clock() -> Any:
-    """Return the machine's clock, for timers that go on while the clock of a simulation waits."""
-    from rclpy.clock import Clock
-    from rclpy.clock_type import ClockType
-
-    return Clock(clock_type=ClockType.STEADY_TIME)
-
-
 def start_ros() -> None:
     """Start ROS 2 with the arguments that follow `--ros-args`; Ctrl-C then interrupts the process as usual.
 

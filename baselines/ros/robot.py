@@ -130,7 +130,7 @@ class RobotNode(ros.Node):
         self.create_subscription(ros.UInt8, "status", self._take_status, ros.LASTING)
         for name in ("start", "stop", "resume"):
             self.create_service(ros.Trigger, name, partial(self._serve, name))
-        steady = ros.steady_clock()
+        steady = ros.rclpy.clock.Clock(clock_type=ros.rclpy.clock.ClockType.STEADY_TIME)  # goes on while /clock waits
         self.create_timer(0.5, self._report, clock=steady)
         self.create_timer(_TICK, self._tick, clock=steady)
         self._ended, self._sending = threading.Event(), threading.Lock()
@@ -177,7 +177,7 @@ class RobotNode(ros.Node):
             rows = messages.cloud_rows(message, width)
             rows = relative_to_robot(rows, frame, settings.frame, self._loop.pose, settings.origin)
             if rows is not None:
-                self._loop.take_detections(name, rows, seconds(message.header.stamp))
+                self._loop.detections[name] = seconds(message.header.stamp), rows
         except ValueError as error:
             self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from baselines.onboard import Limits
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import Checked, choice, flag, number, rows, whole, word
+from lissajous_env.settings.checks import Checked, choice, flag, number, rows, whole, within, word
 from lissajous_env.wording import require
 
 COMMANDS = {
@@ -17,10 +17,6 @@ COMMANDS = {
 _FOREVER = 1e6
 
 CommandKind = Literal["car", "twist", "twist_stamped", "dart"]
-
-
-def _coordinate(value: object) -> float | None:
-    return float(value) if isinstance(value, (int, float)) and abs(value) <= _FOREVER else None
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,7 @@ class RobotSettings(Limits, part="node"):
     frame: str = word("map", "must be the name of a frame")
     """Frame of the poses; a pose in another frame stops the robot."""
     origin: tuple[float, float, float] = rows(
-        (0.0, 0.0, 0.0), "must be x, y [m] and heading [rad]", _coordinate, least=3, most=3
+        (0.0, 0.0, 0.0), "must be x, y [m] and heading [rad]", within(-_FOREVER, _FOREVER), least=3, most=3
     )
     """x, y [m] and heading [rad] of the middle of the rectangle in this frame."""
     rate: float = number(20.0, 1.0, 1000.0, "1/s")

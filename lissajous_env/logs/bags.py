@@ -51,8 +51,7 @@ class Samples:
 
     def take(self, rows: Any) -> "Samples":
         """Return some rows, by a mask, numbers or a slice."""
-        columns = {name: value for name, value in vars(self).items() if name != "names"}
-        return dataclasses.replace(self, **{name: value[rows] for name, value in columns.items()})
+        return dataclasses.replace(self, **{name: value[rows] for name, value in vars(self).items() if name != "names"})
 
     def in_order(self, same: float = 0.0) -> "Samples":
         """Return the rows by their stamps; of those that differ by at most `same` [s], the last one."""
@@ -170,6 +169,8 @@ class Bags(contextlib.ExitStack):
             with undamaged(self.paths[number], _LOG):
                 for connection, logged, raw in reader.messages(known) if known else ():
                     try:
+                        if raw[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; others begin with a byte of zeros
+                            raw = rosbags().storage_mcap.DECOMPRESSORS["zstd"](raw, 0)
                         content = self._store.deserialize_cdr(raw, connection.msgtype)
                     except Exception:  # damaged bytes can raise almost any error in the library
                         self.remark(topic, f"ignored: cut off or damaged, of type {connection.msgtype}")

@@ -8,7 +8,7 @@ values between the throttles of the log. Fits begin with estimates from the log 
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -121,11 +121,8 @@ def roll_out(
     for j in range(first_pose[s] + 1, first_pose[s + 1]):
         while now < time[j] - _ON_TIME:
             until = wp.min(time[j], now + _LONGEST)
-            following = int(wp.lower_bound(command_time, now - delay + _ON_TIME))
-            if command_time[following] < now - delay + _ON_TIME:
-                following += 1  # `lower_bound` returns the last one at most
-            else:
-                until = wp.min(until, command_time[following] + delay)
+            following = int(wp.lower_bound(command_time, now - delay + _ON_TIME))  # the last one is never in force
+            until = wp.min(until, command_time[following] + delay)
             given = command[wp.max(following - 1, 0)]
             state = advanced(robot, is_car, constants, state, given, float(until - now))
             now = until
@@ -163,9 +160,12 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
         ValueError: the log is too short, the robot does not move or never turns, the commands have other names, or
             steering angles are not in radians.
     """
-    guess = guess or Robot()
+    guess, begin = guess or Robot(), track.time[0]
     given = named_commands(commands, COMMAND_NAMES[guess.kind])
-    return _Fit(track, Series(commands.time, given), guess, status).run()
+    # Times of the epoch would have no room for a nanosecond, nor coordinates of a map for a centimetre.
+    track = replace(track, time=track.time - begin, position=track.position - track.position[0])
+    status = status and replace(status, time=status.time - begin)
+    return _Fit(track, Series(commands.time - begin, given), guess, status).run()
 
 
 class _Fit:
@@ -211,7 +211,7 @@ class _Fit:
         limits = {"acceleration_max": guess.top_acceleration, "yaw_acceleration_max": guess.top_yaw_acceleration}
         given = limits | {"speed_factor": 1.0, "yaw_factor": 1.0, "delay": 0.0}
         self._guess = np.array([given[name] if name in given else getattr(guess, name) for name in model])
-        arrays = self._first_pose, self._time, commands.time, commands.value
+        arrays = self._first_pose, self._time, np.append(commands.time, np.inf), commands.value
         kinds = zip(arrays, (wp.int32, wp.float64, wp.float64, wp.vec2), strict=True)
         self._data = [wp.array(values, dtype=kind, device=as_device("cpu")) for values, kind in kinds]
         self._robot = to_struct(RobotStruct, guess), int(is_car)

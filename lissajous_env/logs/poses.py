@@ -15,8 +15,6 @@ from lissajous_env.wording import few_of, require
 
 TOPICS = ("/robot_{}/odom",)
 """Topics of poses by default."""
-FEWEST = 2
-"""Least number of poses of a robot."""
 SHARED = {ARRAY, TRANSFORMS}
 """Types of topics with the poses of several robots."""
 _BODIES = ("base_link", "base_footprint")
@@ -58,7 +56,7 @@ def _numbered(bags: Bags, pattern: str) -> list[Source]:
     """Return the robots whose numbers stand for {} in a name; if the default has none, of the only shared topic."""
     topic, _, part = pattern.partition(":")
     names = [f"{topic}:{part}" for part in poses_of(bags, topic)] if part else list(bags.kinds)
-    number = re.compile(re.escape(pattern).replace(r"\{\}", r"(\d+)"))
+    number = re.compile(re.escape(pattern).replace(r"\{\}", r"(\d{1,9})"))
     matches = [(match[1], name, None) for name in names if (match := number.fullmatch(name))]
     shared = [topic for topic, kinds in bags.kinds.items() if kinds & SHARED and not topic.endswith("_static")]
     if not matches and pattern == TOPICS[0] and len(shared) == 1:
@@ -90,9 +88,9 @@ def _poses(bags: Bags, name: str, bag: int | None) -> Samples:
     poses = parts.get(part)
     if poses is not None and bag is not None:
         poses = poses.take(poses.bag == bag)
-    if poses is None or len(poses) < FEWEST:
+    if poses is None or len(poses) < 2:
         got = "; ".join([str(0 if poses is None else len(poses)), *bags.notes()])
-        raise ValueError(f"topic {name} of {bags.name} must have at least {FEWEST} poses, got {got}")
+        raise ValueError(f"topic {name} of {bags.name} must have at least 2 poses, got {got}")
     return poses
 
 

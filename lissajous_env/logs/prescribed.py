@@ -13,6 +13,7 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.device.program import Stage
 from lissajous_env.device.stage import ROBOT, named_struct, stage
 from lissajous_env.device.structs import allocate
+from lissajous_env.device.trig import TWO_PI
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.signals import follow_curve
 from lissajous_env.world.simulation import Simulation
@@ -76,7 +77,7 @@ def unhide(w, i, paths, clock, robots, tally):
 
 
 @stage(ROBOT, writes="robots: heading, path, phase, position, speed, status")
-def follow_paths(w, i, paths, clock, robots):
+def follow_paths(w, i, paths, formation, clock, robots):
     """Move the robots along their paths, or place them where these begin; a removed robot stays where it was."""
     moment = clock.step[w]
     last = robots.path.shape[2] - 1
@@ -89,8 +90,12 @@ def follow_paths(w, i, paths, clock, robots):
         robots.position[w, i] = paths.path[moment, i, last]
         robots.heading[w, i] = wrap(paths.heading[moment, i])
         robots.speed[w, i] = paths.speed[moment, i]
-        if not wp.isnan(paths.phase[moment, i]):
-            robots.phase[w, i] = wrap_phase(paths.phase[moment, i])
+        phase = paths.phase[moment, i]
+        if not wp.isnan(phase):
+            if moment > 0 and wp.isnan(paths.phase[moment - 1, i]):  # of those of a place, the nearest
+                turn = wp.float64(TWO_PI / float(formation.alpha))
+                phase += turn * wp.floor((robots.phase[w, i] - phase) / turn + wp.float64(0.5))
+            robots.phase[w, i] = wrap_phase(phase)
 
 
 class PrescribedSimulation(Simulation):

@@ -85,9 +85,8 @@ def _in_root(child: str, samples: dict[str, Samples]) -> Samples:
     return own
 
 
-def _pose(header: Any, place: Any, turn: Any, part: str = "", twist: Any = None) -> Sample:
+def _pose(header: Any, place: Any, turn: Any, part: str = "", speed: float = math.nan) -> Sample:
     """Return the sample of a pose: x, y, z, a quaternion, and a speed."""
-    speed = math.nan if twist is None else twist.linear.x
     return part, header, (), [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w, speed]
 
 
@@ -112,7 +111,7 @@ def _status(message: Any) -> list[Sample]:
 
 POSES: dict[str, Decoder] = {
     "nav_msgs/msg/Odometry": lambda m: [
-        _pose(m.header, m.pose.pose.position, m.pose.pose.orientation, twist=m.twist.twist)
+        _pose(m.header, m.pose.pose.position, m.pose.pose.orientation, speed=m.twist.twist.linear.x)
     ],
     "geometry_msgs/msg/PoseStamped": lambda m: [_pose(m.header, m.pose.position, m.pose.orientation)],
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [

@@ -66,7 +66,7 @@ def score(
     scenario: str | Scenario | None = None,
     seeds: Sequence[int] | None = None,
     gap: float | None = None,
-    on_step: Callable[[], None] | None = None,
+    on_step: Callable[[], None] = lambda: None,
 ) -> Scored:
     """Score a log: its robots' paths are replayed in a simulation of a scenario, whose targets are virtual.
 
@@ -98,14 +98,15 @@ def score(
     times = _moments(log, scenario.task.step, gap)
     motions = _motions(log, scenario, gap)
     paths = _paths(log, scenario, motions, times)
+    if not log.phases:
+        paths["phase"][0] = _in_formation(scenario, paths["phase"][0])
     status = _statuses(log, times, paths["hidden"])
     cause = np.where(paths["hidden"], FAULT, _causes(scenario, paths["path"], status))
     task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * scenario.task.step)
     scenario = dataclasses.replace(scenario, task=task)
-    if seeds is None:
-        seeds = [int(log.episode["seed"]) if log.episode else 0]
+    seeds = [int((log.episode or {}).get("seed", 0))] if seeds is None else list(seeds)
     simulation = PrescribedSimulation(scenario, paths | {"status": status, "cause": cause}, len(seeds))
-    simulation.reset(seeds=list(seeds))
+    simulation.reset(seeds=seeds)
     actions, refused = _actions(log, scenario, times)
     notes = [*log.notes, *_remarks(log, scenario, motions, times, status), *refused]
     recorder = Recorder(simulation)
@@ -114,8 +115,7 @@ def score(
         action = np.zeros(simulation.action_shape[1:], np.float32) if actions is None else actions[moment - 1]
         simulation.step(np.broadcast_to(action, simulation.action_shape).astype(np.float32))
         recorder.take()
-        if on_step is not None:
-            on_step()
+        on_step()
         if simulation.over.all():  # every robot was removed
             break
     name = str((log.episode or {}).get("policy") or log.name)
@@ -244,6 +244,14 @@ def _paths(log: Log, scenario: Scenario, motions: Sequence[Motion], times: np.nd
     return {name: np.stack([column[name] for column in columns], axis=1) for name in columns[0]}
 
 
+def _in_formation(scenario: Scenario, phase: np.ndarray) -> np.ndarray:
+    """Return the phases (N,) of the same places that are nearest to a common rotation of those at the start."""
+    start = scenario.equilibrium + scenario.displacements
+    away = np.exp(1j * scenario.alpha * (phase - start))
+    rotation = np.angle(away.sum())
+    return start + (rotation + np.angle(away * np.exp(-1j * rotation))) / scenario.alpha
+
+
 def _phases(
     log: Log, scenario: Scenario, robot: int, times: np.ndarray, pose: np.ndarray, hidden: np.ndarray
 ) -> np.ndarray:
@@ -253,7 +261,7 @@ def _phases(
     """
     begins, logged = np.append(True, hidden[:-1] & ~hidden[1:]), log.phases.get(robot)
     if logged is not None:
-        counts = begins | scenario.model.keeps_to_curve
+        counts = begins | hidden | scenario.model.keeps_to_curve
         return np.where(counts, logged.in_force(times, _LATE_STATUS * scenario.task.step), np.nan)
     phase = np.full(len(times), np.nan)
     near = float(scenario.equilibrium[robot] + scenario.displacements[robot])

@@ -200,11 +200,12 @@ def test_a_channel_of_another_encoding_is_ignored_with_a_note(tmp_path, folder):
     assert (result.recording.status == 0).all()
 
 
-def test_messages_that_are_cut_off_are_left_out_with_a_note(tmp_path):
+@pytest.mark.parametrize("mode", ["NONE", "MESSAGE", "FILE"])
+def test_messages_that_are_cut_off_are_left_out_with_a_note(tmp_path, mode):
     def cut(topic, time, data):
         return data[:60] if topic == "/robot_2/odom" and EPOCH + 1.95 < time < EPOCH + 2.25 else data
 
-    write(tmp_path / "log", [*shrunk(), *extra("/robot_{}/status", lambda t: plain("UInt8", 0))], cut)
+    write(tmp_path / "log", [*shrunk(), *extra("/robot_{}/status", lambda t: plain("UInt8", 0))], cut, mode)
     words = "3 messages of /robot_2/odom are ignored: cut off or damaged, of type nav_msgs/msg/Odometry"
     assert mismatches(score(read(tmp_path / "log"), "evaders"), notes=(words,)) == []
     write(tmp_path / "all", shrunk(), lambda topic, _, data: data[:60] if topic == "/robot_2/odom" else data)

@@ -99,19 +99,28 @@ def test_actions_of_every_policy_are_those_of_the_simulation(scenario):
         assert play(scenario, policy, same_rows=True) > lissajous_env.scenario(scenario).task.steps
 
 
-def test_the_phase_follows_the_curve_without_being_given():
-    # Oracle: the phase of the simulation. The first is found by the pose: the others follow by the same Newton steps.
+@pytest.mark.parametrize("name", ["experiment", "hall"])
+def test_the_phase_follows_the_curve_without_being_given_whether_or_not_a_pose_was_announced(name):
+    # Oracle: the phase of the simulation. The first is found by the pose, and in a hall, where each place has four, by
+    # those of the neighbours: the others follow by the same Newton steps.
     agile = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start_noise": 0.0}  # on the whole curve
-    scenario = lissajous_env.scenario("experiment", **agile).resolve()
+    scenario = lissajous_env.scenario(name, **agile).resolve()
     simulation, policy = lissajous_env.Simulation(scenario), baselines.make("kuramoto-mpcc", scenario)
-    onboard = baselines.Onboard("kuramoto-mpcc", scenario, 2)
-    for _ in range(300):
+    announces, other = (baselines.Onboard("kuramoto-mpcc", scenario, 2) for _ in range(2))
+    for k in range(300):
         inputs = inputs_of(simulation, 2)
-        output = onboard.act(*inputs[:5])
-        own = (output.message.cos_phase, output.message.sin_phase)
-        np.testing.assert_allclose(own, inputs.phase, atol=1e-3)
+        for robot in (announces, other) if k == 150 else ():
+            robot.resume()
+        message = announces.announce(inputs.odometry)
+        output, expected = announces.act(*inputs[:5]), other.act(*inputs[:5])
+        assert output.message == expected.message
+        assert output.message == message or k == 0
+        np.testing.assert_array_equal(output.row, expected.row)
+        np.testing.assert_array_equal(output.action, expected.action)
+        np.testing.assert_allclose(output.message[2:4], inputs.phase, atol=1e-3)
         simulation.step(policy.act(simulation.observation))
-    np.testing.assert_allclose(own, inputs.phase, atol=1e-5)
+    np.testing.assert_allclose(output.message[2:4], inputs.phase, atol=1e-5)
+    assert announces.announce(Odometry(np.nan, 0.0, 0.0, 0.0, 9.0)) is None
 
 
 @pytest.mark.parametrize("name", ["experiment", "team", "hall"])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import baselines.ros
 import lissajous_env
-from baselines.onboard import Command, Limits, Odometry, inputs_of
+from baselines.onboard import Command, Limits, Odometry
 from baselines.onboard.simulated import Vehicle
 from baselines.ros.control_loop import ControlLoop, SpeedOfPoses, in_scenario_frame, relative_to_robot
 from baselines.ros.settings import RobotSettings
@@ -182,27 +182,12 @@ def test_old_detections_are_not_passed_on():
         loop = ControlLoop(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.0, lambda: 0.0)
         loop.start(0.9)
         if stamp is not None:
-            loop.take_detections("targets", [(0.1, 0.0)], stamp)
+            loop.detections["targets"] = stamp, [(0.1, 0.0)]
         loop.take(Odometry(1.7, 0.0, 1.5, 0.4, 1.0))
         assert loop.announce(1.0) is not None
         rows.append(loop.act(1.0).row)
     assert (rows[0] != rows[1]).any()
     np.testing.assert_array_equal(rows[1], rows[2])
-
-
-def test_a_robot_that_announces_decides_as_one_that_does_not():
-    # Oracle: the simulation; the phase follows each pose once, whether it was announced or not.
-    simulation, policy = lissajous_env.Simulation(EXPERIMENT), baselines.make("kuramoto-mpcc", EXPERIMENT)
-    announces, other = (baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 2, Limits(*[math.inf] * 5)) for _ in range(2))
-    for _ in range(40):
-        inputs = inputs_of(simulation, 2)
-        message = announces.announce(inputs.odometry)
-        output, expected = announces.act(*inputs[:5]), other.act(*inputs[:5])
-        assert output.message == message == expected.message
-        np.testing.assert_array_equal(output.row, expected.row)
-        np.testing.assert_array_equal(output.action, expected.action)
-        simulation.step(policy.act(simulation.observation))
-    assert announces.announce(Odometry(math.nan, 0.0, 0.0, 0.0, 9.0)) is None
 
 
 def test_wrong_settings_are_refused():

@@ -93,13 +93,12 @@ class LearnedTeam(Policy):
         self.base = baselines.make(card.base, self.scenario, num_worlds) if card.base else None
 
     def decide(self, observation: np.ndarray) -> np.ndarray:
-        """Return the actions; entries of rows are clipped to [-10, 10], for rows far outside of their ranges."""
-        observation = observation.clip(-10.0, 10.0)
+        """Return the actions; the network reads entries of rows clipped to [-10, 10], far outside of their ranges."""
         of_base = None if self.base is None else base_action(self.base, observation)
+        observation = observation.clip(-10.0, 10.0)
         perception = perceive(observation, self.scenario, of_base)
         outputs = self.network(perception)
-        if of_base is not None:
-            outputs[..., :2] += perception.own[..., BASE][..., : outputs.shape[-1]]
+        outputs[..., :2] += perception.own[..., BASE][..., : outputs.shape[-1]]
         action = np.zeros(self.action.shape, np.float32)
         action[..., : outputs.shape[-1]] = actions_of(outputs, observation, self.scenario)
         return action
