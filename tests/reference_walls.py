@@ -41,9 +41,8 @@ def watch_walls(world, command: np.ndarray) -> None:
 
 
 def requested_speed(robot, command: np.ndarray) -> float:
-    """Speed that an action requests, as a share of the top speed that is linear from rest to the end [m/s]."""
-    if robot.kind == "differential":
-        share = abs(command[0])
-    else:
-        share = abs(command[1]) if robot.reverses else (command[1] + 1) / 2
-    return float(share) * robot.speed_max
+    """Speed that an action requests, linear from rest to the end of either direction [m/s]."""
+    share = command[0] if robot.kind == "differential" else command[1]
+    if not robot.reverses and robot.kind != "differential":
+        share = (share + 1) / 2
+    return float(share * (robot.lowest_speed if share < 0 else robot.speed_max))

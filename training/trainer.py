@@ -225,9 +225,8 @@ class Training:
         settings, numbers = self.settings, self.numbers
         self.optimizer.param_groups[0]["lr"] = self.schedule()[1]
         updates_actor, divergence = numbers["rollouts"] >= _WARM_UP * self.actor.corrects, 0.0
-        count = rollout.acted.shape[1]
         for _ in range(settings.epochs):
-            for chosen in torch.randperm(count).split(max(settings.minibatch // settings.rollout, 1)):
+            for chosen in torch.randperm(rollout.acted.shape[1]).split(max(settings.minibatch // settings.rollout, 1)):
                 acted, inputs = rollout.acted[:, chosen], [part[:, chosen] for part in rollout.critic_inputs]
                 value = self.critic([rollout.perception[0][:, chosen], *inputs])[..., 0]
                 loss = (0.5 * (value - rollout.returns[:, chosen]).square() * acted).mean()
@@ -244,7 +243,8 @@ class Training:
         numbers["rollouts"] += 1
         excess = np.clip(numbers["collided"] / max(limit, 0.05) - 1, -1, 1)
         numbers["penalty"] = float(np.clip(numbers["penalty"] * np.exp(0.02 * excess), 0.01, 100))
-        explained = 1 - (rollout.advantages.var() / rollout.returns.var().clamp(min=1e-12)).item()
+        errors, returns = (part[rollout.acted > 0] for part in (rollout.advantages, rollout.returns))
+        explained = 1 - (errors.var() / returns.var().clamp(min=1e-12)).item()
         return {"approx_kl": divergence, "explained_variance": explained, "penalty": numbers["penalty"]}
 
     def _actor_loss(self, rollout: Rollout, chosen: Tensor) -> tuple[Tensor, float]:
@@ -257,7 +257,9 @@ class Training:
         ratio = change.exp()
         divergence = ((ratio - 1 - change) * acted).sum() / acted.sum().clamp(min=1)
         advantage = rollout.advantages[:, chosen]
-        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        of_robots = advantage[acted > 0]  # without slots that have no robot, and robots that were removed
+        if len(of_robots) > 1:
+            advantage = (advantage - of_robots.mean()) / (of_robots.std() + 1e-8)
         gain = torch.min(ratio * advantage, ratio.clamp(1 - settings.clip, 1 + settings.clip) * advantage)
         cost = _BOUND * (mean.abs() - 1).clamp(min=0).square().sum(-1)
         if self.actor.corrects:

@@ -111,7 +111,7 @@ def _as_toml(robots: "dict[str, Identified]", scenario: Scenario, log: str, unit
     lines.append("# A scenario has no delay of the commands, nor factors of speeds.")
     robot, limits = scenario.robot, {"drive_factors": ()}
     if robot.kind == "car":
-        limits |= {"speed_max": None, "throttle_max": robot.full_throttle}
+        limits |= {"speed_max": None, "throttle_max": robot.full_throttle, "model_offset": None}
     mean = {name: value for name, value in mean.items() if hasattr(robot, name)}
     mean_scenario = replace(scenario, robot=replace(robot, **limits, **mean))
     return "\n".join([*lines, as_toml(mean_scenario)])

@@ -103,9 +103,9 @@ def _print(console: Any, outcome: PlanOutcome, plans: list) -> None:
 def _team_in_words(outcome: PlanOutcome) -> str:
     """Return a phrase with the rectangle and the robots."""
     numbers, (scenario, *_) = list(outcome.scenarios), list(outcome.scenarios.values())
-    team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"
-    curve, speed = scenario.curve, robots_top_speed(scenario)
+    team = f"{numbers[0]} to {numbers[-1]} robots" if len(numbers) > 1 else counted(numbers[0], "robot")
+    curve, speed = scenario.curve, f" and {robots_top_speed(scenario):.3g} m/s".replace(" and nan m/s", "")
     return (
-        f"{2 * curve.half_width:g} m x {2 * curve.half_height:g} m, {team} robots of {scenario.robot.radius:g} m and "
-        f"{speed:.3g} m/s, sensors of {scenario.sensing_radius:.3g} m, targets of {scenario.rogue_speed:g} m/s"
+        f"{2 * curve.half_width:g} m x {2 * curve.half_height:g} m, {team} of {scenario.robot.radius:g} m{speed}, "
+        f"sensors of {scenario.sensing_radius:.3g} m, targets of {scenario.rogue_speed:g} m/s"
     )

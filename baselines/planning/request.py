@@ -153,10 +153,8 @@ class Request(Checked, part=""):
     @property
     def required_clearance(self) -> float:
         """Return the least distance of two bodies [m]."""
-        if self.clearance is not None:
-            return self.clearance
         radius = self.robot_radius or (0.0 if self.base is None else self.base.robot.radius)
-        return _CLEARANCE * 2 * radius
+        return _CLEARANCE * 2 * radius if self.clearance is None else self.clearance
 
     @cached_property
     def team_sizes(self) -> range:
@@ -200,7 +198,9 @@ class Request(Checked, part=""):
             num_robots: Number of robots.
             inset: Width of the strip along the edge in which nothing is driven [m].
         """
-        points, speed = Robot(kind="curve"), self.rogue_speed or 0.0
+        # The wheelbase determines the time scale of points, which have none: it is in scale with their bodies.
+        wheelbase, speed = Robot().wheelbase / Robot().radius * (self.robot_radius or 0.0), self.rogue_speed or 0.0
+        points = Robot(kind="curve", wheelbase=wheelbase)
         robot = _robot(points, self)
         # The step follows from the motion later; until then it must be short enough for drives that turn fast.
         step = min(Task().step, 1 / robot.top_yaw_rate if robot.kind == "differential" else math.inf)
@@ -219,26 +219,24 @@ class Request(Checked, part=""):
     def _with_changes(self, scenario: Scenario, num_robots: int) -> Scenario:
         """Return a scenario with the changes of the request."""
         robot, curve = _robot(scenario.robot, self), scenario.curve
-        given = {"sensing.radius": self.sensor_radius, "targets.entry": self.entry}
+        given = {"robot": robot, "sensing.radius": self.sensor_radius, "targets.entry": self.entry}
+        given |= {"task.boundary": "open" if self.open else None}
         changed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-        if robot != scenario.robot:
-            changed["robot"] = robot
         if (limit := self.rogue_speed) is not None and limit != scenario.rogue_speed:
             # A target that moves faster than the limit of the rogues would be one of them.
             speeds = {name: getattr(scenario.targets, name) for name in ("speed", "speed_min", "flee_speed")}
             changed |= {f"targets.{name}": min(value, limit) for name, value in speeds.items() if value is not None}
             changed["targets.speed_limit"] = limit
-        if self.open:
-            changed["task.boundary"] = "open"
         halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
-        is_new = self.base is None or num_robots != scenario.num_robots
-        is_new = is_new or halves != (curve.half_width, curve.half_height)
-        if is_new:
+        before = curve.half_width, curve.half_height, scenario.num_robots
+        if self.base is None or (*halves, num_robots) != before:
             speed = robot.top_speed if robot.kind != "curve" else self.speed or robots_top_speed(scenario)
             sensor, inset = self.sensor_radius or scenario.sensing_radius, 0.0 if self.open else scenario.inset
-            changed |= best_design(*halves, num_robots, robot, sensor, speed, tightest_radius(robot), inset).overrides
-            changed |= {"faults.schedule": (), "faults.removed": (), "robot.count": None, "sensing.radius": sensor}
-            changed |= {"task.contamination": None, "task.grid": None}
+            changed |= {"curve.half_width": halves[0], "curve.half_height": halves[1], "sensing.radius": sensor}
+            changed |= {"faults.schedule": (), "faults.removed": (), "task.contamination": None, "task.grid": None}
+            if num_robots > 1:  # no curve has a + b = 1: one robot drives the given one
+                best = best_design(*halves, num_robots, robot, sensor, speed, tightest_radius(robot), inset)
+                changed |= best.overrides | {"robot.count": None}
         scenario = named.build(scenario, **changed)
         if self.speed is None or scenario.robot.kind != "curve":
             return scenario

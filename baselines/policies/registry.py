@@ -223,8 +223,7 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,
             the number of worlds is below 1, or the device is not available.
     """
-    num_worlds = whole_number("num_worlds", num_worlds)
-    return resolve(name)(build_scenario(scenario), num_worlds, device)
+    return resolve(name)(build_scenario(scenario), whole_number("num_worlds", num_worlds), device)
 
 
 def resolve(name: str) -> Entry:

@@ -66,8 +66,7 @@ class LissajousVectorEnv(Timed, VectorEnv):
         **overrides: Any,
     ):
         modes, name = AutoresetMode.__members__, str(getattr(autoreset_mode, "name", autoreset_mode))
-        fits = name in modes
-        require(fits, "autoreset_mode", f"must be one of {', '.join(modes)}", autoreset_mode)
+        require(name in modes, "autoreset_mode", f"must be one of {', '.join(modes)}", autoreset_mode)
         self.autoreset_mode = modes[name]
         variant = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
         if max_episode_steps is not None and whole_number("max_episode_steps", max_episode_steps) < variant.task.steps:

@@ -158,8 +158,6 @@ class Bags(contextlib.ExitStack):
         self, topic: str, decoders: dict[str, Decoder], bag: int | None
     ) -> Iterator[tuple[int, float, Sample]]:
         """Yield the number of the file, the time of the recorder [s] and the sample of all that is understood."""
-        from rosbags.rosbag2 import storage_mcap as storage
-
         for number, reader in self._readers:
             if bag not in (None, number):
                 continue
@@ -172,7 +170,7 @@ class Bags(contextlib.ExitStack):
                 for connection, logged, raw in reader.messages(known) if known else ():
                     try:
                         if raw[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; others begin with a byte of zeros
-                            raw = storage.DECOMPRESSORS["zstd"](raw, 0)
+                            raw = rosbags().storage_mcap.DECOMPRESSORS["zstd"](raw, 0)
                         content = self._store.deserialize_cdr(raw, connection.msgtype)
                     except Exception:  # damaged bytes can raise almost any error in the library
                         self.remark(topic, f"ignored: cut off or damaged, of type {connection.msgtype}")

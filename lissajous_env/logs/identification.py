@@ -8,7 +8,7 @@ values between the throttles of the log. Fits begin with estimates from the log 
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -160,9 +160,12 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
         ValueError: the log is too short, the robot does not move or never turns, the commands have other names, or
             steering angles are not in radians.
     """
-    guess = guess or Robot()
+    guess, begin = guess or Robot(), track.time[0]
     given = named_commands(commands, COMMAND_NAMES[guess.kind])
-    return _Fit(track, Series(commands.time, given), guess, status).run()
+    # Times of the epoch would have no room for a nanosecond, nor coordinates of a map for a centimetre.
+    track = replace(track, time=track.time - begin, position=track.position - track.position[0])
+    status = status and replace(status, time=status.time - begin)
+    return _Fit(track, Series(commands.time - begin, given), guess, status).run()
 
 
 class _Fit:

@@ -269,8 +269,7 @@ def _in_file(path: str) -> Scenario | ScenarioSpace:
     try:
         if isinstance(name, str) and not re.fullmatch(NAMES[0], name):
             raise ValueError(f"name of a scenario must be {NAMES[1]}, got {shown(name)}{hint}")
-        make = space_of_table if "draw" in table else scenario_of_table
-        return make(table, _registered)
+        return (space_of_table if "draw" in table else scenario_of_table)(table, _registered)
     except ValueError as error:
         raise type(error)(f"{path}: {error}") from error
 

@@ -71,9 +71,10 @@ class ScenarioSpace:
             included; and `choice(...)` of values. Any other draw is a value, which is used unchanged.
 
             Under the key `choices`, a part itself has a list of mappings, of which one is drawn: values of fields that
-            belong together, with `weights` not all equally often. `variables` are numbers for expressions. `scale` may
-            draw `length` and `time`, by which `Scenario.scaled` finally multiplies all lengths and times. Expressions
-            can use every other value that is drawn, in any order, and fields of the base, but not their properties.
+            belong together, with `weights` not all equally often; a field's own draw replaces them. `variables` are
+            numbers for expressions. `scale` may draw `length` and `time`, by which `Scenario.scaled` finally multiplies
+            all lengths and times. Expressions can use every other value that is drawn, in any order, and fields of the
+            base, but not their properties.
         require: Formulas of fields and properties of the scenario, such as `"sensing_radius < curve.half_height"`; a
             scenario for which one is False is drawn anew.
         shifts: For each shift, the draws that differ, in the form of `draw`.
@@ -237,7 +238,7 @@ class ScenarioSpace:
 
         changed: dict[str, Any] = {}
         try:
-            for name in self._draws:
+            for name in sorted(self._draws, key=lambda draw: not draw.endswith(".choices")):
                 part, _, field_name = name.partition(".")
                 if part in PARTS:
                     chosen = value_of(name) if field_name == "choices" else {field_name: value_of(name)}

@@ -134,7 +134,7 @@ class Formation(Checked):
 
     phase_rate: float = number(0.3, 1e-9, 1e3, "rad/s")
     """Rate of the robots along the curve's parameter in the equilibrium, omega of (1) [rad/s]."""
-    coupling: float | None = number(None, 0, 1e3, "1/s")
+    coupling: float | None = number(None, 0, 1e4, "1/s")
     """Gain of the sum in (1), K [1/s]; None means omega / (0.3 rad), which is the paper's 1/s in its experiment."""
     p: int | None = whole(None, 0, 1024)
     """p of the equilibrium (2); None selects the least clustered stable one."""
@@ -198,7 +198,7 @@ class Robot(Checked):
     acceleration_max: float | None = number(None, 1e-6, 1e7, "m/s^2")
     """Largest acceleration and deceleration of a differential drive [m/s^2]; None means drag `speed_max`, with which a
     car begins at full throttle."""
-    yaw_acceleration_max: float | None = number(None, 1e-9, 1e13, "rad/s^2", or_infinite=True)
+    yaw_acceleration_max: float | None = number(None, 1e-9, 1e14, "rad/s^2", or_infinite=True)
     """Largest change of the yaw rate of a differential drive per time [rad/s^2]; None means 2 `acceleration_max` /
     `radius`, that of a uniform disc whose wheels push at its edge as much as for `acceleration_max`. That of cars is
     infinite."""
@@ -235,9 +235,9 @@ class Robot(Checked):
         least, full = max(self.throttle_min, self.dead_zone), self.full_throttle
         name, rule = "throttle_max", f"must be above throttle_min and dead_zone, {least:g}"
         if self.throttle_max is None and self.speed_max is not None:
-            rule = f"must be reached at a throttle above throttle_min and dead_zone, {least:g}, not at {full:.4g} [m/s]"
+            rule = f"must need a throttle above {least:g} (throttle_min, dead_zone), to 1000, not {full:.4g} [m/s]"
             name = "speed_max"
-        self._require(full > least, name, rule)
+        self._require(least < full <= 1e3, name, rule)
         if self.speed_max is None:
             rule = "must lead to a top speed, (drive throttle_max - offset) / drag, from 0.001 to 10000 m/s"
             self._require(1e-3 <= self.top_speed <= 1e4, "throttle_max", rule)

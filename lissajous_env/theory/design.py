@@ -130,9 +130,7 @@ def best_design(
         return is_infeasible, 0.0 if is_infeasible else -design.phase_rate, -min(bodies, sensors)
 
     designs, has_places = [], closed_forms.has_unclustered_equilibrium(num_robots)
-    for a in range(1, num_robots, 2):
-        if math.gcd(a, num_robots) > 1:
-            continue
+    for a in (odd for odd in range(1, num_robots, 2) if math.gcd(odd, num_robots) == 1):
         whole = Curve(half_width, half_height, a, num_robots - a, inset=inset or None)
         curve = whole.driven
         reach = max(closed_forms.coverage_radius(curve), closed_forms.detection_radius(curve, num_robots))

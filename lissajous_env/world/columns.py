@@ -292,7 +292,7 @@ AT_END = Column(
 OPEN = Column(
     "guarantee_open",
     "1 if the episode shows no bound of the worst-case undetected time: it was still growing at the end and was at "
-    "least half of the episode, or no robot was left while targets could be undetected or arrive; otherwise 0",
+    "least half of the episode, or no robot would work again while targets could be undetected or arrive; otherwise 0",
     _contaminated(lambda e: float(e.is_open)), rule=FLAG, empty=_NO_CONTAMINATION, better=-1, summary=MEAN,
 )
 AGE = Column(

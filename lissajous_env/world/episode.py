@@ -15,7 +15,7 @@ from lissajous_env.world.state import NEVER, REMOVED
 
 _READ = {
     "clock": ("seed", "step"),
-    "robots": ("status",),
+    "robots": ("status", "failed_until"),
     "targets": ("appears_at", "found_at", "found_early", "earlier", "earlier_time", "earlier_longest"),
     "cells": ("sensed_at", "in_discs", "idle_squares", "idle_max"),
 }
@@ -124,8 +124,10 @@ class Episode:
     def is_open(self) -> bool:
         """Return whether the episode shows no bound of the worst-case undetected time: `is_open` of this module."""
         at_end = int(self.contamination["age"])
-        deserted = bool((self.state["robots.status"] == REMOVED).all())
-        deserted = deserted and (at_end > 0 or self.scenario.targets.arrival_rate > 0)
+        lost = (self.state["robots.status"] == REMOVED) | (self.state["robots.failed_until"] == NEVER)
+        for robot, start, end in self.scenario.faults.schedule:
+            lost[robot] |= math.isinf(end) and start < self.steps * self.step
+        deserted = bool(lost.all()) and (at_end > 0 or self.scenario.targets.arrival_rate > 0)
         return is_open(int(self.contamination["age_max"]), at_end, self.steps, deserted)
 
     def reached(self, step: int) -> float:
@@ -160,7 +162,7 @@ def is_open(longest: float, at_end: float, elapsed: float, deserted: bool = Fals
         longest: Worst-case undetected time of the episode, in any unit of time.
         at_end: That at the end of the episode.
         elapsed: Duration of the episode up to its end.
-        deserted: True if no robot is left to detect a target.
+        deserted: True if no robot will ever detect a target again.
     """
     return deserted or (0 < longest == at_end and 2 * at_end >= elapsed)
 

@@ -66,15 +66,15 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
 
 
 def _action_speeds(scenario: Scenario) -> np.ndarray:
-    """Return (A, 2) the value at rest of each component of an action, and the speed that it requests per unit [m/s].
+    """Return (A, 3) the value at rest of each component of an action, and its speed per unit above and below it [m/s].
 
-    A component requests `speed_unit` where it is farthest from its value at rest, and nothing if it drives no robot.
+    A component requests `speed_unit` where it is farthest from rest, or `speed_min` in full reverse, or drives nothing.
     """
-    model = scenario.model
-    rest = np.array(model.rest_action(scenario.robot))
-    driving = range(len(model.actions)) if model.driving is None else model.driving
-    drives = np.isin(np.arange(len(model.actions)), driving)
-    return np.stack([rest, drives * scenario.speed_unit / (1 + abs(rest))], axis=-1)
+    rest = np.array(scenario.model.rest_action(scenario.robot))
+    driving = range(len(rest)) if scenario.model.driving is None else scenario.model.driving
+    ahead = np.isin(np.arange(len(rest)), driving) * scenario.speed_unit / (1 + abs(rest))
+    back = -scenario.robot.lowest_speed / scenario.speed_unit if scenario.actuation in ("car", "differential") else 1.0
+    return np.stack([rest, ahead, back * ahead], axis=-1)
 
 
 def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, device: Any) -> dict[str, Any]:

@@ -22,6 +22,8 @@ def test_a_family_without_a_plan_says_why(capsys):
     words = formations(task).refusal
     assert re.search(r"bodies of 1.8 m must be below [\d.]+ m by \(6\)", words)
     assert curves_of(task) == []
+    alone = lissajous_env.scenario("evaders", **{"robot.count": 1, "sensing.radius": 0.2})
+    assert formations(alone).refusal == "one robot leaves a gap on every curve"
 
 
 def test_points_have_formations_alone():
@@ -66,14 +68,16 @@ def test_changed_settings_stay_within_their_space():
         seen = after
 
 
-def test_the_task_is_in_scale_with_its_motion():
+@pytest.mark.parametrize("turning", [None, 1.0])
+def test_the_task_is_in_scale_with_its_motion(turning):
     """The law of similarity: lengths times 3 and times times 2 give the same task in that scale, but for rounding."""
-    one = Request(**HALL, robots=5, turning_radius=1.0).scenario_of(5)
+    one = Request(**HALL, robots=5, turning_radius=turning).scenario_of(5)
     scaled = {"width": 60.0, "height": 36.0, "robot_radius": 0.6, "sensor_radius": 15.0}
-    other = Request(**scaled, speed=2.25, rogue_speed=0.3, robots=5, turning_radius=3.0).scenario_of(5)
+    other = Request(**scaled, speed=2.25, rogue_speed=0.3, robots=5, turning_radius=turning and 3.0).scenario_of(5)
     assert other.task.contamination == one.task.contamination
     assert other.formation.phase_rate * 2 == pytest.approx(one.formation.phase_rate)
-    assert other.task.step == pytest.approx(min(2 * one.task.step, 1 / other.robot.drag), rel=1e-2)
+    longest = 1 / other.robot.drag if turning else math.inf
+    assert other.task.step == pytest.approx(min(2 * one.task.step, longest), rel=1e-2)
 
 
 def test_a_scenario_is_the_task_as_it_is():
@@ -87,6 +91,8 @@ def test_a_scenario_is_the_task_as_it_is():
     assert (seven.num_robots, seven.curve.half_width, seven.robot.wheelbase) == (7, 1.8, evaders.robot.wheelbase)
     series = lissajous_env.scenario("evaders-walls").resolve()  # with a rounded curve
     assert Request(series, robots=7).scenario_of(7).curve.harmonics == () != series.curve.harmonics
+    alone = Request(lissajous_env.scenario(evaders, **{"robot.count": 1}), width=4.0, height=2.0).scenario_of(1)
+    assert (alone.num_robots, alone.curve.half_width, alone.curve.a) == (1, 2.0, 3)
     watch = lissajous_env.scenario("watch", **{"task.action": "control"})
     assert Request(watch, rogue_speed=0.2).scenario_of(5).targets.speed_min == 0.2
     grid = Request("intruders", width=30.0, height=20.0).scenario_of(5).task.contamination

@@ -224,7 +224,9 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     (lab := tmp_path / "lab\ncurve.a = 9\n#.mcap").write_bytes(path.read_bytes())  # no fields of the scenario
     code, out, err = called(capsys, "identify", lab, "--topics", "/robot_0/odom", "/robot_3/odom", "--out", cars)
     assert (code, err) == (0, "")
-    assert lissajous_env.scenario(cars).robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
+    robot = lissajous_env.scenario(cars).robot
+    assert robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
+    assert robot.model_offset is None, "controllers assume the cars that were identified"
     assert all(f"residuals of robot {k} over" in out for k in (0, 3))
     assert "warning" not in out
     alone = f"{sys.executable} -m lissajous_env identify {path} --topics /robot_0/odom --json"

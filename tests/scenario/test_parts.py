@@ -85,9 +85,10 @@ def test_overriding_one_limit_derives_the_other():
     robot = lissajous_env.scenario("failure", **{"robot.speed_max": 1.5, "robot.drag": 2.0}).robot
     assert (robot.top_speed, robot.full_throttle) == (1.5, (2.0 * 1.5 + 3.681) / 36.81)
     resolved = lissajous_env.scenario("failure").resolve()
-    assert lissajous_env.scenario(resolved, **{"robot.drag": 2.0}) == lissajous_env.scenario(
-        resolved, **{"robot.drag": 2.0, "robot.throttle_max": 0.25}
-    )
+    given = lissajous_env.scenario(resolved, **{"robot.drag": 2.0, "robot.throttle_max": 0.25})
+    assert lissajous_env.scenario(resolved, **{"robot.drag": 2.0}) == given
+    fast = lissajous_env.scenario("failure", **{"formation.phase_rate": 1e3})
+    assert fast.resolve().coupling == fast.coupling, "what follows from a field is within its own limits"
 
 
 def test_two_limits_must_agree():
@@ -95,5 +96,6 @@ def test_two_limits_must_agree():
     assert Robot(**dataclasses.asdict(resolved)) == resolved
     with pytest.raises(ValueError, match=r"^robot.speed_max must be 1.49967 m/s for throttle_max = 0.1385, or one of"):
         Robot(speed_max=1.5, throttle_max=0.1385)
-    with pytest.raises(ValueError, match=r"^robot.speed_max must be reached at a .* above throttle_min and dead_zone"):
-        Robot(speed_max=0.5, dead_zone=0.2)
+    for fields in ({"speed_max": 0.5, "dead_zone": 0.2}, {"speed_max": 1500.0, "drag": 30.0}):
+        with pytest.raises(ValueError, match=r"^robot.speed_max must need a throttle above .*, to 1000, not"):
+            Robot(**fields)

@@ -192,8 +192,10 @@ def test_the_order_of_the_draws_changes_nothing():
     draw = {
         "robot": {"wheelbase": "robot.radius + noise.heading", "radius": "uniform(0.05, 0.1)"},
         "noise": {"choices": [{"heading": 0.01}, {"speed": 0.2}], "position": "uniform(0.1, 0.2) * robot.radius"},
+        "task": {"substeps": 3, "choices": [{"substeps": 1}], "duration": "10.0 * task.substeps"},
     }
     samples = [space(draw=draw).sample(seed) for seed in range(20)]
+    assert {(sample.task.substeps, sample.task.duration) for sample in samples} == {(3, 30.0)}
     turned = {part: dict(reversed(fields.items())) for part, fields in reversed(draw.items())}
     assert samples == [space(draw=turned).sample(seed) for seed in range(20)]
     assert {round(sample.robot.wheelbase - sample.robot.radius, 9) for sample in samples} == {0.0, 0.01}

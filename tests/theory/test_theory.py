@@ -27,22 +27,26 @@ def curves(draw, largest=9):
     return Curve(draw(extent), draw(extent), a, b)
 
 
-# (6): bodies. Oracle: table computed independently of this project, and brute force over a lap.
+# (6): bodies, and (7). Oracle: table computed independently of this project, and brute force over a lap.
 
 
 @pytest.mark.parametrize(
-    ("curve", "bound", "measured"),
+    ("curve", "body", "measured", "sensor", "covering"),
     [
-        (CURVE_16, 0.1503, 0.2276),
-        (Curve(5, 5, 7, 3), 0.2029, 0.3170),
-        (Curve(5, 5, 7, 8), 0.0978, 0.1533),
-        (Curve(5, 3, 3, 4), 0.3388, 0.5257),
+        (CURVE_16, 0.1503, 0.2276, 1.273, 0.3748),
+        (Curve(5, 5, 7, 3), 0.2029, 0.3170, 2.500, 1.0259),
+        (Curve(5, 5, 7, 8), 0.0978, 0.1533, 1.113, 0.7293),
+        (Curve(5, 3, 3, 4), 0.3388, 0.5257, 1.913, 1.1740),
     ],
 )
-def test_robot_radius_table(curve, bound, measured):
+def test_table_of_radii(curve, body, measured, sensor, covering):
     n = curve.a + curve.b
-    assert closed_forms.robot_radius_bound(curve, n) == pytest.approx(bound, abs=5e-5)
+    assert closed_forms.robot_radius_bound(curve, n) == pytest.approx(body, abs=5e-5)
     assert geometry.smallest_distance(curve, n) / 2 == pytest.approx(measured, abs=5e-5)
+    # Oracle of (7): a grid of 1001 x 1001 points around the farthest place. Coarser grids miss it by up to 1 %.
+    assert closed_forms.coverage_radius(curve) == pytest.approx(sensor, abs=5e-4)
+    assert geometry.measured_coverage_radius(curve) == pytest.approx(covering, abs=1e-3)
+    assert geometry.measured_coverage_radius(curve, precision=1e-5) == pytest.approx(covering, abs=1e-4)
 
 
 @settings(max_examples=40)
@@ -64,22 +68,6 @@ def test_smallest_distance_against_brute_force(curve, num_robots):
 
 
 # (7) and (8): sensors.
-
-
-@pytest.mark.parametrize(
-    ("curve", "bound", "covering"),
-    [
-        (CURVE_16, 1.273, 0.3748),
-        (Curve(5, 5, 7, 3), 2.500, 1.0259),
-        (Curve(5, 5, 7, 8), 1.113, 0.7293),
-        (Curve(5, 3, 3, 4), 1.913, 1.1740),
-    ],
-)
-def test_coverage_table(curve, bound, covering):
-    # Oracle: a grid of 1001 x 1001 points around the farthest place. Coarser grids miss it by up to 1 %.
-    assert closed_forms.coverage_radius(curve) == pytest.approx(bound, abs=5e-4)
-    assert geometry.measured_coverage_radius(curve) == pytest.approx(covering, abs=1e-3)
-    assert geometry.measured_coverage_radius(curve, precision=1e-5) == pytest.approx(covering, abs=1e-4)
 
 
 @settings(max_examples=30)

@@ -59,9 +59,7 @@ def here(tmp_path, monkeypatch):
 
 
 def settings(**changes):
-    small: dict = {"scenario": "mine.toml", "overrides": {}}
-    fields: dict = SMALL | small | {"out": "run"} | changes
-    return TrainingSettings(**fields)
+    return TrainingSettings(**SMALL | {"scenario": "mine.toml", "overrides": {}, "out": "run"} | changes)
 
 
 def trained(**changes):

@@ -153,13 +153,19 @@ def test_corrections_begin_at_zero_and_without_an_advantage_become_smaller(tmp_p
     assert (state.actor.action.bias < 0.3).all()
 
 
-def test_a_training_without_a_base_reads_no_wish_and_its_actor_learns_at_once(tmp_path):
-    state = Training(small(tmp_path, base="none"))
-    before = state.actor.action.weight.detach().clone()
-    rollout = state.collect()
-    assert not rollout.perception[0][..., -2:].any()
-    state.update(rollout)
-    assert (state.actor.action.weight != before).any()
+def test_a_training_without_a_base_learns_at_once_from_robots_in_their_worlds_alone(tmp_path):
+    # Law: numbers of rows without such a robot change neither the weights nor the diagnostics.
+    results = []
+    for number in (0.0, 1e3):
+        state = Training(small(tmp_path, base="none"))
+        before = state.actor.action.weight.detach().clone()
+        rollout = state.collect()
+        assert not rollout.perception[0][..., -2:].any(), "there is no wish"
+        rollout.acted[:, ::3] = 0
+        rollout.advantages[:, ::3] = rollout.returns[:, ::3] = number
+        results.append((state.update(rollout), state.critic.action.weight.tolist(), state.actor.action.weight.tolist()))
+        assert (state.actor.action.weight != before).any()
+    assert results[0] == results[1]
 
 
 def test_a_critic_of_its_own_reads_what_the_robot_perceives(tmp_path):
@@ -313,10 +319,9 @@ def test_a_base_begins_anew_with_its_world(tmp_path):
     for _ in range(3):
         worlds.step(np.zeros((worlds.count, 2)))
         worlds.begin(np.zeros(2, bool))
-    before = worlds._bases[0].patrol._steps.tolist()
+    assert worlds._bases[0].patrol._steps.tolist() == [4, 4]
     worlds.step(np.zeros((worlds.count, 2)))
     worlds.begin(np.array([True, False]))
-    assert before == [4, 4]
     assert worlds._bases[0].patrol._steps.tolist() == [1, 5]
     simulation = worlds.batch.simulation
     fresh = baselines.make("greedy-herd", simulation.scenario, 2)

@@ -84,15 +84,18 @@ def test_a_car_that_slides_along_a_wall_or_circles_or_has_failed_is_not_blocked(
     assert (row["wall_contacts"], row["blocked_time"]) == (1, 0)
     row = score_after(one_robot(0.0, -0.5, **WALL), 1.0, 1.0, 100)
     assert (row["wall_contacts"], row["blocked_time"]) == (0, 0)
+    rests = one_robot(**WALL | {"robot.kind": "differential", "robot.speed_min": 0.0})  # at any speed of -1 to 0
+    assert score_after(rests, -1.0, 0.0, 40)["blocked_time"] == 0
     for fault in ({"faults.schedule": ((0, 0.0, math.inf),)}, {"faults.removed": ((0, 0.0),)}):
         assert score_after(one_robot(A - RADIUS, **WALL, **fault), 0.0, 1.0, 40)["blocked_time"] == 0
 
 
 def test_the_speed_that_an_action_requests():
-    # Oracle: by hand; rest and unit of the throttle, 0 for the steering.
-    for back, expected in ((0.0, [[0, 0], [-1, 0.75]]), (-1.0, [[0, 0], [0, 1.5]])):
-        scenario = lissajous_env.scenario("experiment", **{"robot.speed_max": 1.5, "robot.speed_min": back}).resolve()
-        np.testing.assert_allclose(constants_of(scenario, "cpu")["action_speeds"].numpy(), expected)
+    # Oracle: by hand; rest of the throttle and its speeds in both directions, 0 for the steering.
+    for kind, back, expected in (("car", 0, [-1, 0.75, 0]), ("car", -1, [0, 1.5, 1]), ("differential", 0, [0, 1.5, 0])):
+        scenario = lissajous_env.scenario("experiment", **WALL | {"robot.kind": kind, "robot.speed_min": back})
+        speeds = constants_of(scenario.resolve(), "cpu")["action_speeds"].numpy()
+        np.testing.assert_allclose(speeds, [[0, 0, 0], expected][:: 1 if kind == "car" else -1])
     with pytest.raises(ValueError, match=r"driving of robot model other must contain indices .* 0 to 1, got \(2,\)"):
         lissajous_env.register_robot_model(dataclasses.replace(model_of("car"), name="other", driving=(2,)))
 

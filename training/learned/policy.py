@@ -98,8 +98,7 @@ class LearnedTeam(Policy):
         observation = observation.clip(-10.0, 10.0)
         perception = perceive(observation, self.scenario, of_base)
         outputs = self.network(perception)
-        if of_base is not None:
-            outputs[..., :2] += perception.own[..., BASE][..., : outputs.shape[-1]]
+        outputs[..., :2] += perception.own[..., BASE][..., : outputs.shape[-1]]
         action = np.zeros(self.action.shape, np.float32)
         action[..., : outputs.shape[-1]] = actions_of(outputs, observation, self.scenario)
         return action

@@ -189,7 +189,8 @@ def driven_speed(w, i, action_speeds, limited_action) -> float:
     """Return the speed that a robot's action requests [m/s]; its components add up like those of a vector."""
     square = float(0.0)
     for k in range(action_speeds.shape[0]):
-        speed = action_speeds[k, 1] * (limited_action[w, i, k] - action_speeds[k, 0])
+        away = limited_action[w, i, k] - action_speeds[k, 0]
+        speed = away * wp.where(away < 0.0, action_speeds[k, 2], action_speeds[k, 1])
         square += speed * speed
     return wp.sqrt(square)
 

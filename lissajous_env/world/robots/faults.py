@@ -35,7 +35,7 @@ def update_status(w, i, faults, task, schedule, clock, robots):
         for row in range(schedule.shape[0]):
             if schedule[row, 0] == i and schedule[row, 1] < now and now <= schedule[row, 2]:
                 failed = 1
-        if faults.rate > 0.0 and robots.failed_until[w, i] < now:
+        if faults.rate > 0.0 and failed == 0 and robots.failed_until[w, i] < now:
             draw = randomness.stream(randomness.step_key(clock.seed[w], now), i, randomness.FAULT)
             if wp.randf(draw) < 1.0 - wp.exp(-faults.rate * task.step):  # a Poisson process has an event in the step
                 duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
@@ -51,10 +51,9 @@ def reset_losses(w, faults, removals, steps, clock, robots):
     """Set when each robot is removed in this episode: by schedule, or `faults.lost` of them at a random time."""
     n = robots.status.shape[1]
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.LOSS)
-    for i in range(n):
-        robots.removed_at[w, i] = removals[i]
     to_lose = int(faults.lost)
     for i in range(n):
+        robots.removed_at[w, i] = removals[i]
         # Selection sampling: each of the robots left is as likely as any other to be among those still to be lost.
         pick = wp.randf(draw) * float(n - i) < float(to_lose)
         at = int((0.25 + 0.5 * wp.randf(draw)) * float(steps))
