@@ -70,11 +70,8 @@ def test_code_of_users_is_played_by_the_main_thread():
     baselines.register("theirs", None, still([]))
     lissajous_env.rogue("theirs")(lambda rows: rows[..., :2])
     assert local.may_be_shared(Cell(scenario, "kuramoto", None), "cpu")
-    others = (
-        lissajous_env.scenario("failure", extensions=(furthest,)),
-        lissajous_env.scenario("failure", rogues="theirs"),
-    )
-    assert not any(local.may_be_shared(Cell(other, "kuramoto", None), "cpu") for other in others)
+    for theirs in ({"extensions": (furthest,)}, {"rogues": "theirs"}):
+        assert not local.may_be_shared(Cell(lissajous_env.scenario("failure", **theirs), "kuramoto", None), "cpu")
     assert not local.may_be_shared(Cell(scenario, "theirs", None), "cpu")
     assert not local.may_be_shared(Cell(scenario, "kuramoto", None), "cuda")
 
