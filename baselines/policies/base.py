@@ -205,8 +205,7 @@ class Policy(Copyable, Remembering):
             return wp.to_torch(self.action).clone() if is_torch(observation) else self.action.numpy().copy()
 
     def _act_by_agent(self, rows: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        rule = "must be for one world to take observations by agent"
-        require(self.num_worlds == 1, "policy", rule, self.num_worlds)
+        require(self.num_worlds == 1, "policy", "must be for one world to take observations by agent", self.num_worlds)
         agents = [f"robot_{i}" for i in range(self.num_robots)]
         if unknown := [str(agent) for agent in rows if agent not in agents]:
             raise ValueError(f"observation must be of the agents {few_of(agents, unknown[0])}, got {few_of(unknown)}")
