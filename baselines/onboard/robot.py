@@ -24,11 +24,10 @@ from lissajous_env.wording import counted, require, shown
 
 _MOST_STEPS = 10
 """Largest number of a policy's steps in one call."""
-_FOREVER = 1e9
 
 
 def _limit(unit: str) -> float:
-    return number(0.0, 1e-3, _FOREVER, unit, or_zero=True, or_infinite=True)
+    return number(0.0, 1e-3, 1e9, unit, or_zero=True, or_infinite=True)
 
 
 @dataclass(frozen=True)
