@@ -222,8 +222,6 @@ class Onboard:
                 self._begin(now)
             reasons.append(off)
         self._row.place_detections(robots, targets)
-        if self._steps == 0:
-            self._row.forget()  # in the first step, the phase depends on what was heard since it was announced
         row = self._row.fill(pose, self._heard, not reasons, phase if pose is odometry else None)
         for _ in range(min(due, _MOST_STEPS)):
             self._decide(row)

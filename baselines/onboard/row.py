@@ -108,11 +108,15 @@ class Row:
         robots["position"][0, :2], robots["heading"][0], robots["speed"][0] = (pose.x, pose.y), heading, pose.speed
         robots["status"][0] = WORKING if works else FAILED
         if phase is not None:
-            robots["phase"][0] = math.atan2(phase[1], phase[0]) % (2 * math.pi)
+            robots["phase"][0], self._is_open = math.atan2(phase[1], phase[0]) % (2 * math.pi), False
         elif self.pose is None:
+            self._is_open = alpha > 1  # until a message tells which of the phases of a place it is
             robots["phase"][0] = locate(curve, alpha, pose.x, pose.y, pose.heading, self._expected(heard))
         if phase is None and pose is not self.pose:
             self._follow()
+        if self._is_open and any(heard):
+            self._is_open, own, turn = False, robots["phase"][0], 2 * math.pi / alpha
+            robots["phase"][0] = own + turn * round((self._expected(heard) - own) / turn)
         self._measure()
         if phase is not None:
             robots["measured_turn"][0, :2] = phase
