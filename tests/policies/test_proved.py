@@ -66,7 +66,7 @@ def played(scenario, worlds, steps, adversary, seed=0, parameters=None, assumed=
         simulation.step(action)
 
 
-def driven(scenario, worlds, steps, adversary, **settings):
+def driven(scenario, worlds, steps, adversary, on_step=lambda *now: None, **settings):
     """Play adversarial actions through the filter; return (W,) collisions after a proof, proofs, broken proofs.
 
     Also the least distance after a proof over twice the radius.
@@ -77,6 +77,7 @@ def driven(scenario, worlds, steps, adversary, **settings):
         if step > 0:
             collisions += proved * simulation.latest.collisions.numpy().sum(axis=1) / 2
             least = min(least, least_distance(simulation, proved))
+            on_step(simulation, filter)
         broken |= proved & ~filter.tails_compatible
         proved |= filter.tails_compatible
     return collisions, proved, broken, least / (2 * simulation.scenario.robot.radius)

@@ -1,7 +1,7 @@
 // Failures: a count for each kind, and a matrix of policies and scenarios, worst policy first.
 
 import { fill, heads, rowName } from "./tables.js";
-import { button, byId, element, number } from "./words.js";
+import { button, byId, element } from "./words.js";
 
 export function showFailures(report, onPick) {
   byId("raised").hidden = report.failures.length === 0;
@@ -50,7 +50,7 @@ function meters(report, of, most, onClick) {
   report.kinds.forEach((kind, k) => {
     const share = of.failed[k] / of.episodes,
       collided = kind.name === "collided",
-      collisions = number(of.collisions);
+      collisions = of.cells.collisions.words;
     phrases.push(`${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${collisions} collisions each` : ""}`);
     if (share === 0) return;
     const bar = element("i"),
