@@ -159,14 +159,12 @@ def page(
         empty = {"format": contents.FORMAT, "at": "@at@", "episodes": [_EPISODES]}
         player = html_page("page.html", "main.js", empty, texts={"title": "Replay"})
         blocks = {"viewer-page": player.replace(as_json(_EPISODES), "@episodes@", 1)} | blocks
-    styles = "style.css", "report.css"
-    return html_page("report.html", "report.js", data, texts, styles, blocks, framed=player)
+    return html_page("report.html", "report.js", data, texts, ("style.css", "report.css"), blocks, framed=player)
 
 
 def _columns(table: Table) -> list[dict[str, Any]]:
     """Return the columns by which episodes can be sorted, the most important first."""
-    scores = dict.fromkeys(task_score(scenario) for scenario in table.scenarios.values())
-    listed = [*scores, *added_columns(table.rows), *MAIN]
+    listed = [*map(task_score, table.scenarios.values()), *added_columns(table.rows), *MAIN]
     return [
         {
             "name": column.name,
@@ -214,15 +212,14 @@ def _scenario(
 
 
 def _policies(names: Sequence[str]) -> list[dict[str, Any]]:
-    styles = styles_of(names)
     return [
         {
             "name": name,
-            "colour": COLOURS.index(styles[name].colour),
-            "mark": styles[name].mark,
+            "colour": COLOURS.index(style.colour),
+            "mark": style.mark,
             "hollow": bool(split_suffix(name)[1]),
         }
-        for name in names
+        for name, style in styles_of(names).items()
     ]
 
 
@@ -234,11 +231,8 @@ def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
         "scenarios": list(overall.scenarios),
         "measures": [_described(column) for column in columns],
         "policies": [
-            {
-                "policy": number_of[policy],
-                "cells": {column.name: _words(overall.policies[policy][column.name]) for column in columns},
-            }
-            for policy in overall.policies
+            {"policy": number_of[policy], "cells": {column.name: _words(of[column.name]) for column in columns}}
+            for policy, of in overall.policies.items()
         ],
     }
 

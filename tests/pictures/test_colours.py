@@ -84,10 +84,11 @@ def test_a_policy_looks_the_same_whatever_else_is_drawn():
     alone, together = styles_of(["sweep"]), styles_of(["mine", *types.POLICIES])
     assert together["sweep"] == alone["sweep"]
     assert together["kuramoto-mpcc-safe"] == together["kuramoto-mpcc"] != together["sweep"]
-    # One's own takes a style that is left, and of many no two look the same.
+    # One's own takes a style that is left, a colour that is left first, and of many no two look the same.
     assert together["mine"] not in {together[name] for name in types.POLICIES}
     assert styles_of(["b", "a"]) == styles_of(["a", "b"])
     assert len(set(styles_of([f"mine {k}" for k in range(60)]).values())) == 60
+    assert len({style.colour for style in styles_of(["mine", "theirs", "lanes", "index", "still-safe"]).values()}) == 5
 
 
 @pytest.mark.parametrize("seen", SEEN)

@@ -85,6 +85,7 @@ def test_a_module_that_cannot_be_imported_says_why(module, words, folder, capsys
 
 @pytest.mark.parametrize(("line", "words"), [
     (["run", "depot", "kuramoto"], "got 'depot'; did you mean depot.toml?"),
+    (["run", "depot-larger-3", "kuramoto"], "got 'depot-larger-3'; did you mean depot.toml:larger-3?"),
     (["run", "depo.toml", "kuramoto"], "depo.toml is missing; did you mean depot.toml?"),
     (["--import=my_scenarios", "scenarios", "shrt-one"], "did you mean short-one?"),
     (["--import", "my_policies", "evaluate", "failure", "my-stil"], "did you mean my-still?"),
