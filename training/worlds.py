@@ -59,7 +59,7 @@ class Truth(NamedTuple):
     present: np.ndarray
     """(W, N, K) 1 where there is a token, else 0."""
     alone: np.ndarray
-    """(W, N) number of targets that the robot has in sight and no other robot has."""
+    """(W, N) number of all targets that the robot has in sight and no other robot has; 0 if sight earns no reward."""
     nearness: np.ndarray
     """(W, N) sum over other robots: 1 for one that it touches, and less down to 0 for a gap of a body's diameter."""
 
@@ -201,13 +201,18 @@ def true_view(simulation: Simulation) -> Truth:
     robots = simulation.robots.position.numpy()[..., :2] / sight
     works = simulation.robots.status.numpy() == WORKING
     targets, there, flees, velocity = _true_targets(simulation)
+    rewarded = there.any(axis=0) & (simulation.scenario.task.reward_observation != 0)
+    to_targets = targets[:, None, rewarded] - robots[:, :, None]
+    sighted = (np.sqrt((to_targets**2).sum(axis=-1)) < 1) & there[:, None, rewarded] & works[..., None]
+    alone = (sighted & (sighted.sum(axis=1, keepdims=True) == 1)).sum(axis=-1).astype(np.float32)
+    targets, there, flees, velocity = (part[:, :MOST_TARGETS] for part in (targets, there, flees, velocity))
     count = there.shape[1]
     positions = np.concatenate([targets, robots], axis=1)[:, None] * axes[:, :, None]
     offset = positions - robots[:, :, None] * axes[:, :, None]
     distance = np.sqrt((offset**2).sum(axis=-1))
     others = ~np.eye(robots.shape[1], dtype=bool) & works[:, None]
     present = np.concatenate([np.broadcast_to(there[:, None], distance[..., :count].shape), others], axis=2)
-    sighted, observers, other_distance = _sightings(distance[..., :count], there, works)
+    observers, other_distance = _sightings(distance[..., :count], there, works)
     tokens = np.zeros((*distance.shape, len(TRUTH)), np.float32)
     tokens[:, :, :count, TRUTH.index("target")], tokens[:, :, count:, TRUTH.index("robot")] = 1, 1
     tokens[..., columns_of(TRUTH, "x", "y")] = offset / np.maximum(distance, np.float32(1e-6))[..., None]
@@ -218,20 +223,19 @@ def true_view(simulation: Simulation) -> Truth:
     tokens[:, :, :count, TRUTH.index("other_distance")] = other_distance / (1 + other_distance)
     tokens[:, :, :count, TRUTH.index("flees")] = flees[:, None]
     tokens[:, :, :count, columns_of(TRUTH, "x_velocity", "y_velocity")] = velocity[:, None] * axes[:, :, None]
-    alone = (sighted & (observers == 0)).sum(axis=-1).astype(np.float32)
     gap = distance[..., count:] / np.float32(2 * simulation.scenario.robot.radius / sight) - 1
     nearness = np.where(others & works[..., None], np.clip(1 - gap, 0, 1), 0).sum(axis=-1)
     return Truth(tokens * present[..., None], present.astype(np.float32), alone, nearness.astype(np.float32))
 
 
 def _true_targets(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the targets that a critic reads: positions (W, K, 2) [sight], presence, flight (W, K) and velocity.
+    """Return all targets, present ones first: positions (W, T, 2) [sight], presence, flight (W, T) and velocity.
 
-    The velocity (W, K, 2) [top speed] is 0 unless a target drifts or wanders.
+    The velocity (W, T, 2) [top speed] is 0 unless a target drifts or wanders.
     """
     status = simulation.targets.status.numpy()
     there = (status != HIDDEN) & (status != GONE)
-    first = np.argsort(~there, axis=1, kind="stable")[:, :MOST_TARGETS]
+    first = np.argsort(~there, axis=1, kind="stable")
     arrays = (getattr(simulation.targets, name).numpy() for name in ("motion", "speed", "heading"))
     there, motion, speed, heading = (np.take_along_axis(array, first, 1) for array in (there, *arrays))
     positions = simulation.targets.position.numpy() / np.float32(simulation.scenario.sight)
@@ -240,8 +244,8 @@ def _true_targets(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.nd
     return np.take_along_axis(positions, first[..., None], 1), there, motion == FLEEING, velocity
 
 
-def _sightings(distance: np.ndarray, there: np.ndarray, works: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which targets each robot has in sight, how many others have them, and the distance of the nearest other.
+def _sightings(distance: np.ndarray, there: np.ndarray, works: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many other robots have each target in sight, and the distance of the nearest other robot.
 
     Args:
         distance: (W, N, K) distances of the targets [sight]; the results have this shape.
@@ -254,4 +258,4 @@ def _sightings(distance: np.ndarray, there: np.ndarray, works: np.ndarray) -> tu
     nearest = np.sort(np.pad(measured, ((0, 0), (0, 1), (0, 0)), constant_values=FAR), axis=1)[:, :2]
     # The nearest other robot of the nearest one is the second.
     other = np.where(measured <= nearest[:, :1], nearest[:, 1:], nearest[:, :1])
-    return sighted, observers, np.minimum(other, FAR)
+    return observers, np.minimum(other, FAR)

@@ -82,10 +82,10 @@ def _figure(
     down = -(-len(columns) // across)
     figure = Figure(figsize=(WIDTH, (_MARGINS + _LINE * len(policies)) * max(down, 1)), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03)  # type: ignore[union-attr]
-    figure.suptitle(title, x=0.005, ha="left", fontsize=8, fontweight="bold")
+    figure.suptitle(title, x=0.005, ha="left", fontsize=8, fontweight="bold", parse_math=False)
     for k, column in enumerate(columns):
         axes = figure.add_subplot(down, across, k + 1)
-        axes.set_yticks(range(len(policies)), list(policies) if k % across == 0 else [""] * len(policies))
+        axes.set_yticks(range(len(policies)), [name * (k % across == 0) for name in policies], parse_math=False)
         axes.set_ylim(len(policies) - 0.5, -0.5)
         drawn = []
         for place, (policy, estimates) in enumerate(policies.items()):

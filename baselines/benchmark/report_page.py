@@ -143,7 +143,15 @@ def page(
         "format": FORMAT,
         "made": dict(origin),
         "kinds": [{"name": mode.name, "words": mode.words, "about": mode.about} for mode in FAILURE_MODES],
-        "policies": _policies(policies),
+        "policies": [
+            {
+                "name": name,
+                "colour": COLOURS.index(style.colour),
+                "mark": style.mark,
+                "hollow": bool(split_suffix(name)[1]),
+            }
+            for name, style in styles_of(policies).items()
+        ],
         "overall": [_overall(overall, number_of) for overall in table.overall],
         "scenarios": [_scenario(table, name, number_of, by.get(name, {}), notes.get(name, ())) for name in scenario_of],
         "failures": [[failure.scenario, failure.policy, failure.error] for failure in failures],
@@ -202,7 +210,7 @@ def _scenario(
                 "failed": np.sum([failed(row) for row in episodes], axis=0).tolist(),
                 "collisions": _rounded(float(numbers(episodes, COLLISIONS).mean())),
                 "cells": {
-                    column.name: _cell(policies[policy][column.name], column, episodes) | {"best": policy in best}
+                    column.name: _cell(policies[policy][column.name], policy in best, column, episodes)
                     for column, best in columns.items()
                 },
             }
@@ -211,28 +219,19 @@ def _scenario(
     }
 
 
-def _policies(names: Sequence[str]) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": name,
-            "colour": COLOURS.index(style.colour),
-            "mark": style.mark,
-            "hollow": bool(split_suffix(name)[1]),
-        }
-        for name, style in styles_of(names).items()
-    ]
-
-
 def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:
     """Return the estimates over the scenarios of a kind of robots."""
-    columns = with_numbers(overall.policies, OVERALL)
+    columns = {column: best_of(overall.policies, column) for column in with_numbers(overall.policies, OVERALL)}
     return {
         "kind": _ROBOTS.get(overall.kind, overall.kind),
         "scenarios": list(overall.scenarios),
         "measures": [_described(column) for column in columns],
         "policies": [
-            {"policy": number_of[policy], "cells": {column.name: _words(of[column.name]) for column in columns}}
-            for policy, of in overall.policies.items()
+            {
+                "policy": number_of[policy],
+                "cells": {c.name: _words(estimates[c.name], policy in best) for c, best in columns.items()},
+            }
+            for policy, estimates in overall.policies.items()
         ],
     }
 
@@ -272,19 +271,18 @@ def _values_of_theory(column: Column, scenario: Scenario, bounds: Bounds) -> lis
     return [(value, words) for value, words in lines if math.isfinite(value)]
 
 
-def _words(estimate: Estimate) -> dict[str, Any]:
+def _words(estimate: Estimate, best: bool) -> dict[str, Any]:
     """Return an estimate in words, and the number that sorts it; None comes last."""
     words, beside = in_words(estimate)
-    return {"words": words, "between": beside, "value": _rounded(estimate.value)}
+    return {"words": words, "between": beside, "value": _rounded(estimate.value), "known": estimate.known, "best": best}
 
 
-def _cell(estimate: Estimate, column: Column, rows: Rows) -> dict[str, Any]:
+def _cell(estimate: Estimate, best: bool, column: Column, rows: Rows) -> dict[str, Any]:
     """Return a column of one policy for the page: an estimate, and the quartiles of the episodes."""
     values = numbers(rows, column)
     known = values[np.isfinite(values)]
-    return _words(estimate) | {
+    return _words(estimate, best) | {
         "interval": _rounded([estimate.low, estimate.high]),
-        "known": estimate.known,
         "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if len(known) else None,
     }
 

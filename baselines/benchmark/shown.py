@@ -102,7 +102,7 @@ def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -
         count, columns = len(overall.scenarios), with_numbers(overall.policies, OVERALL)
         names = ", ".join(overall.scenarios) if count <= _MOST_NAMED else f"all {count} scenarios"
         print_lines(console, Text(f"over {names}", "bold"), columns, lines_of(overall.policies, columns), where)
-    for words in legend(table, outcome.stored["episodes"]):
+    for words in legend(table):
         print_line(console, words, "dim")
     print_theorem(console, outcome.theorem)
     for refusal in outcome.left_out:
@@ -113,11 +113,8 @@ def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -
     if outcome.failures:
         print_line(console, f"Tracebacks are in {SUMMARY}.", "red")
     if outcome.resumed:
-        words = (
-            f"{outcome.resumed} of {len(outcome.rows)} episodes were already in {out} and were not played again; "
-            "to replay them all, delete that folder or choose another --out."
-        )
-        print_line(console, words, "yellow")
+        played = f"{outcome.resumed} of {len(outcome.rows)} episodes were already in {out} and were not played again"
+        print_line(console, f"{played}; to replay them all, delete that folder or choose another --out.", "yellow")
     files = ", ".join((REPORT, MARKDOWN, CSV, SUMMARY))
     print_line(console, f"{counted(len(table.rows), 'episode')} in {out} ({files}), {outcome.elapsed:.1f} s")
     if note:
@@ -148,7 +145,7 @@ def _in_two_lines(entry: Entry) -> Text:
 def print_scores(console: Console, policy: str, scenario: Scenario, columns: Mapping[str, Estimate]) -> None:
     """Print a row for every column of one policy on one scenario that has numbers, the score of the task first."""
     print_line(console, Text.assemble((policy, "bold"), " on ", (scenario.name, "bold")))
-    names = ("summary", "value", "95 % interval", "n", "worst seed", "median", "min", "max")
+    names = ("value", "95 % interval", "n", "worst seed", "median", "min", "max")
     rows = []
     # A policy that is alone is the best one.
     alone = {SCORE_OVER_BEST.name, WORST_CASE_OVER_BEST.name}
@@ -161,11 +158,11 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
         is_equal = estimate.n > 1 and estimate.min == estimate.max
         worst = DASH if estimate.worst is None or is_equal else str(estimate.worst)
         infinite = "no bound" if estimate.summary == LARGEST else "infinite"
-        order = estimate.median, estimate.min, estimate.max
-        spread = [number(value).replace("infinite", infinite) for value in order]
+        spread = [number(end).replace("infinite", infinite) for end in (estimate.median, estimate.min, estimate.max)]
         others = (between(estimate.low, estimate.high) or DASH, count, worst, *spread)
         rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])
-    print_table(console, [terminal.Column("score", left=True, style="cyan"), *names], rows)
+    columns = [terminal.Column("score", left=True, style="cyan"), terminal.Column("summary", rank=1), *names]
+    print_table(console, columns, rows)
     console.print()
 
 
@@ -187,19 +184,19 @@ def print_theorem(console: Console, sentences: Mapping[str, Sequence[str]]) -> N
 
 def _broken(title: str) -> str:
     """Break a title where the longer of its two lines is shortest."""
-    breaks = [k for k, letter in enumerate(title) if letter == " "]
-    if not breaks:
-        return title
-    at = min(breaks, key=lambda k: max(k, len(title) - k - 1))
-    return f"{title[:at]}\n{title[at + 1 :]}"
+    words = title.split(" ")
+    in_two = [(" ".join(words[:k]), " ".join(words[k:])) for k in range(1, len(words))]
+    return "\n".join(min(in_two, key=lambda lines: max(map(len, lines)), default=(title,)))
 
 
-def legend(table: Table, episodes: int) -> list[str]:
+def legend(table: Table) -> list[str]:
     """Return sentences that explain the numbers of a table."""
     of_policies = [estimates for policies in table.estimates.values() for estimates in policies.values()]
+    counts = sorted({estimates[WORST_CASE.name].n for estimates in of_policies})
+    episodes = f"{counts[0]:,} to {counts[-1]:,} episodes" if len(counts) > 1 else counted(sum(counts), "episode")
     words = [
-        f"Interquartile mean over {counted(episodes, 'episode')}, below it the 95 % bootstrap interval; for collisions "
-        "and over lower bound, the mean. * best; k/n: k of n episodes had a number."
+        f"Interquartile mean over {episodes}, below it the 95 % bootstrap interval, which is too narrow for fewer than "
+        "8; for collisions and over lower bound, the mean. * best; k/n: k of n episodes had a number."
     ]
     if table.references:
         names = ", ".join(dict.fromkeys(table.references.values()))

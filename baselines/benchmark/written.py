@@ -19,9 +19,9 @@ from lissajous_env.world.columns import NAMES, task_score
 _SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$", "\N{EN DASH}": "--",
-    "\N{EM DASH}": "---",
+    "\N{EM DASH}": "---", "[": "{[}",
 }  # fmt: skip
-"""Characters that LaTeX interprets as commands, or prints as another letter."""
+"""Characters that LaTeX interprets as commands, or after a row as its option, or prints as another letter."""
 
 
 def write_files(folder: Folder, outcome: BenchmarkOutcome, rows: Sequence[dict[str, Any]]) -> None:
@@ -89,9 +89,9 @@ def markdown(table: Mapping[str, Sequence[Any]]) -> str:
 
 
 def latex(table: Table) -> str:
-    r"""Return a table of each scenario in LaTeX, as wide as both columns of a paper; it needs `\usepackage{booktabs}`.
+    r"""Return a table of each scenario in LaTeX for both columns of a paper; it needs `\usepackage{booktabs}`.
 
-    The best of each column is bold; columns without any number are left out.
+    The best of each column is bold, and intervals are below; columns without any number are left out.
     """
     return "\n".join(["% Needs \\usepackage{booktabs}.", *(_paper_table(table, name) for name in table.estimates)])
 
@@ -123,7 +123,8 @@ _CAPTION = (
 
 def _paper_entry(entry: Entry) -> str:
     words = rf"\textbf{{{_escaped(entry.value)}}}" if entry.is_best else _escaped(entry.value)
-    return words + (rf" {{\scriptsize({_escaped(entry.beside)})}}" if entry.beside else "")
+    below = rf"\begin{{tabular}}[t]{{@{{}}r@{{}}}}{words}\\{{\scriptsize({_escaped(entry.beside)})}}\end{{tabular}}"
+    return below if entry.beside else words
 
 
 def _escaped(words: str) -> str:

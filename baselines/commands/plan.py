@@ -92,8 +92,7 @@ def _print(console: Any, outcome: PlanOutcome, plans: list) -> None:
     if untried := report.untried_in_words(outcome):
         print_line(console, untried, "bold")
     if plans:
-        title = f"Plans for {_team_in_words(outcome)}: {len(plans)} that no other dominates"
-        print_line(console, title, "italic")
+        print_line(console, f"Plans for {_team_in_words(outcome)}: {len(plans)} that no other dominates", "italic")
         report.print_plans(console, outcome, plans)
     else:
         print_line(console, f"No plan without collisions was found for {_team_in_words(outcome)}.")

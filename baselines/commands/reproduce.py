@@ -84,8 +84,7 @@ def reproduce(
         finally:
             folder.write(_PAGE, claims.as_page(results, pictures, format, command))
     claims.print_claims(console, results)
-    words = f"\n{claims.summary(results)}. {counted(len(pictures), 'picture')} and README.md are in {out}"
-    output.print(words)
+    output.print(f"\n{claims.summary(results)}. {counted(len(pictures), 'picture')} and README.md are in {out}")
     output.print_json(results)
     return results
 

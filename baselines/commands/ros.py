@@ -128,7 +128,6 @@ def play(
     from baselines.ros.world import WorldNode
 
     check_file(out, *FORMATS)
-    console = output.console()
     with alone(), started() as process, bar(output.progress()) as shown_bar:
         world = WorldNode(scenario, settings)
         if robots is not None:
@@ -142,7 +141,7 @@ def play(
         task = shown_bar.add_task(f"{scenario.name} over ROS 2", total=scenario.task.steps)
         recording = world.play(lambda: shown_bar.advance(task), process.check)
     recording = replace(recording, score=recording.score | {"policy": "ros"})
-    print_row(console, recording.score, recording.scenario)
+    print_row(output.console(), recording.score, recording.scenario)
     output.print_json(recording.score)
     if out is not None:
         show(recording, out, output)

@@ -74,8 +74,7 @@ def score(
         task = shown_bar.add_task(f"scoring {log.name}", total=None)
         scored = score_log(log, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
     console, played = output.console(), scored.recording.scenario
-    words = f"{log.name}: {len(log.tracks)} robots, {played.task.duration:g} s from {scored.log.start:.3f} s on"
-    output.print(words)
+    output.print(f"{log.name}: {len(log.tracks)} robots, {played.task.duration:g} s from {scored.log.start:.3f} s on")
     if episodes == 1:
         shown.print_row(console, scored.rows[0], played)
     else:

@@ -24,11 +24,10 @@ from lissajous_env.wording import counted, require, shown
 
 _MOST_STEPS = 10
 """Largest number of a policy's steps in one call."""
-_FOREVER = 1e9
 
 
 def _limit(unit: str) -> float:
-    return number(0.0, 1e-3, _FOREVER, unit, or_zero=True, or_infinite=True)
+    return number(0.0, 1e-3, 1e9, unit, or_zero=True, or_infinite=True)
 
 
 @dataclass(frozen=True)
@@ -223,8 +222,6 @@ class Onboard:
                 self._begin(now)
             reasons.append(off)
         self._row.place_detections(robots, targets)
-        if self._steps == 0:
-            self._row.forget()  # in the first step, the phase depends on what was heard since it was announced
         row = self._row.fill(pose, self._heard, not reasons, phase if pose is odometry else None)
         for _ in range(min(due, _MOST_STEPS)):
             self._decide(row)

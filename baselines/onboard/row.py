@@ -104,14 +104,19 @@ class Row:
                 this pose, unless it is the same object as the pose before.
         """
         robots, curve, alpha = self._robots, self._scenario.driven, self._scenario.alpha
-        robots["position"][0, :2], robots["heading"][0], robots["speed"][0] = (pose.x, pose.y), pose.heading, pose.speed
+        heading = pose.heading if abs(pose.heading) < 7 else math.remainder(pose.heading, math.tau)  # for float32
+        robots["position"][0, :2], robots["heading"][0], robots["speed"][0] = (pose.x, pose.y), heading, pose.speed
         robots["status"][0] = WORKING if works else FAILED
         if phase is not None:
-            robots["phase"][0] = math.atan2(phase[1], phase[0]) % (2 * math.pi)
+            robots["phase"][0], self._is_open = math.atan2(phase[1], phase[0]) % (2 * math.pi), False
         elif self.pose is None:
+            self._is_open = alpha > 1  # until a message tells which of the phases of a place it is
             robots["phase"][0] = locate(curve, alpha, pose.x, pose.y, pose.heading, self._expected(heard))
         if phase is None and pose is not self.pose:
             self._follow()
+        if self._is_open and any(heard):
+            self._is_open, own, turn = False, robots["phase"][0], 2 * math.pi / alpha
+            robots["phase"][0] = own + turn * round((self._expected(heard) - own) / turn)
         self._measure()
         if phase is not None:
             robots["measured_turn"][0, :2] = phase
@@ -125,7 +130,7 @@ class Row:
 
     def _expected(self, heard: Sequence[Message | None]) -> float:
         """Return the phase in a formation with the neighbours that were heard; without any, that at the start [rad]."""
-        turns = (complex(*message[2:4]) * np.exp(-1j * self._start[message.sender]) for message in heard if message)
+        turns = (complex(*message[2:4]) / np.exp(1j * self._start[int(message.sender)]) for message in heard if message)
         return float(self._start[self._robot] + np.angle(sum(turns)))
 
     def _hear(self, side: int, message: Message | None, now: float) -> None:

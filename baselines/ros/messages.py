@@ -54,8 +54,7 @@ def heard(message: Any, sender: int) -> Message | None:
     values = list(message.position)
     if tuple(message.name[:4]) != RING or len(values) != len(message.name):
         return None
-    cos_phase, sin_phase, x, y, *numbers = values
-    return Message(sender, seconds(message.header.stamp), cos_phase, sin_phase, x, y, tuple(numbers))
+    return Message(sender, seconds(message.header.stamp), *values[:4], numbers=tuple(values[4:]))
 
 
 def command_messages(command: Command | Twist, kind: str, steering_max: float, time: float, frame: str) -> list[Any]:

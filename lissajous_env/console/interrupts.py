@@ -10,7 +10,6 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from typing import Any, NoReturn
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
@@ -42,7 +41,7 @@ def raised() -> Iterator[None]:
         signal.signal(signal.SIGINT, _end)
 
 
-def _end(*_: Any) -> NoReturn:
+def _end(*_: object) -> None:
     os.write(2, b"interrupted\n")
     os._exit(INTERRUPTED)
 

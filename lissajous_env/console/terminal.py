@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +20,7 @@ from rich import box
 from rich import progress as bars
 from rich.cells import cell_len
 from rich.console import Console
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
@@ -28,6 +29,8 @@ from lissajous_env.settings.formulas import Formula
 _PLACE = r"[^\W\d][\w.]*:[^\W\d][\w.]*"
 _WORDS = re.compile(rf"{_PLACE}(,{_PLACE})*|(?!(None|True|False|inf|nan)$)[^\W\d_][\w-]*")
 """A bare word, or `module:name`, also several separated by commas."""
+_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+"""Characters with which a text could change the terminal: all control characters but the tab and the end of a line."""
 _PIPE = 120
 """Width of the output without a terminal and without COLUMNS."""
 _GAP = 2
@@ -144,10 +147,15 @@ def _literal(name: str, text: str) -> Any:
 
 
 class _Console(Console):
-    """Console that ends no command when the reader of a pipe has left: the command still writes its files."""
+    """Console whose text cannot change the terminal, and that ends no command when the reader of a pipe has left."""
+
+    def render(self, *arguments: Any, **options: Any) -> Iterator[Segment]:
+        """Yield the segments of a renderable, those of text without control characters."""
+        for segment in super().render(*arguments, **options):
+            yield segment if segment.control else segment._replace(text=_CONTROLS.sub("", segment.text))
 
     def on_broken_pipe(self) -> None:
-        """Print nothing from now on."""
+        """Print nothing from now on; the command still writes its files."""
         self.quiet = True
 
 

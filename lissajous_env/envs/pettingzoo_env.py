@@ -130,9 +130,8 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         if type(actions) is not dict or len(actions) != len(self.agents):
             check_agents(actions, self.agents)
         try:
-            self._sides[0].read_agent_actions(actions, self._live[0], self._actions[0])
-            if len(self._sides) > 1:
-                self._sides[1].read_agent_actions(actions, self._live[1], self._actions[1])
+            for side, live, given in zip(self._sides, self._live, self._actions, strict=True):
+                side.read_agent_actions(actions, live, given)
         except KeyError:
             check_agents(actions, self.agents)
             raise

@@ -68,6 +68,7 @@ def save_film(
     if suffix not in FILMS:
         raise ValueError(f"path must end in {' or '.join(FILMS)}, got {path}")
     every, seconds = paced(recording, fps, speed)
+    count = len(range(0, len(recording), every))
     renderer = Renderer(recording.scenario, 1.0 if suffix == ".mp4" else 0.75)
 
     def drawn() -> Iterator[np.ndarray]:
@@ -76,8 +77,8 @@ def save_film(
             on_frame()
 
     with replacing(path) as temporary:
-        (_write_mp4 if suffix == ".mp4" else _write_gif)(temporary, drawn(), renderer.view.size, seconds)
-    return len(range(0, len(recording), every))
+        (_write_mp4 if suffix == ".mp4" else _write_gif)(temporary, drawn(), renderer.view.size, count, seconds)
+    return count
 
 
 def paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
@@ -91,19 +92,19 @@ def paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
     return every, seconds
 
 
-def _write_gif(path: Path, pictures: Iterable[np.ndarray], size: tuple[int, int], seconds: float) -> None:
-    """Write pictures (H, W, 3) uint8; all have the same colours, so that still parts do not flicker."""
+def _write_gif(path: Path, pictures: Iterable[np.ndarray], size: tuple[int, int], count: int, seconds: float) -> None:
+    """Write `count` pictures (H, W, 3) uint8; all have the same colours, so that still parts do not flicker."""
     own = [colour for colour in vars(palette).values() if isinstance(colour, tuple)]
     mixtures = [palette.mixed(palette.GROUND, colour, share) for colour in own for share in _SHARES]
     colours = Image.new("P", (1, 1))
     colours.putpalette(np.array(mixtures, np.uint8).tobytes())
     indexed = (Image.fromarray(picture).quantize(palette=colours, dither=Image.Dither.NONE) for picture in pictures)
-    # The unit of a GIF is 0.01 s, and most viewers cannot show pictures shorter than two units.
-    duration = 10 * max(round(100 * seconds), 2)
-    next(indexed).save(path, "GIF", save_all=True, append_images=indexed, duration=duration, loop=0)
+    # The unit of a GIF is 0.01 s, and most viewers show no picture for less than two. Times are rounded, not durations.
+    durations = np.diff(10 * np.round(100 * max(seconds, 0.02) * np.arange(count + 1))).astype(int).tolist()
+    next(indexed).save(path, "GIF", save_all=True, append_images=indexed, duration=durations, loop=0)
 
 
-def _write_mp4(path: Path, pictures: Iterable[np.ndarray], size: tuple[int, int], seconds: float) -> None:
+def _write_mp4(path: Path, pictures: Iterable[np.ndarray], size: tuple[int, int], count: int, seconds: float) -> None:
     """Write pictures (H, W, 3) uint8, H and W even.
 
     The film is H.264 with a chroma sample for four pixels (yuv420p) and its index at the front, so that browsers,

@@ -65,11 +65,10 @@ def html_page(
         "scripts": _element("script", module, ' type="module"'),
     }
     filled |= {"policy": html.escape(policy, quote=True), "data": as_json(data)}
-    inserted = [
+    filled["blocks"] = "\n".join(
         _element("script", as_json(value), f' type="application/json" id="{html.escape(name, quote=True)}"')
         for name, value in (blocks or {}).items()
-    ]
-    filled["blocks"] = "\n".join(inserted)
+    )
     whole = _INCLUDED.sub(lambda part: text_of(part[1]), text_of(template))
     return _SLOT.sub(lambda slot: filled[slot[1]], whole)
 

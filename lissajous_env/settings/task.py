@@ -87,7 +87,7 @@ class Targets(Checked):
     wandering: float = number(1.0, 0, 1)
     """Share of targets whose heading follows a random walk."""
     fleeing: float = number(0.0, 0, 1)
-    """Share of targets that flee from the nearest robot within `flee_radius` and otherwise wander."""
+    """Share of targets that flee from the nearest working robot within `flee_radius` and otherwise wander."""
     custom: float = number(0.0, 0, 1)
     """Share of targets that move by the scenario's own `target_motion`."""
     speed: float = number(0.2, 0, 1e4, "m/s")
@@ -98,12 +98,12 @@ class Targets(Checked):
     turn_rate: float = number(1.0, 0, 1e3, "rad/sqrt(s)")
     """Standard deviation of a wandering target's change of heading in one second [rad/sqrt(s)]."""
     flee_radius: float = number(0.9, 1e-6, 1e5, "m")
-    """Distance to a robot below which a fleeing target flees [m]."""
+    """Distance to a working robot below which a fleeing target flees [m]."""
     flee_speed: float = number(0.6, 0, 1e4, "m/s")
     """Speed of a target while it flees [m/s]; lower along the boundary."""
     flight: str = choice("nearest", "nearest", "all")
-    """Direction of flight: away from the nearest robot; or from all robots within `flee_radius` and from the walls,
-    each robot with a weight of one over its distance, and each wall with half of that."""
+    """Direction of flight: away from the nearest working robot; or from all of these within `flee_radius` and from the
+    walls, each robot with a weight of one over its distance, and each wall with half of that."""
     speed_limit: float | None = number(None, 0, 1e4, "m/s")
     """Speed limit of evading targets, for the worst-case undetected time [m/s]; None means the highest speed of these
     targets. Required where targets move by the scenario's own motion."""

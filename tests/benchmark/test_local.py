@@ -3,7 +3,7 @@
 import threading
 
 import pytest
-from benchmarks_in_the_small import QUIET, SHORT, small
+from benchmarks_in_the_small import QUIET, SHORT, furthest, small
 
 import baselines
 import lissajous_env
@@ -65,24 +65,15 @@ def test_an_error_of_the_disk_on_another_thread_reaches_the_caller(tmp_path, mon
         run(small(tmp_path, **THREE), console=QUIET)
 
 
-@lissajous_env.score_column(reduce="max")
-def fast(world):
-    """Largest speed of a robot [m/s]."""
-    return world.robots.speed.max(axis=1)
-
-
 def test_code_of_users_is_played_by_the_main_thread():
     scenario = lissajous_env.scenario("failure")
     baselines.register("theirs", None, still([]))
     lissajous_env.rogue("theirs")(lambda rows: rows[..., :2])
     assert local.may_be_shared(Cell(scenario, "kuramoto", None), "cpu")
-    for cell, device in (
-        (Cell(lissajous_env.scenario("failure", extensions=(fast,)), "kuramoto", None), "cpu"),
-        (Cell(lissajous_env.scenario("failure", rogues="theirs"), "kuramoto", None), "cpu"),
-        (Cell(scenario, "theirs", None), "cpu"),
-        (Cell(scenario, "kuramoto", None), "cuda"),
-    ):
-        assert not local.may_be_shared(cell, device)
+    for theirs in ({"extensions": (furthest,)}, {"rogues": "theirs"}):
+        assert not local.may_be_shared(Cell(lissajous_env.scenario("failure", **theirs), "kuramoto", None), "cpu")
+    assert not local.may_be_shared(Cell(scenario, "theirs", None), "cpu")
+    assert not local.may_be_shared(Cell(scenario, "kuramoto", None), "cuda")
 
 
 def test_an_error_stops_the_other_jobs_and_is_raised(monkeypatch):

@@ -16,6 +16,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.table import Table
 from baselines.benchmark.types import Benchmark
 from baselines.commands.figures import figures
+from baselines.policies.registry import as_factory
 from baselines.reproduce.drawing import sheet
 from lissajous_env.storage.folder import Folder
 
@@ -59,7 +60,7 @@ def test_the_figures_show_the_columns_of_the_table(folder, tmp_path, monkeypatch
 
 def test_one_episode_of_one_policy_without_any_bound_is_drawn(tmp_path):
     pair = [lissajous_env.scenario(name, **{"task.duration": 0.5}) for name in ("evaders", "intruders")]
-    run(Benchmark(policies=("sweep",), episodes=1, out=tmp_path / "results", replays=0), scenarios=pair, console=QUIET)
+    run(Benchmark(episodes=1, out=tmp_path / "results", replays=0), {r"$\formula$": as_factory("sweep")}, pair, QUIET)
     journal = tmp_path / "results" / "episodes.jsonl"
     with Folder(journal.parent), journal.open("a") as file:  # a benchmark that writes a line
         print('{"scenario": "evad', end="", file=file, flush=True)
@@ -105,13 +106,13 @@ def test_every_figure_is_the_same_again_and_no_font_is_of_type_3(folder, tmp_pat
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
 def test_the_table_compiles(folder, tmp_path):
     figures(folder, "pdf", tmp_path / "paper")
-    page = r"\documentclass[twocolumn]{article}\usepackage{booktabs,graphicx}\begin{document}\input{table.tex}"
-    page += r"\begin{figure*}\includegraphics{overall-car.pdf}\end{figure*}Text.\end{document}"
+    page = r"\documentclass[twocolumn]{article}\textwidth=7.16in\usepackage{booktabs,graphicx}\begin{document}"
+    page += r"\input{table.tex}\begin{figure*}\includegraphics{overall-car.pdf}\end{figure*}Text.\end{document}"
     (tmp_path / "paper" / "paper.tex").write_text(page)
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
     done = subprocess.run(command, cwd=tmp_path / "paper", capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-2000:]
-    assert "Output written on paper.pdf" in done.stdout
+    assert [words in done.stdout for words in ("Output written on paper.pdf", "Overfull")] == [True, False]
 
 
 def test_what_has_no_results_is_refused_and_nothing_is_written(tmp_path):

@@ -74,7 +74,8 @@ def test_the_page_has_all_scenarios_together_the_first_column_in_order():
     first, second = overall["policies"]
     assert [data["policies"][policy["policy"]]["name"] for policy in (first, second)] == ["b", "a"]
     assert [policy["cells"]["score_over_best"]["words"] for policy in (first, second)] == ["1", "2"]
-    assert first["cells"]["collisions"] == {"words": "3", "between": "", "value": 3.0}
+    assert first["cells"]["collisions"] == {"words": "3", "between": "", "value": 3.0, "known": 2, "best": False}
+    assert second["cells"]["collisions"]["best"]
     assert first["cells"]["score_improvement"]["words"] == "100 %"
     best = {cell["words"] for of in data["scenarios"][0]["policies"] for cell in of["cells"].values() if cell["best"]}
     assert {"2", "0"} <= best <= {"2", "0", "1", "100 %"}, "the shorter time, no collision"

@@ -41,10 +41,7 @@ def run(browser, folder, text):
 
 def shown(run):
     """The rows of the table of episodes that are shown: (scenario, policy, seed)."""
-    rows = (
-        "return [...document.querySelectorAll('#list tbody tr')]"
-        ".map((row) => [0, 1, 2].map((k) => row.cells[k].textContent))"
-    )
+    rows = "return [...list.tBodies[0].rows].map((row) => [0, 1, 2].map((k) => row.cells[k].textContent))"
     return [(scenario, policy, int(seed)) for scenario, policy, seed in run(rows)]
 
 
@@ -63,8 +60,8 @@ def test_the_table_of_episodes_is_put_in_order_and_narrowed_down(browser, run):
     wanted = [episodes["seed"][k] for _, k in sorted(known, key=lambda pair: (-pair[0], pair[1]))]
     assert [seed for *_, seed in shown(run)][: len(wanted)] == wanted
     run("document.querySelector('[data-column=detection_time_mean]').click()")
-    least = run("""const at = document.querySelector('[data-column=detection_time_mean]').closest('th').cellIndex;
-        return Number(document.querySelector('#list tbody tr').cells[at].textContent)""")
+    place = run("return document.querySelector('[data-column=detection_time_mean]').closest('th').cellIndex")
+    least = run(f"return Number(list.tBodies[0].rows[0].cells[{place}].textContent)")
     assert least == pytest.approx(min(known)[0], abs=6e-4)
     assert run("return document.querySelector('[aria-sort] .sort').dataset.column") == "detection_time_mean"
     run("const p = document.getElementById('of-policy'); p.value = '1'; p.dispatchEvent(new Event('change'))")
@@ -109,6 +106,8 @@ def test_what_failed_leads_to_its_episodes(browser, run):
     bars = run("return [...document.querySelectorAll('.meter > i > i')].map((i) => parseFloat(i.style.width))")
     assert bars
     assert all(0 < bar <= 100 for bar in bars)
+    words = {of["cells"]["collisions"]["words"] for scenario in data["scenarios"] for of in scenario["policies"]}
+    assert {*run("return [...document.querySelectorAll('.meter.collided > span')].map((s) => s.textContent)")} <= words
     assert complaints(browser) == ([], [])
 
 

@@ -31,9 +31,15 @@ def test_interquartile_mean_is_scipys_trimmed_mean(n):
 @pytest.mark.parametrize(("cut", "statistic"), [(0.25, lambda x, axis: trim_mean(x, 0.25, axis)), (0.0, np.mean)])
 def test_intervals_are_scipys(cut, statistic):
     values = np.random.default_rng(6).gamma(2, size=200)
-    rng = np.random.default_rng(2)
-    oracle = bootstrap((values,), statistic, n_resamples=20_000, method="percentile", rng=rng).confidence_interval
+    oracle = bootstrap((values,), statistic, n_resamples=20_000, method="percentile", rng=2).confidence_interval
     assert bootstrap_interval(values, cut) == pytest.approx(oracle, abs=0.05 * (oracle.high - oracle.low))
+
+
+@pytest.mark.parametrize(("n", "share"), [(2, 0.5), (3, 0.75), (16, 0.94)])
+def test_intervals_of_few_episodes_are_too_narrow(n, share):
+    # Oracle: that of two or three numbers is their range, in which the middle of a symmetric distribution is.
+    ends = np.array([bootstrap_interval(sample, 0.0) for sample in np.random.default_rng(n).normal(size=(1000, n))])
+    assert (ends[:, 0] * ends[:, 1] < 0).mean() == pytest.approx(share, abs=0.04)
 
 
 def test_an_estimate_counts_what_has_no_number_and_leaves_it_out():

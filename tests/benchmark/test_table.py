@@ -125,6 +125,7 @@ def test_the_share_of_seeds_is_over_those_that_both_have():
     assert table.estimates["intruders"]["a"]["score_improvement"].known == 0
     assert Table.of(played, INTRUDERS, "b").references == {"intruders": "b"}
     assert Table.of(played[:3], INTRUDERS).references == {}
+    assert shown.legend(Table.of(played[:4], INTRUDERS))[0].startswith("Interquartile mean over 1 to 3 episodes, ")
     patrolled = [row | {"policy": "lanes"} for row in played[3:]]
     assert Table.of(played[:3] + patrolled, INTRUDERS).references == {"intruders": "lanes"}
 
@@ -229,7 +230,7 @@ def test_a_lower_bound_is_never_best_and_what_nobody_follows_has_no_column():
     assert text.split()[text.split().index(">") + 1] == "5.70"
     assert "2 of 4 open" in text
     assert "9*" in text.split()
-    assert any("a lower bound" in words for words in shown.legend(table, 4))
+    assert any("a lower bound" in words for words in shown.legend(table))
     nothing = worst_cases("a", [(math.nan, math.nan, math.nan)] * 2)
     assert "guaranteed" not in printed(Table.of(nothing, INTRUDERS))[0]
 
@@ -283,9 +284,9 @@ def test_the_markdown_table_says_what_the_rows_have():
 
 
 def test_the_latex_table_escapes_what_latex_would_read_and_marks_the_best():
-    played = [*rows("my_50%&#{x}~^\\$", detection_time_mean=[2.0, 2.0]), *rows("slow", detection_time_mean=[3.0, 3.0])]
+    played = [*rows("[a]_5%&#{x}~^\\$", detection_time_mean=[2.0, 2.0]), *rows("slow", detection_time_mean=[3.0, 3.0])]
     text = latex(Table.of(played, INTRUDERS))
-    assert r"my\_50\%\&\#\{x\}\textasciitilde{}\textasciicircum{}\textbackslash{}\$ & \textbf{2}" in text
+    assert r"{[}a]\_5\%\&\#\{x\}\textasciitilde{}\textasciicircum{}\textbackslash{}\$ & \textbf{2}" in text
     assert "slow & 3 " in text
     for line in text.splitlines():
         if line.endswith(r"\\"):

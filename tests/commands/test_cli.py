@@ -127,7 +127,7 @@ def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path, capsys, monkey
     file = tmp_path / "rows.csv"
     code, out, _ = called(capsys, "evaluate", "failure", "still", "--episodes", 3, *fields, "--out", file)
     assert code == 0
-    assert re.search(r"^targets +\S+( \w+)* +7 ", out, re.MULTILINE)
+    assert re.search(r"^targets +7 ", out, re.MULTILINE)
     rows = list(csv.DictReader(file.read_text().splitlines()))
     assert [(row["policy"], row["seed"], row["targets"]) for row in rows] == [("still", str(k), "7") for k in range(3)]
 
@@ -218,15 +218,11 @@ SHORT = ["--episodes", "2", "--set", "task.duration=1"]
     ["benchmark", "--scenarios", "failure", "--policies", "still", "kuramoto", *SHORT, "--out", "results"],
 ], ids=lambda arguments: arguments[0])  # fmt: skip
 def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys, tmp_path, monkeypatch):
-    def refuse(word):
-        raise AssertionError(word)
-
     monkeypatch.chdir(tmp_path)
     code, out, _ = called(capsys, *arguments, "--json")
     assert code == 0
-    assert json.loads(out, parse_constant=refuse)
-    code, out, error = called(capsys, *arguments, "--quiet")
-    assert (code, out, error) == (0, "", "")
+    assert json.loads(out, parse_constant=pytest.fail)
+    assert called(capsys, *arguments, "--quiet") == (0, "", "")
     code, out, error = called(capsys, *arguments, "--quiet", "--json")
     assert (code, error) == (0, "")
     assert json.loads(out)

@@ -71,6 +71,11 @@ def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, cod
     assert "\ufffd" not in ended.stdout
 
 
+def test_a_description_of_somebody_else_does_not_change_the_terminal(tmp_path, capsys):
+    (tmp_path / "a.toml").write_text('base = "failure"\ndescription = "\\u001b[2Ja\\u009bb\\r\\u0007c"\n')
+    assert "  [2Jabc" in called(capsys, "scenarios", tmp_path / "a.toml")[1]
+
+
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
     monkeypatch.setattr(compilation, "listener", None)
     for options, heard in (([], "compiling\n"), (["--quiet"], "")):

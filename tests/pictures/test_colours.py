@@ -115,10 +115,9 @@ def page_colours():
 def test_robots_and_marks_of_a_replay_page_are_told_apart_by_every_reader(seen):
     robots, others = page_colours()
     assert len(robots) == 8
-    for one, other in combinations([*robots, others["ground"]], 2):
+    marks = [others[name] for name in ("target", "found", "failed", "touch", "unseen", "ground")]
+    for one, other in [*combinations([*robots, others["ground"]], 2), *combinations(marks, 2)]:
         assert distance(from_hex(one), from_hex(other), seen) > APART, (one, other)
-    for one, other in combinations(("target", "found", "failed", "touch", "unseen", "ground"), 2):
-        assert distance(from_hex(others[one]), from_hex(others[other]), seen) > APART, (one, other)
 
 
 def test_every_colour_of_a_style_sheet_is_defined():

@@ -110,14 +110,15 @@ def test_the_phase_follows_the_curve_without_being_given_whether_or_not_a_pose_w
     for k in range(300):
         inputs = inputs_of(simulation, 2)
         for robot in (announces, other) if k == 150 else ():
-            robot.resume()
+            robot.reset()
+        given = inputs[:2] if k in (0, 150) else inputs[:5]  # at first, no message has arrived
         message = announces.announce(inputs.odometry)
-        output, expected = announces.act(*inputs[:5]), other.act(*inputs[:5])
+        output, expected = announces.act(*given), other.act(*given)
         assert output.message == expected.message
-        assert output.message == message or k == 0
+        assert output.message == message or k in (1, 151)
         np.testing.assert_array_equal(output.row, expected.row)
         np.testing.assert_array_equal(output.action, expected.action)
-        np.testing.assert_allclose(output.message[2:4], inputs.phase, atol=1e-3)
+        np.testing.assert_allclose(output.message[2:4], inputs.phase, atol=1e-3 if name != "hall" or given[2:] else 2)
         simulation.step(policy.act(simulation.observation))
     np.testing.assert_allclose(output.message[2:4], inputs.phase, atol=1e-5)
     assert announces.announce(Odometry(np.nan, 0.0, 0.0, 0.0, 9.0)) is None
@@ -152,9 +153,8 @@ def test_a_function_and_a_factory_are_policies():
     ],
 )
 def test_what_does_not_fit_is_refused(changes, words):
-    settings = {"policy": "kuramoto-mpcc", "scenario": "experiment", "robot": 0} | changes
     with pytest.raises(ValueError, match=words):
-        baselines.Onboard(**settings)
+        baselines.Onboard(**{"policy": "kuramoto-mpcc", "scenario": "experiment", "robot": 0} | changes)
 
 
 def test_a_row_lists_the_nearest_of_what_the_sensor_detects():

@@ -98,6 +98,8 @@ def test_a_robot_with_good_input_drives_until_it_is_told_to_stop_and_then_still_
         before = robot.call()
         assert before.stopped == ""
         assert not is_at_rest(before)
+    turned = POSE._replace(heading=POSE.heading + 2e6 * math.pi)
+    assert robot.call(pose=turned).row == pytest.approx(before.row, abs=1e-5), "headings may be unwrapped"
     robot.onboard.stop()
     assert robot.onboard.command_at(robot.now) == pytest.approx(REST)
     output = robot.call()
@@ -169,9 +171,7 @@ def test_the_limits_let_the_shipped_robots_drive(name):
 
 
 def test_input_of_another_type_is_refused_by_name():
-    bad = {"robots": [(1.0, 2.0)], "targets": "none", "heard": [3], "odometry": POSE._replace(x="left")}
-    for (name, value), rule in zip(
-        bad.items(), ("rows of 4", "real number", "have messages", "have five"), strict=True
-    ):
+    bad = [("robots", [(1.0, 2.0)], "rows of 4"), ("targets", "none", "real number"), ("heard", [3], "have messages")]
+    for name, value, rule in (*bad, ("odometry", POSE._replace(x="left"), "have five")):
         with pytest.raises(ValueError, match=f"{name} must .*{rule}.* got"):
             Robot().onboard.act(0.1, **{"odometry": POSE, name: value})

@@ -99,6 +99,5 @@ class LearnedTeam(Policy):
         perception = perceive(observation, self.scenario, of_base)
         outputs = self.network(perception)
         outputs[..., :2] += perception.own[..., BASE][..., : outputs.shape[-1]]
-        action = np.zeros(self.action.shape, np.float32)
-        action[..., : outputs.shape[-1]] = actions_of(outputs, observation, self.scenario)
-        return action
+        actions = actions_of(outputs, observation, self.scenario)
+        return np.pad(actions, ((0, 0), (0, 0), (0, self.action.shape[2] - actions.shape[2])))  # messages of zeros

@@ -57,15 +57,13 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
 
     def step(self, action_dict: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """Take a control step with an action for each live agent."""
-        acted = set(self.agents)
+        acted = self.agents
         observations, rewards, terminated, truncated, _ = self.inner.step(action_dict)
         self.agents = list(self.inner.agents)
         timed_out = any(truncated[agent] and not terminated[agent] for agent in truncated)
         all_removed = not self.agents and not timed_out
-        if len(observations) > len(acted):  # a rogue that has just appeared has no reward yet
-            rewards, terminated = (
-                {agent: values[agent] for agent in values if agent in acted} for values in (rewards, terminated)
-            )
+        # A rogue that has just appeared has no reward yet.
+        rewards, terminated = ({agent: values[agent] for agent in acted} for values in (rewards, terminated))
         return observations, rewards, terminated | {"__all__": all_removed}, {"__all__": timed_out}, {}
 
     def render(self) -> Any:

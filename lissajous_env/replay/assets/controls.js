@@ -35,6 +35,7 @@ function bindKeys(page) {
     ArrowRight: by(1),
     "[": () => page.step(timeline.before(player.time)),
     "]": () => page.step(timeline.after(player.time)),
+    r: () => page.select((page.selected + 1) % Math.max(...page.episodes.map((episode) => episode.count))),
     Escape: () => page.select(-1),
   };
   document.addEventListener("keydown", (event) => {

@@ -19,7 +19,7 @@ export class Inspector {
   }
 
   scores() {
-    const words = "Select a robot in the picture to see its observation and action at this moment.";
+    const words = "Select a robot in the picture, or press R for the next one, to see its observation and action at this moment.";
     const rows = Object.entries(this.episode.raw.score)
       .filter(([name, value]) => typeof value === "number" && !NOT_SCORED.includes(name))
       .map(([name, value]) =>

@@ -64,6 +64,7 @@ export class Page {
     canvas.setAttribute("aria-label", words);
     bindGestures(canvas, stage, () => this.look());
     const inspector = new Inspector(box.querySelector(".inspector"), episode);
+    inspector.box.setAttribute("aria-label", `Robot: ${this.named(episode)}`);
     canvas.addEventListener("click", (event) => {
       const frame = canvas.getBoundingClientRect();
       const robot = stage.pick(event.clientX - frame.left, event.clientY - frame.top);

@@ -72,7 +72,7 @@ export class Episodes {
       });
       return head;
     });
-    return [...heads("scenario", "policy", "seed", "failed"), ...sorters, ...heads("")];
+    return [...heads("scenario", "policy", "seed", "failed"), ...sorters, ...heads("replay")];
   }
 
   row(k) {

@@ -1,7 +1,7 @@
 // Failures: a count for each kind, and a matrix of policies and scenarios, worst policy first.
 
 import { fill, heads, rowName } from "./tables.js";
-import { button, byId, element, number } from "./words.js";
+import { button, byId, element } from "./words.js";
 
 // Number of the episodes of a policy that can fail in a way: without a worst-case undetected time, none loses a guarantee.
 const judged = (kind, of) => (kind.name === "open" ? (of.cells.guaranteed_detection_time?.known ?? 0) : of.episodes);
@@ -55,7 +55,7 @@ function meters(report, of, most, onClick) {
     if (judged(kind, of) === 0) return;
     const share = of.failed[k] / of.episodes,
       collided = kind.name === "collided",
-      collisions = number(of.collisions);
+      collisions = of.cells.collisions.words;
     phrases.push(`${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${collisions} collisions each` : ""}`);
     if (share === 0) return;
     const bar = element("i"),

@@ -11,13 +11,13 @@ export function showOverall(report) {
   byId("overall").hidden = report.overall.length === 0;
 }
 
-function tableOf(report, { measures, policies }) {
+function tableOf(report, { scenarios, measures, policies }) {
   const rows = policies.map((of, place) => {
     const name = rowName(report.policies[of.policy]);
     name.dataset.value = place;
     const cells = measures.map(({ column }) => {
-      const { words, between, value } = of.cells[column];
-      return cell("", words.startsWith(">") ? Number.MAX_VALUE : value, reading(words, between));
+      const { words, value } = of.cells[column];
+      return cell("", words.startsWith(">") ? Number.MAX_VALUE : value, reading(of.cells[column], scenarios.length));
     });
     return element("tr", "", name, ...cells);
   });

@@ -81,8 +81,7 @@ function failuresOf(report, policy) {
 function measured(report, s, policy, { measure, scale }) {
   const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
-  const words = reading(of.words, of.between, of.best ? "best" : "");
-  if (of.known && of.known < policy.episodes) words.append(element("small", "muted", `(${of.known}/${policy.episodes})`));
+  const words = reading(of, policy.episodes);
   const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const part = cell(measure.strip ? "wide" : "", value, words);
   if (measure.strip) {

@@ -29,9 +29,11 @@ export function cell(name, value, ...content) {
   return part;
 }
 
-// A number in words and its interval.
-export function reading(words, between = "", look = "") {
-  return element("span", "row reading", element("b", look, words), between ? element("small", "muted", between) : "");
+// An estimate in words with its interval and, if not all of `count` have a number, how many do; the best one is marked.
+export function reading({ words, between, known, best }, count) {
+  const value = Object.assign(element("b", best ? "best" : "", words), { title: best ? "the best of the column" : "" });
+  const some = known && known < count ? `(${known}/${count})` : "";
+  return element("span", "row reading", value, ...[between, some].map((part) => part && element("small", "muted", part)));
 }
 
 // A table that scrolls sideways.
