@@ -66,9 +66,14 @@ def style_at(place: int) -> PlotStyle:
 def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     """Return the style of each policy; one with a filter has that of the same policy without it.
 
-    The standard policies always have the same style; the others have the next ones, in the order of their names.
+    The standard policies always have the same style; the others, in the order of their names, have the next ones, first
+    those with a colour of none of the standard policies that are played.
     """
     plain = {policy: split_suffix(policy)[0] for policy in played}
     standard = dict.fromkeys(split_suffix(policy)[0] for policy in POLICIES)
-    places = {name: place for place, name in enumerate([*standard, *sorted(set(plain.values()) - standard.keys())])}
-    return {policy: style_at(places[name]) for policy, name in plain.items()}
+    styles = {name: style_at(place) for place, name in enumerate(standard)}
+    others = sorted({*plain.values()} - standard.keys())
+    taken = {styles[name].colour for name in standard.keys() & {*plain.values()}}
+    left = map(style_at, range(len(standard), len(standard) + max(len(others), len(COLOURS))))
+    styles |= zip(others, sorted(left, key=lambda style: style.colour in taken), strict=False)
+    return {policy: styles[name] for policy, name in plain.items()}

@@ -143,7 +143,15 @@ def page(
         "format": FORMAT,
         "made": dict(origin),
         "kinds": [{"name": mode.name, "words": mode.words, "about": mode.about} for mode in FAILURE_MODES],
-        "policies": _policies(policies),
+        "policies": [
+            {
+                "name": name,
+                "colour": COLOURS.index(style.colour),
+                "mark": style.mark,
+                "hollow": bool(split_suffix(name)[1]),
+            }
+            for name, style in styles_of(policies).items()
+        ],
         "overall": [_overall(overall, number_of) for overall in table.overall],
         "scenarios": [_scenario(table, name, number_of, by.get(name, {}), notes.get(name, ())) for name in scenario_of],
         "failures": [[failure.scenario, failure.policy, failure.error] for failure in failures],
@@ -159,14 +167,12 @@ def page(
         empty = {"format": contents.FORMAT, "at": "@at@", "episodes": [_EPISODES]}
         player = html_page("page.html", "main.js", empty, texts={"title": "Replay"})
         blocks = {"viewer-page": player.replace(as_json(_EPISODES), "@episodes@", 1)} | blocks
-    styles = "style.css", "report.css"
-    return html_page("report.html", "report.js", data, texts, styles, blocks, framed=player)
+    return html_page("report.html", "report.js", data, texts, ("style.css", "report.css"), blocks, framed=player)
 
 
 def _columns(table: Table) -> list[dict[str, Any]]:
     """Return the columns by which episodes can be sorted, the most important first."""
-    scores = dict.fromkeys(task_score(scenario) for scenario in table.scenarios.values())
-    listed = [*scores, *added_columns(table.rows), *MAIN]
+    listed = [*map(task_score, table.scenarios.values()), *added_columns(table.rows), *MAIN]
     return [
         {
             "name": column.name,
@@ -211,19 +217,6 @@ def _scenario(
             for policy, episodes in ((policy, rows[policy]) for policy in policies)
         ],
     }
-
-
-def _policies(names: Sequence[str]) -> list[dict[str, Any]]:
-    styles = styles_of(names)
-    return [
-        {
-            "name": name,
-            "colour": COLOURS.index(styles[name].colour),
-            "mark": styles[name].mark,
-            "hollow": bool(split_suffix(name)[1]),
-        }
-        for name in names
-    ]
 
 
 def _overall(overall: Overall, number_of: Mapping[str, int]) -> dict[str, Any]:

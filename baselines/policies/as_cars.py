@@ -129,5 +129,4 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
         "yaw_acceleration_max": robot.top_yaw_acceleration if robot.kind == "differential" else None,
         "drive_factors": (),
     }
-    car = CarForDrive(**fields)
-    return dataclasses.replace(scenario, robot=car).resolve()
+    return dataclasses.replace(scenario, robot=CarForDrive(**fields)).resolve()

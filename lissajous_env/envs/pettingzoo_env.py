@@ -130,8 +130,9 @@ class LissajousParallelEnv(OneWorld, ParallelEnv):
         if type(actions) is not dict or len(actions) != len(self.agents):
             check_agents(actions, self.agents)
         try:
-            for side, live, given in zip(self._sides, self._live, self._actions, strict=True):
-                side.read_agent_actions(actions, live, given)
+            self._sides[0].read_agent_actions(actions, self._live[0], self._actions[0])
+            if len(self._sides) > 1:  # a loop would take 3 % of a step
+                self._sides[1].read_agent_actions(actions, self._live[1], self._actions[1])
         except KeyError:
             check_agents(actions, self.agents)
             raise

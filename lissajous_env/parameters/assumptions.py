@@ -57,14 +57,14 @@ def _of_formation(scenario: Scenario) -> Iterator[str]:
         yield f"p = {p} of {n} robots is not a stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)"
     if curve.harmonics:
         return  # the paper's bounds apply to Lissajous curves only
+    if kappa > 1:
+        yield f"{kappa} of {n} robots share each place on the curve, so that their bodies overlap (Lemma 1)"
     if not scenario.has_places:
         robots = f"{n} robots" if kappa == 1 else f"{n} robots on {n // kappa} places"
         places = f"a curve with a + b = {curve.a + curve.b}"
         yield f"{robots} on {places}: the paper's bounds require N = a + b (robot.count)"
         return
-    if kappa > 1:
-        yield f"{kappa} robots share each place on the curve, so that their bodies overlap (Lemma 1)"
-    elif not closed_forms.ring_lies_on_ellipse(curve, n, p, scenario.alpha):
+    if kappa == 1 and not closed_forms.ring_lies_on_ellipse(curve, n, p, scenario.alpha):
         words = "ring neighbours are not neighbours on the ellipse (5)"
         yield f"alpha = {scenario.alpha} and p = {p}: {words}, a alpha p must be 1 or -1 modulo N (Lemma 2)"
     radius, allowed = scenario.robot.radius, scenario.robot_radius_bound
@@ -78,11 +78,10 @@ def _of_formation(scenario: Scenario) -> Iterator[str]:
 
 def _of_robots(scenario: Scenario) -> Iterator[str]:
     curve, rate, robot, more = scenario.driven, scenario.formation.phase_rate, scenario.robot, 1 + geometry.SLACK
-    if robot.kind == "curve" and robot.phase_rate_max is not None:
-        wanted = rate / scenario.alpha
-        if wanted > robot.phase_rate_max * more:
-            reached = f"the points reach {robot.phase_rate_max:.4g} rad/s (robot.phase_rate_max)"
-            yield f"the formation moves at omega / alpha = {wanted:.4g} rad/s, {reached}"
+    wanted = rate / scenario.alpha
+    if robot.kind == "curve" and robot.phase_rate_max is not None and wanted > robot.phase_rate_max * more:
+        reached = f"the points reach {robot.phase_rate_max:.4g} rad/s (robot.phase_rate_max)"
+        yield f"the formation moves at omega / alpha = {wanted:.4g} rad/s, {reached}"
     if robot.kind not in ("car", "differential"):
         return
     speed, bends = geometry.along_lap(curve)

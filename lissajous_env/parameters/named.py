@@ -284,14 +284,16 @@ def _registered(name: str) -> Scenario:
 
 
 def _named(name: Any) -> Scenario:
-    """Return the scenario of a name; the error for an unknown one suggests scenarios and files beside it."""
+    """Return the scenario of a name; the error for an unknown one suggests scenarios and files, or parts of them."""
     reference, text = Reference.parse(name), _text(name)
     if reference.space is not None:
         space_and_split(name)  # raises for an unknown split
         rule = f"scenario must be a single scenario, got the space {text}"
         raise ValueError(f"{rule}; choose one of its scenarios, as {reference.first(1)[0]}")
     if reference.scenario is None and ":" not in text:
-        raise ENTRIES.unknown(text or name, "scenarios", scenarios(), plugins.files_beside(name, SUFFIX))
+        beside = {f"{Path(file).stem}-": file for file in plugins.files_beside(name, SUFFIX)}
+        parts = [f"{file}:{text.removeprefix(begin)}" for begin, file in beside.items() if text.startswith(begin)]
+        raise ENTRIES.unknown(text or name, "scenarios", scenarios(), [*beside.values(), *parts])
     return reference.scenario or _imported(text)
 
 

@@ -84,10 +84,11 @@ def test_a_policy_looks_the_same_whatever_else_is_drawn():
     alone, together = styles_of(["sweep"]), styles_of(["mine", *types.POLICIES])
     assert together["sweep"] == alone["sweep"]
     assert together["kuramoto-mpcc-safe"] == together["kuramoto-mpcc"] != together["sweep"]
-    # One's own takes a style that is left, and of many no two look the same.
+    # One's own takes a style that is left, a colour that is left first, and of many no two look the same.
     assert together["mine"] not in {together[name] for name in types.POLICIES}
     assert styles_of(["b", "a"]) == styles_of(["a", "b"])
     assert len(set(styles_of([f"mine {k}" for k in range(60)]).values())) == 60
+    assert len({style.colour for style in styles_of(["mine", "theirs", "lanes", "index", "still-safe"]).values()}) == 5
 
 
 @pytest.mark.parametrize("seen", SEEN)
@@ -114,10 +115,9 @@ def page_colours():
 def test_robots_and_marks_of_a_replay_page_are_told_apart_by_every_reader(seen):
     robots, others = page_colours()
     assert len(robots) == 8
-    for one, other in combinations([*robots, others["ground"]], 2):
+    marks = [others[name] for name in ("target", "found", "failed", "touch", "unseen", "ground")]
+    for one, other in [*combinations([*robots, others["ground"]], 2), *combinations(marks, 2)]:
         assert distance(from_hex(one), from_hex(other), seen) > APART, (one, other)
-    for one, other in combinations(("target", "found", "failed", "touch", "unseen", "ground"), 2):
-        assert distance(from_hex(others[one]), from_hex(others[other]), seen) > APART, (one, other)
 
 
 def test_every_colour_of_a_style_sheet_is_defined():

@@ -63,6 +63,7 @@ def test_the_page_unpacks_what_was_recorded(browser, one, recording):
     assert total == pytest.approx(recording.reward_terms.sum(axis=-1).mean(axis=1).sum(), abs=2e-3)
     bound = recording.scenario.detection_time_bound
     assert f"{1.25 * bound:.3g} s or more" in one("return document.querySelector('.legend').textContent")
+    assert one("return replay.views[0].stage.ground.full('idle')") == recording.duration < 2 * bound
     assert complaints(browser) == ([], [])
 
 

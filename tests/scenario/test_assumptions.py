@@ -48,9 +48,9 @@ def points(base=POINTS, **parts):
         # Oracle: the numbers by hand; (6) 0.0978 m and (8) 1.470 m for A = B = 5, a = 7, b = 8, N = 15.
         (POINTS, []),
         (points(robot={"count": 12}), ["12 robots on a curve with a + b = 15: the paper's bounds require N = a + b"]),
-        (points(robot={"count": 30}, formation={"p": 14}), ["2 robots share each place on the curve"]),
-        (points(formation={"p": 3}), ["p = 3 of 15 robots is not a stable", "15 robots on 5 places on a curve"]),
-        (points(formation={"p": 0}, robot={"count": 2}), ["p = 0 of 2 robots is not a stable", "2 robots on 1 places"]),
+        (points(robot={"count": 30}, formation={"p": 14}), ["2 of 30 robots share each place on the curve"]),
+        (points(formation={"p": 3}), ["p = 3 of 15 robots is not", "3 of 15 robots share", "15 robots on 5 places on"]),
+        (points(formation={"p": 0}, robot={"count": 2}), ["p = 0 of 2 robots is", "2 of 2 robots", "2 robots on 1"]),
         (points(formation={"p": 7, "alpha": 1}), ["alpha = 1 and p = 7: ring neighbours are not neighbours on the"]),
         (points(robot={"radius": 0.125}), ["bodies of 0.125 m, bound (6) allows 0.09779 m"]),
         (points(sensing={"radius": 1.2}), ["sensors reach 1.2 m, (8) requires 1.47 m: T_max does not bound"]),

@@ -85,6 +85,7 @@ def test_a_module_that_cannot_be_imported_says_why(module, words, folder, capsys
 
 @pytest.mark.parametrize(("line", "words"), [
     (["run", "depot", "kuramoto"], "got 'depot'; did you mean depot.toml?"),
+    (["run", "depot-larger-3", "kuramoto"], "got 'depot-larger-3'; did you mean depot.toml:larger-3?"),
     (["run", "depo.toml", "kuramoto"], "depo.toml is missing; did you mean depot.toml?"),
     (["--import=my_scenarios", "scenarios", "shrt-one"], "did you mean short-one?"),
     (["--import", "my_policies", "evaluate", "failure", "my-stil"], "did you mean my-still?"),
@@ -109,14 +110,12 @@ def test_the_current_folder_hides_no_package(tmp_path, monkeypatch, capsys):
     for name in ("training/__init__.py", "baselines.py"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("raise AssertionError('a module of the user')\n")
-    (tmp_path / "my_policy.py").write_text(
-        "import baselines\ndef make(*given):\n    return baselines.make('still', *given)\n"
-    )
+    module = "import baselines\ndef make(*given):\n    return baselines.make('still', *given)\n"
+    (tmp_path / "my_policy.py").write_text(module)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "my_policy", raising=False)
     search_current_folder()
     for name in ("training", "baselines"):
         assert str(tmp_path) not in importlib.machinery.PathFinder.find_spec(name).origin
-    short = ["my_policy:make", "--episodes", "1", "--set", "task.duration=1", "--quiet"]
-    code, _, error = called(capsys, "evaluate", "failure", *short)
+    code, _, error = called(capsys, "evaluate", "failure", "my_policy:make", *SHORT, "--quiet")
     assert (code, error) == (0, "")

@@ -24,9 +24,9 @@ export class Ground {
     return there.map(([layer, { words }]) => [layer, words]);
   }
 
-  // Age with the full colour [s]: a multiple of T_max, so that pictures of a scenario are comparable.
+  // Age with the full colour [s]: a multiple of T_max, so that pictures of a scenario are comparable, or all of the episode.
   full(layer) {
-    return LAYERS[layer].bounds * this.episode.about.bound;
+    return Math.min(LAYERS[layer].bounds * this.episode.about.bound, this.episode.duration);
   }
 
   // Return a canvas with a pixel per cell at a moment, highest row first; null if there is nothing to draw.

@@ -3,6 +3,9 @@
 import { fill, heads, rowName } from "./tables.js";
 import { button, byId, element } from "./words.js";
 
+// Number of the episodes of a policy that can fail in a way: without a worst-case undetected time, none loses a guarantee.
+const judged = (kind, of) => (kind.name === "open" ? (of.cells.guaranteed_detection_time?.known ?? 0) : of.episodes);
+
 export function showFailures(report, onPick) {
   byId("raised").hidden = report.failures.length === 0;
   byId("raised").replaceChildren(
@@ -13,7 +16,8 @@ export function showFailures(report, onPick) {
   const tallies = report.kinds.map((kind, k) => {
     const box = button(`tally ${kind.name}`, "", () => onPick({ kind: k }));
     box.title = kind.about;
-    box.append(element("b", "", `${sum((of) => of.failed[k])} of ${sum((of) => of.episodes)}`), ` episodes ${kind.words}`);
+    box.hidden = sum((of) => judged(kind, of)) === 0;
+    box.append(element("b", "", `${sum((of) => of.failed[k])} of ${sum((of) => judged(kind, of))}`), ` episodes ${kind.words}`);
     return box;
   });
   byId("tallies").replaceChildren(...tallies);
@@ -48,6 +52,7 @@ function meters(report, of, most, onClick) {
   const box = button("meters", "", onClick),
     phrases = [];
   report.kinds.forEach((kind, k) => {
+    if (judged(kind, of) === 0) return;
     const share = of.failed[k] / of.episodes,
       collided = kind.name === "collided",
       collisions = of.cells.collisions.words;
