@@ -68,13 +68,16 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
 def _action_speeds(scenario: Scenario) -> np.ndarray:
     """Return (A, 3) the value at rest of each component of an action, and its speed per unit above and below it [m/s].
 
-    A component requests `speed_unit` where it is farthest from rest, or `speed_min` in full reverse, or drives nothing.
+    A component requests `speed_unit` at both ends, but `speed_min` in full reverse, or nothing if it drives no robot.
     """
-    rest = np.array(scenario.model.rest_action(scenario.robot))
+    robot, rest = scenario.robot, np.array(scenario.model.rest_action(scenario.robot))
+    if scenario.actuation == "car" and not robot.reverses:
+        least = max(robot.throttle_min, robot.dead_zone, robot.offset / robot.drive)  # up to which the car rests
+        rest[1] = 2 * (least - robot.throttle_min) / (robot.full_throttle - robot.throttle_min) - 1
     driving = range(len(rest)) if scenario.model.driving is None else scenario.model.driving
-    ahead = np.isin(np.arange(len(rest)), driving) * scenario.speed_unit / (1 + abs(rest))
-    back = -scenario.robot.lowest_speed / scenario.speed_unit if scenario.actuation in ("car", "differential") else 1.0
-    return np.stack([rest, ahead, back * ahead], axis=-1)
+    back = -robot.lowest_speed if scenario.actuation in ("car", "differential") else scenario.speed_unit
+    speeds = np.isin(np.arange(len(rest)), driving) * np.array([[scenario.speed_unit], [back]])  # (2, A) at the ends
+    return np.column_stack([rest, *(speeds / np.maximum([1 - rest, 1 + rest], 1e-6))])
 
 
 def state_of(scenario: Scenario, num_worlds: int, row_size: int, terms: int, device: Any) -> dict[str, Any]:

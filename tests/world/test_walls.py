@@ -84,8 +84,9 @@ def test_a_car_that_slides_along_a_wall_or_circles_or_has_failed_is_not_blocked(
     assert (row["wall_contacts"], row["blocked_time"]) == (1, 0)
     row = score_after(one_robot(0.0, -0.5, **WALL), 1.0, 1.0, 100)
     assert (row["wall_contacts"], row["blocked_time"]) == (0, 0)
-    rests = one_robot(**WALL | {"robot.kind": "differential", "robot.speed_min": 0.0})  # at any speed of -1 to 0
-    assert score_after(rests, -1.0, 0.0, 40)["blocked_time"] == 0
+    for kind, action in (("differential", (-1.0, 0.0)), ("car", (0.0, -0.5))):  # of the car, the motor does not drive
+        rests = one_robot(**WALL | {"robot.kind": kind, "robot.speed_min": 0.0, "robot.throttle_min": 0.0})
+        assert score_after(rests, *action, 40)["blocked_time"] == 0
     for fault in ({"faults.schedule": ((0, 0.0, math.inf),)}, {"faults.removed": ((0, 0.0),)}):
         assert score_after(one_robot(A - RADIUS, **WALL, **fault), 0.0, 1.0, 40)["blocked_time"] == 0
 

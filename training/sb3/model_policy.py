@@ -59,8 +59,7 @@ class ModelPolicy(Policy):
             require(hasattr(model, part), "model", f"must be a model of Stable-Baselines3, with {part}", model)
         self.name, self.kind = type(model).__name__, self.scenario.robot.kind
         self.model, self.deterministic, self.normalizer = model, deterministic, normalizer
-        side = Side("robot", self.scenario, self.num_robots)
-        discrete = Side("robot", self.scenario, self.num_robots, discrete=True)
+        side, discrete = (Side("robot", self.scenario, self.num_robots, indexed) for indexed in (False, True))
         rows = model.observation_space.shape
         of_team = rows == side.team_spaces()[0].shape
         fits = isinstance(model.observation_space, Box) and (of_team or rows == side.spaces()[0].shape)

@@ -101,11 +101,8 @@ def reward_rogues(w, t, task, clock, targets, rogues):
     now = clock.step[w]
     if clock.active[w] == 1:
         reward = float(0.0)
-        if targets.appears_at[w, t] < now:
-            if status == PRESENT:
-                reward = task.step
-            elif status == DETECTED and targets.found_at[w, t] == now:
-                reward = (1.0 - targets.found_early[w, t]) * task.step
+        if targets.appears_at[w, t] < now and (status == PRESENT or targets.found_at[w, t] == now):
+            reward = (1.0 - targets.found_early[w, t]) * task.step
         rogues.present[w, t] = status == PRESENT and clock.status[w] == RUNNING
         rogues.terminated[w, t] = status != PRESENT and status != HIDDEN
         rogues.truncated[w, t] = status == PRESENT and clock.status[w] == ENDED
