@@ -73,7 +73,7 @@ class TrainingSettings(SharedSettings, part="training"):
     """Classical policy whose actions the network reads and corrects, and with which validations are compared. By
     default greedy-herd, divided-pursuit or index-learned if actions are velocities; for cars that steer and
     differential drives, arc-mpcc, or partition-repair if targets appear unseen; for points, kuramoto. With none, the
-    network corrects no policy, and validations are compared with that default."""
+    network corrects no policy, and validations are compared with that default where it can play."""
     critic: Literal["central", "own"] = "central"
     """Input of the critic: the true state of robots and at most 16 targets (MAPPO), or that of the actor (IPPO)."""
     features: int = whole(48, 1, 65_536)

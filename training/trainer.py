@@ -14,6 +14,7 @@ rollout once its policy differs too much from that of the rollout; and the noise
 that it moves a robot farther (J. Hollenstein, G. Martius, J. Piater, "Colored Noise in PPO", AAAI 2024).
 """
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -25,6 +26,7 @@ from rich.console import Console
 from torch import Tensor, nn
 
 import baselines
+from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import make_console, print_line
 from lissajous_env.parameters.assumptions import quietly
 from training.learned import checkpoint
@@ -107,10 +109,12 @@ def _resume_or_begin(
             training.load_state(arrays)
             say(f"{settings.out} has {training.numbers['steps']:,.0f} of {settings.steps:,} steps")
             return description["training"]
-    history: dict[str, Any] = {"rival": settings.rival, "rivals": [], "first": None, "curve": [], "best": None}
+    history: dict[str, Any] = {"rival": None, "rivals": [], "first": None, "curve": [], "best": None}
     if settings.rival is not None:
-        history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
-        say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
+        with contextlib.suppress(UnsuitableScenarioError):  # such as a rectangle that is too small for a partition
+            history["rivals"] = validate(settings, partial(baselines.make, settings.rival), None)
+            history["rival"] = settings.rival
+            say(f"{settings.rival}: {described(mean_of(history['rivals']))}")
     if unread := unread_entries(settings.make_scenario()):
         say(f"warning: the network does not read the entries that {', '.join(unread)} add to the observation")
     first = _WARM_UP * settings.rollout * training.worlds.count

@@ -4,7 +4,7 @@ Row w N + i is robot i of world w. Worlds of a space of scenarios have room for 
 are zeros.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -105,8 +105,8 @@ class Worlds(Stateful):
         self._base = settings.corrected_base
         self._bases: list[Policy] = []
         """Policies that the network corrects, one for each group; empty without any."""
-        self._base_actions = np.zeros((worlds, self.side.slots, self.side.action_size), np.float32)
-        """Actions of these policies for the present states."""
+        self._base_actions = np.zeros((worlds, self.side.slots, min(self.side.action_size, 2)), np.float32)
+        """Actions of these policies for the present states, without messages."""
         self.steps = self.batch.scenario.task.steps
         # Worlds of a group end together, so that it can draw its next scenario.
         shares = np.arange(1, 1 + (worlds if settings.space is None else groups)) * _GOLDEN % 1.0
@@ -125,9 +125,9 @@ class Worlds(Stateful):
     def perception(self) -> list[np.ndarray]:
         """Return the inputs of the actor, as `perceive` does: own numbers (B, A), tokens (B, K, F), presence (B, K)."""
         parts = []
-        for group, (simulation, observation) in enumerate(self._groups()):
+        for group, simulation in enumerate(self.batch.simulations):
             of_base = self.batch.of_group(self._base_actions, group) if self._bases else None
-            parts.append(perceive(observation, simulation.scenario, of_base))
+            parts.append(perceive(simulation.observation.numpy(), simulation.scenario, of_base))
         return [self._flat(part) for part in zip(*parts, strict=True)]
 
     def truth(self) -> Truth:
@@ -144,9 +144,9 @@ class Worlds(Stateful):
         """Advance all worlds with outputs (B, A) of the network; `begin` must follow."""
         batch, side = self.batch, self.side
         actions = actions.reshape(batch.num_worlds, side.slots, -1).astype(np.float32)
-        for group, (simulation, observation) in enumerate(self._groups()):
+        for group, simulation in enumerate(batch.simulations):
             part = batch.of_group(actions, group)
-            part[...] = actions_of(part, observation, simulation.scenario)
+            part[...] = actions_of(part, simulation.observation.numpy(), simulation.scenario)
         acted = batch.live(side).reshape(-1).astype(np.float32)
         batch.step({"robot": actions})
         after, names = batch.rows(side), batch.simulation.reward_term_names
@@ -181,12 +181,9 @@ class Worlds(Stateful):
             else baselines.make(self._base, simulation.scenario, simulation.num_worlds)
             for base, simulation in zip(before, simulations, strict=True)
         ]
-        for group, (_, observation) in enumerate(self._groups()):
-            self.batch.of_group(self._base_actions, group)[...] = base_action(self._bases[group], observation)
-
-    def _groups(self) -> Iterator[tuple[Simulation, np.ndarray]]:
-        """Yield the simulation of each group, and its rows."""
-        return ((simulation, simulation.observation.numpy()) for simulation in self.batch.simulations)
+        for group, (base, simulation) in enumerate(zip(self._bases, simulations, strict=True)):
+            action = base_action(base, simulation.observation.numpy())
+            self.batch.of_group(self._base_actions, group)[...] = action[..., :2]
 
     def _flat(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Join arrays (W, n, ...) of the groups to (B, ...), with zeros for slots without a robot."""

@@ -219,8 +219,8 @@ class RobotNode(ros.Node):
 
     def _publish(self, output: Output, time: float) -> None:
         self._send_action(named_numbers(self.scenario.action_names, output.action.tolist(), time))
-        if output.message is not None:
-            self._send_phase(ros.Float64(data=math.atan2(*output.message[3:1:-1]) % (2 * math.pi)))
+        if (sent := output.message) is not None:
+            self._send_phase(ros.Float64(data=math.atan2(sent.sin_phase, sent.cos_phase) % math.tau))
 
     def _publish_commands(self) -> None:
         """Publish the command at a steady rate, from a thread that does not wait for the policy."""

@@ -37,13 +37,12 @@ def small(tmp_path, **changes):
 
 
 def arrays_of(folder):
-    network, *_ = checkpoint.read(folder)
-    return np.concatenate([array.ravel() for _, array in sorted(network.arrays.items())])
+    return np.concatenate([array.ravel() for _, array in sorted(checkpoint.read(folder)[0].arrays.items())])
 
 
 @pytest.mark.parametrize(("changes", "base"), [
     ({}, "greedy-herd"),
-    ({"scenario": "intercept", "heads": 0}, "divided-pursuit"),
+    ({"scenario": "intercept", "heads": 0, "overrides": {"task.duration": 9.0, "messages.size": 1}}, "divided-pursuit"),
     ({"scenario": "hotspots"}, "index-learned"),
     ({"scenario": "experiment", "overrides": {"task.duration": 2.0, "messages.size": 1}}, "arc-mpcc"),
     ({"scenario": "evaders", "overrides": {"task.duration": 2.0, "robot.kind": "differential"}}, "partition-repair"),
@@ -66,9 +65,11 @@ def test_a_training_leaves_a_policy_that_is_played(tmp_path, changes, base):
     assert train(small(tmp_path, **changes, steps=1200), QUIET)["curve"][-1]["steps"] >= 1200, "it goes on"
 
 
-def test_a_training_without_a_rule_is_compared_with_its_beginning(tmp_path, monkeypatch):
-    monkeypatch.setattr(TrainingSettings, "rival", None)
-    changes = {"scenario": "intruders", "learning_rate": 0.01, "overrides": {"task.duration": 4.0}}
+@pytest.mark.parametrize("rule", [None, "partition-repair"])
+def test_a_training_without_a_rule_that_can_play_is_compared_with_its_beginning(tmp_path, monkeypatch, rule):
+    monkeypatch.setattr(TrainingSettings, "rival", rule)
+    too_low = {"curve.half_height": 0.4, "robot.radius": 0.03, "targets.arrival_rate": 9.0, "task.duration": 4.0}
+    changes = {"scenario": "intruders", "base": "none", "learning_rate": 0.01, "overrides": too_low}
     first, *others = train(small(tmp_path, **changes), QUIET)["curve"]  # of detection times, lower is better
     assert [point["worth"] for point in others] == [pytest.approx(first["score"] / point["score"]) for point in others]
     assert others[-1]["worth"] != 1
@@ -323,8 +324,6 @@ def test_a_base_begins_anew_with_its_world(tmp_path):
     worlds.step(np.zeros((worlds.count, 2)))
     worlds.begin(np.array([True, False]))
     assert worlds._bases[0].patrol._steps.tolist() == [1, 5]
-    simulation = worlds.batch.simulation
-    fresh = baselines.make("greedy-herd", simulation.scenario, 2)
-    observation = simulation.observation.numpy()
-    wish = base_action(fresh, observation) * axes_of(observation, simulation.scenario)
+    scenario, observation = worlds.batch.scenario, worlds.batch.simulation.observation.numpy()
+    wish = base_action(baselines.make("greedy-herd", scenario, 2), observation) * axes_of(observation, scenario)
     assert (worlds.perception()[0][:5, -2:] == wish[0]).all()

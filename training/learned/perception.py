@@ -106,7 +106,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, of_base: np.ndarray | 
     Args:
         observation: (W, N, D) rows.
         scenario: The scenario, resolved.
-        of_base: (W, N, A) `base_action`, if there is a base.
+        of_base: (W, N, A) `base_action`, if there is a base; its messages are not read.
     """
     rows, sensing = Rows(observation, scenario), scenario.sensing
     half, axes = half_of(scenario), axes_of(observation, scenario)

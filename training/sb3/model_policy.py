@@ -59,14 +59,13 @@ class ModelPolicy(Policy):
             require(hasattr(model, part), "model", f"must be a model of Stable-Baselines3, with {part}", model)
         self.name, self.kind = type(model).__name__, self.scenario.robot.kind
         self.model, self.deterministic, self.normalizer = model, deterministic, normalizer
-        side = Side("robot", self.scenario, self.num_robots)
-        discrete = Side("robot", self.scenario, self.num_robots, discrete=True)
+        side, discrete = (Side("robot", self.scenario, self.num_robots, indexed) for indexed in (False, True))
         rows = model.observation_space.shape
         of_team = rows == side.team_spaces()[0].shape
         fits = isinstance(model.observation_space, Box) and (of_team or rows == side.spaces()[0].shape)
         shapes = f"{side.spaces()[0].shape}, a robot's row, or {side.team_spaces()[0].shape}, the team's"
         rule = f"must be a Box of shape {shapes}, to play {self.scenario.name}"
-        require(fits, f"observation_space of {self.name}", rule, model.observation_space)
+        require(fits, f"observation_space of {self.name}", rule, rows or model.observation_space)
         spaces = [(either.team_spaces() if of_team else either.spaces())[1] for either in (side, discrete)]
         rule = f"must be {spaces[0]} or {spaces[1]} to play {self.scenario.name}"
         require(model.action_space in spaces, f"action_space of {self.name}", rule, model.action_space)
