@@ -70,9 +70,10 @@ def score(
     if overrides and (given := scenario or own_scenario(log)) is not None:
         given = named.scenario(given, **parse_overrides(overrides))
     first = seed if seed is not None else int((log.episode or {}).get("seed", 0))
+    seeds, is_shown = range(first, first + episodes), any(file.suffix.lower() not in (".csv", ".mcap") for file in out)
     with bar(output.progress()) as shown_bar:
         task = shown_bar.add_task(f"scoring {log.name}", total=None)
-        scored = score_log(log, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
+        scored = score_log(log, given, seeds, gap, lambda: shown_bar.advance(task), is_shown)
     console, played = output.console(), scored.recording.scenario
     output.print(f"{log.name}: {len(log.tracks)} robots, {played.task.duration:g} s from {scored.log.start:.3f} s on")
     if episodes == 1:

@@ -155,8 +155,7 @@ class Onboard:
 
         A command is valid for `limits.watchdog` from the call of `act` that returned it.
         """
-        valid = 0 <= now - self._since <= self.limits.watchdog  # False for a time that is not a number
-        return self._command if valid else self._rest
+        return self._command if 0 <= now - self._since <= self.limits.watchdog else self._rest  # also for NaN
 
     def announce(self, odometry: Odometry) -> Message | None:
         """Return the message of a new pose for both ring neighbours, before `act` is called with this pose.

@@ -120,8 +120,7 @@ def diagnostics(name: str, onboard: Onboard, reason: str, values: dict[str, Any]
     level = ros.DiagnosticStatus.WARN if reason else ros.DiagnosticStatus.OK
     status = ros.DiagnosticStatus(level=level, name=f"lissajous: {name}", message=reason or "drives", hardware_id=name)
     for key, value in ({"robot": onboard.robot, "scenario": onboard.scenario.name} | values).items():
-        shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-        status.values.append(ros.KeyValue(key=key, value=shown))
+        status.values.append(ros.KeyValue(key=key, value=f"{value:.4g}" if isinstance(value, float) else str(value)))
     message = ros.DiagnosticArray(status=[status])
     set_stamp(message.header, time, "")
     return message

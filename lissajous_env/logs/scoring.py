@@ -22,8 +22,6 @@ from lissajous_env.theory.geometry import locate
 from lissajous_env.wording import require
 from lissajous_env.world.state import FAILED, REMOVED, WORKING
 
-GAP = 0.5
-"""Default of the longest time between two poses during which a robot counts as working [s], if steps are shorter."""
 _MOST_STEPS = 200_000
 """Largest number of control steps of a log."""
 _FAR = 5.0
@@ -45,7 +43,7 @@ class Scored:
     rows: list[dict[str, Any]]
     """A score row for each seed of the virtual targets."""
     recording: Recording
-    """The episode of the first of these seeds, in the scenario with the duration of the log."""
+    """The episode of the first of these seeds, or its first moment alone, in the scenario with the log's duration."""
     log: Log
     """The log with this scenario, and without commands that do not fit it."""
     notes: tuple[str, ...]
@@ -67,6 +65,7 @@ def score(
     seeds: Sequence[int] | None = None,
     gap: float | None = None,
     on_step: Callable[[], None] = lambda: None,
+    recorded: bool = True,
 ) -> Scored:
     """Score a log: its robots' paths are replayed in a simulation of a scenario, whose targets are virtual.
 
@@ -82,6 +81,7 @@ def score(
         gap: Longest time without a pose during which a robot counts as working [s]; by default 0.5 s, or the control
             step if that is longer.
         on_step: Called after each step.
+        recorded: True for a recording of all moments; its size is limited, and a long log may exceed it.
 
     Raises:
         ValueError: there is no scenario, or the log does not fit it: another number of robots, or too short or long.
@@ -93,7 +93,7 @@ def score(
     if len(log.tracks) != scenario.num_robots:
         got = "; ".join((f"{len(log.tracks)}: {log.called(range(len(log.tracks)))}", *log.notes))
         raise ValueError(f"log {log.name} must have the {scenario.num_robots} robots of {scenario.name}, got {got}")
-    gap = max(GAP, scenario.task.step) if gap is None else gap
+    gap = max(0.5, scenario.task.step) if gap is None else gap
     require(gap >= scenario.task.step, "gap", f"must be at least the control step of {scenario.task.step:g} s", gap)
     times = _moments(log, scenario.task.step, gap)
     motions = _motions(log, scenario, gap)
@@ -114,7 +114,8 @@ def score(
     for moment in range(1, len(times)):
         action = np.zeros(simulation.action_shape[1:], np.float32) if actions is None else actions[moment - 1]
         simulation.step(np.broadcast_to(action, simulation.action_shape).astype(np.float32))
-        recorder.take()
+        if recorded:
+            recorder.take()
         on_step()
         if simulation.over.all():  # every robot was removed
             break

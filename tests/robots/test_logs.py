@@ -105,7 +105,6 @@ def test_an_episode_goes_on_where_nodes_of_removed_robots_send_no_poses(tmp_path
     ("evaders", {"curve.b": 4, "formation.displaced": ((2, 1.8),), "formation.start_noise": 0.0}, 3), ("hall", {}, 7),
 ])  # fmt: skip
 def test_a_log_without_phases_has_those_of_a_formation(name, fields, seed):
-    # Each place in the hall has four phases. For a second, robot 0 has no poses.
     scenario = lissajous_env.scenario(name, **fields, **{"task.duration": 4.0})
     recording = record(baselines.make("open-loop-mpcc", scenario), scenario, seed=seed)
     log = log_of(recording)
@@ -211,7 +210,7 @@ def test_a_damaged_or_missing_log_is_refused_by_its_name(logged, tmp_path, damag
             read(tmp_path / f"{name}.mcap")
 
 
-def test_the_commands_score_and_identify(logged, tmp_path, capsys):
+def test_the_commands_score_and_identify(logged, tmp_path, capsys, monkeypatch):
     recording, path = logged
     page, table, cars = (tmp_path / name for name in ("page.html", "rows.csv", "cars.toml"))
     code, out, err = called(capsys, "score", path, "--out", page, table, "--json")
@@ -220,6 +219,8 @@ def test_the_commands_score_and_identify(logged, tmp_path, capsys):
     assert same(recording.score, {name: math.nan if value is None else value for name, value in row.items()}) == []
     assert page.stat().st_size > 10_000
     assert "detection_time_mean" in table.read_text().partition("\n")[0]
+    monkeypatch.setattr("lissajous_env.episodes.recording.MOST_BYTES", 10**5)
+    assert [called(capsys, "score", path, *more)[0] for more in ((), ("--out", page))] == [0, 2], "a page is recorded"
     assert "out must be another file than the log, got" in called(capsys, "score", path, "--out", path)[2]
     (lab := tmp_path / "lab\ncurve.a = 9\n#.mcap").write_bytes(path.read_bytes())  # no fields of the scenario
     code, out, err = called(capsys, "identify", lab, "--topics", "/robot_0/odom", "/robot_3/odom", "--out", cars)
