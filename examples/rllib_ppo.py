@@ -56,7 +56,9 @@ def main() -> None:
         print(f"iteration {k + 1}: return of the team {'-' if returns is None else f'{returns:.2f}'}")
     scenario = lissajous_env.scenario(options.scenario)
     for row in lissajous_env.evaluate(policy_of(algorithm), scenario, seeds=range(16)):
-        print(*(f"{name} {row[name]:.3g}" for name in ("seed", "detection_time_mean", "collisions")))
+        print(
+            *(f"{name} {row[name]:.3g}" for name in ("seed", "observed_fraction", "detection_time_mean", "collisions"))
+        )
     algorithm.stop()
 
 

@@ -130,6 +130,7 @@ def play(
     check_file(out, *FORMATS)
     with alone(), started() as process, bar(output.progress()) as shown_bar:
         world = WorldNode(scenario, settings)
+        world.recorded = out is not None
         if robots is not None:
             for k in range(scenario.num_robots):
                 robot = RobotNode.simulated(replace(robots, robot=k), scenario)

@@ -44,10 +44,11 @@ def inputs_of(simulation: Simulation, robot: int) -> Inputs:
     cos_phase, sin_phase = state.measured_turn.numpy()[0, robot, :2].tolist()
     x, y, heading, speed = state.measured.numpy()[0, robot].tolist()
     now = int(simulation.clock.step.numpy()[0]) * scenario.task.step
-    there = (np.arange(n) != robot) & (status != REMOVED) & _is_near(others, scenario.sight)
+    near = scenario.sight * (1 + 1e-5)  # because of rounding; the row leaves out what is just outside
+    there = (np.arange(n) != robot) & (status != REMOVED) & (np.hypot(*others[:, :2].T) < near)
     sighted = simulation.targets.in_sight.numpy()[0] == 1
     targets = simulation.targets.position.numpy()[0][sighted] - state.sensor.numpy()[0, robot]
-    targets = targets[_is_near(targets, scenario.sight)]
+    targets = targets[np.hypot(*targets.T) < near]
     return Inputs(
         now,
         Odometry(x, y, heading, speed, now),
@@ -57,11 +58,6 @@ def inputs_of(simulation: Simulation, robot: int) -> Inputs:
         (cos_phase, sin_phase),
         bool(status[robot] == WORKING),
     )
-
-
-def _is_near(away: np.ndarray, radius: float) -> np.ndarray:
-    """Return whether places are in sight or, because of rounding, just outside; the row leaves the latter out."""
-    return np.hypot(away[:, 0], away[:, 1]) < radius * (1 + 1e-5)
 
 
 def _heard(simulation: Simulation, robot: int) -> tuple[Message, ...]:

@@ -240,9 +240,8 @@ def curves_of(scenario: Scenario) -> list[Curve]:
 def _may_work(scenario: Scenario, curve: Curve) -> bool:
     """Return whether the undisturbed formation neither collides nor leaves a gap, and cars can follow most of it."""
     n, robot = scenario.num_robots, (like_cars(scenario) or scenario).robot
-    if geometry.smallest_distance(curve, n) < 2 * robot.radius * _MARGIN:
-        return False
-    if geometry.tight_share(curve, tightest_radius(robot)) > _TIGHT:
+    least, tightest = 2 * robot.radius * _MARGIN, tightest_radius(robot)
+    if geometry.smallest_distance(curve, n, least) < least or geometry.tight_share(curve, tightest) > _TIGHT:
         return False
     gap = geometry.measured_coverage_radius(curve, 1e-2) + math.sqrt(2) * scenario.inset
     return gap * _MARGIN < scenario.sensing_radius

@@ -43,6 +43,7 @@ class WorldNode(ros.Node):
         simulation: The simulation.
         loop: Executor that runs this node while it plays; further nodes may be added.
         awaited: For each robot, whether the clock waits for its decision.
+        recorded: True to record all moments; its size is limited. Otherwise only the first one is recorded.
         discovery: Time for which the node waits at least, so that a recorder that was there before misses nothing [s].
 
     Raises:
@@ -50,6 +51,7 @@ class WorldNode(ros.Node):
     """
 
     loop: Any = None
+    recorded = True
     discovery = 4.0  # participants of DDS announce themselves every 3 s
 
     def __init__(self, scenario: Scenario, settings: WorldSettings, **options: Any):
@@ -105,7 +107,8 @@ class WorldNode(ros.Node):
                 self._spin(left)
             actions = [base.action(self.now) for base in self._vehicles]
             self.simulation.step(np.stack(actions)[None])
-            self._recorder.take()
+            if self.recorded:
+                self._recorder.take()
             on_step()
         self._publish()
         self._call("stop", 2.0)

@@ -33,7 +33,7 @@ class Snapshot(Detections):
     sensed_at: np.ndarray
     """(R, C) step in which a cell was last sensed, 0 also for never; the lowest row comes first."""
     contact: np.ndarray
-    """(M, 2) pairs of robots that have collided and not yet parted."""
+    """(M, 2) pairs of robots that collided in this step, or earlier and have not yet parted."""
     collisions: int
     """Collisions in the episode so far."""
 
@@ -43,8 +43,8 @@ class Snapshot(Detections):
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
         step, cells = int(of_world(clock.step, world)), simulation.cells
         sensed_at = last_sensed(of_world(cells.sensed_at, world), of_world(cells.in_discs, world), step)
-        # The contact of a pair with a removed robot is never reset, but it has ended.
-        there = of_world(robots.status, world) != REMOVED
+        # The contact of a pair with a removed robot is never reset, but it has ended. That of this step may have, too.
+        there, touched = of_world(robots.status, world) != REMOVED, of_world(simulation.tally.contact, world)
         of_targets, of_robots = ("motion", "appears_at", "found_at", "found_early"), ("position", "heading", "status")
         arrays: dict[str, Any] = {name: of_world(getattr(targets, name), world) for name in of_targets}
         return cls(
@@ -53,7 +53,7 @@ class Snapshot(Detections):
             seed=int(of_world(clock.seed, world)),
             target_position=of_world(targets.position, world),
             sensed_at=sensed_at,
-            contact=np.argwhere((of_world(simulation.tally.contact, world) > 0) & np.outer(there, there)),
+            contact=np.argwhere((np.abs(touched) == max(step, 1)) | (touched > 0) & np.outer(there, there)),
             collisions=int(of_world(simulation.tally.collisions, world)),
             earlier=int(of_world(targets.earlier, world).sum()),
             earlier_time=float(of_world(targets.earlier_time, world).sum()),

@@ -149,7 +149,7 @@ def check_keys(table: Mapping[str, Any], known: Mapping[str, type]) -> None:
         ValueError: a key is unknown, or a value has another type.
     """
     for key, value in table.items():
-        require(key in known, "file", f"must contain {', '.join(known)}", key, known)
+        require(key in known, "key", f"must be one of {', '.join(known)}", key, known)
         if not isinstance(value, known[key]):
             raise ValueError(f"{key} must be {_KINDS[known[key]]}, got {type(value).__name__}")
 

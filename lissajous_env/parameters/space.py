@@ -262,11 +262,9 @@ def _hashed(text: str) -> int:
 
 def _property(scenario: Scenario, dotted: str) -> Any:
     """Return a number of a scenario by its dotted name, such as `robot.radius` or `num_robots`."""
-    names = dotted.split(".")
-    try:
-        value = None if any(name.startswith("_") for name in names) else functools.reduce(getattr, names, scenario)
-    except AttributeError:
-        value = None
+    value: Any = scenario
+    for name in dotted.split("."):
+        value = None if name.startswith("_") else getattr(value, name, None)
     if not isinstance(value, (int, float)):
         raise ValueError(f"{dotted}, which is no number of a scenario")
     return value

@@ -46,8 +46,8 @@ _CELLS = (1, 2, 4, 8, 16, 24)
 """Limits on the distance of each lag but the first [cell]."""
 _CELLS_PER_TICK = 0.5
 """Largest distance of a target in a tick of several control steps [cell]."""
-_ROUNDING = 1e-6
-"""Relative increase of the speed limit that covers rounding to 32 bits."""
+_ROUNDING = 1e-6, 2.0**-23
+"""Shares of its displacement and coordinates by which rounding to 32 bits may move a target farther in each step."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,8 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
     sides = 2 * curve.half_width / (columns - gaps), 2 * curve.half_height / (rows - gaps)
     moved, shortest = speed * task.step, min(sides)
     if task.conservative:
-        reaches = reaches_of(sides, moved, task.steps)
+        rounding = _ROUNDING[0] * moved + _ROUNDING[1] * (curve.half_width + curve.half_height)
+        reaches = reaches_of(sides, moved + min(rounding, moved), task.steps)
         return Spreading(columns, rows, radius, period=reaches.period, reaches=reaches)
     if moved * task.steps < shortest:  # no target leaves its cell
         return Spreading(columns, rows, radius)
@@ -129,7 +130,6 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
 
 def reaches_of(sides: tuple[float, float], moved: float, steps: int) -> Reaches:
     """Return the reaches for cells with these sides [m] and targets that move at most `moved` [m] per control step."""
-    moved *= 1 + _ROUNDING
     per_step = moved / min(sides)  # [cell]
     period = min(max(int(_CELLS_PER_TICK / per_step), 1), steps + 1) if per_step > 0 else steps + 1
     per_tick = period * per_step

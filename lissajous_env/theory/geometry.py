@@ -94,14 +94,17 @@ def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> 
     return np.sqrt(np.einsum("...i,...i", chord, chord))
 
 
-def smallest_distance(curve: Curve, num_robots: int) -> float:
+def smallest_distance(curve: Curve, num_robots: int, least: float = 0.0) -> float:
     """Return the smallest distance of two robots over a lap in equilibrium, 2 pi / N apart on the curve [m].
 
     Half of it is the largest body without collisions, of which (6) is a lower bound. Fig. 5 shows it in three
-    dimensions.
+    dimensions. If it is below `least` [m], another distance below that may be returned in its place, which is faster.
     """
     middle = lap_phases(curve, 1)
     halves = np.pi * np.arange(1, num_robots // 2 + 1) / num_robots
+    for v in halves:
+        if (sampled := chord_length(curve, middle, v).min()) < least:
+            return float(sampled)
     return min((_minimum(lambda u, v=v: chord_length(curve, u, v), middle) for v in halves), default=math.inf)
 
 

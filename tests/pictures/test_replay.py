@@ -13,7 +13,6 @@ from lissajous_env.render import Renderer, Snapshot, film, palette
 from lissajous_env.replay.contents import contents
 from lissajous_env.world.columns import task_score
 from lissajous_env.world.coverage import last_sensed
-from lissajous_env.world.state import REMOVED
 
 SHORT = {"task.duration": 1.2, "faults.schedule": ((0, 0.3, 0.9),), "targets.count": 6, "targets.fleeing": 0.5,
          "targets.wandering": 0.5, "targets.arrival_rate": 2.0, "sensing.radius": 0.4}  # fmt: skip
@@ -175,12 +174,14 @@ def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeyp
         recordings.record(baselines.make("still", again), again)
 
 
-def test_a_pair_is_in_contact_until_one_of_it_is_gone():
-    simulation = lissajous_env.Simulation("experiment")
-    simulation.tally.contact.numpy()[0, 0, 1] = 1
-    assert Snapshot.of(simulation).contact.tolist() == [[0, 1]]
-    simulation.robots.status.numpy()[0, 1] = REMOVED
-    assert Snapshot.of(simulation).contact.tolist() == []
+@pytest.mark.parametrize(("name", "effect", "more"), [("watch", "count", 99), ("experiment", "remove", 0)])
+def test_every_collision_is_recorded_and_over_when_a_robot_is_removed(name, effect, more):
+    # Law: there is a contact in each moment in which the number of collisions has grown, also if it was over before.
+    scenario = lissajous_env.scenario(name, **{"task.duration": 120.0, "task.on_collision": effect})
+    recording = recordings.record(baselines.make("random", scenario), scenario, seed=1)
+    grown, count = np.flatnonzero(np.diff(recording.collisions)) + 1, recording.collisions[-1]
+    assert {*grown} <= {*recording.contact[:, 0]}
+    assert 0 < len(grown) <= count <= len(recording.contact) <= count + more
 
 
 @pytest.mark.parametrize(("name", "score"), [("watch", "observed_fraction"), ("intercept", None)])

@@ -89,7 +89,7 @@ def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(("text", "message"), [
     ("policy = 'swep'", "policy must be one of"), ("policy = 3", "policy must be text, got int"),
     ("policy = ", "must be a TOML file that can be read"), ("", "file must contain policy, the name of a policy"),
-    ("policy = 'sweep'\nlanes = 4", "must contain policy, parameters, coordinator, got 'lanes'"),
+    ("policy = 'sweep'\nlanes = 4", "must be one of policy, parameters, coordinator, got 'lanes'"),
     ("policy = 'sweep'\n[parameters]\nlane = 4", "got 'lane'; did you mean lanes?"), ("policy = '.'", "not a folder"),
     ("policy = 'sweep'\n[coordinator]\nlanes = 4", "coordinator must be empty for sweep"),
 ])  # fmt: skip

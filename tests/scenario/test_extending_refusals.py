@@ -117,7 +117,7 @@ FILES = {
     "extensions = [{place = 'theirs:term', wight = 1.0}]": "must be of weight, got 'wight'; did you mean weight?",
     "extensions = [{place = 'theirs:term', name = 'x'}]": "settings of theirs:term must be of weight, got 'name'",
     "name = 'two words'": "name of a scenario must be a word",
-    "'curve.a' = 3": "must contain name, description, base, extensions, curve, .* got 'curve.a'",
+    "'curve.a' = 3": "key must be one of name, description, base, extensions, curve, .* got 'curve.a'",
     "x = " + "[" * 5000: "must be a TOML file",
     "#" * 65537: "must be at most 65,536 bytes",
 }

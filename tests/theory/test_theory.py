@@ -64,7 +64,10 @@ def test_smallest_distance_against_brute_force(curve, num_robots):
     distances = np.linalg.norm(positions[:, :, None] - positions[:, None, :], axis=-1)
     brute = distances[:, ~np.eye(num_robots, dtype=bool)].min()
     # Sampling finds a minimum with an error of second order, from above.
-    assert brute * (1 - 1e-4) < geometry.smallest_distance(curve, num_robots) <= brute + 1e-12
+    smallest = geometry.smallest_distance(curve, num_robots)
+    assert brute * (1 - 1e-4) < smallest <= brute + 1e-12
+    assert geometry.smallest_distance(curve, num_robots, least=0.9 * brute) == smallest
+    assert geometry.smallest_distance(curve, num_robots, least=2 * brute) < 2 * brute
 
 
 # (7) and (8): sensors.
@@ -123,11 +126,8 @@ def test_fewest_robots_is_where_7_and_8_begin_to_hold(half_width, half_height, s
     assert math.sin(math.pi / n) * math.hypot(half_width, half_height) <= enough
     assert a == 1 or half_height * math.sin(math.pi / (2 * (a - 2))) > sensor * (1 - 1e-6)
     assert b == 1 or half_width * math.sin(math.pi / (2 * (b - 1))) > sensor * (1 - 1e-6)
-    fewest, widths = (
-        max(a + b, math.pi / math.asin(min(sensor / math.hypot(half_width, half_height), 1))),
-        range(a, n, 2),
-    )
-    assert any(math.gcd(odd, n) == 1 for odd in widths if n - odd >= b), "there is a curve"
+    fewest = max(a + b, math.pi / math.asin(min(sensor / math.hypot(half_width, half_height), 1)))
+    assert any(math.gcd(odd, n) == 1 for odd in range(a, n, 2) if n - odd >= b), "there is a curve"
     assert all(math.gcd(odd, few) > 1 for few in range(math.ceil(fewest - 1e-6), n) for odd in range(a, few - b + 1, 2))
 
 

@@ -136,7 +136,7 @@ def box(*shape, most=1.0):
 @pytest.mark.parametrize(
     ("rows", "actions", "words"),
     [
-        (box(41), box(2), r"observation_space of Model must be a Box of shape \(42,\), .* to play experiment, got Box"),
+        (box(41), box(2), r"must be a Box of shape \(42,\), .* to play experiment, got \(41,\)"),
         (gymnasium.spaces.Dict({"a": box(42)}), box(2), r"observation_space of Model must be a Box .* got Dict"),
         (
             box(42),

@@ -92,6 +92,19 @@ def test_a_rogue_in_a_gap_of_a_formation_that_moves_is_not_unseen_for_longer_tha
     assert figure >= unseen - 1e-9
 
 
+def test_no_target_moves_farther_in_a_step_than_reaches_allow():
+    # Oracle: the places of a slow rogue in a large rectangle, which rounding moves farther in each step.
+    large = {"curve.half_width": 2000.0, "curve.half_height": 2000.0, "task.contamination": (40, 40)}
+    slow = {"targets.speed_limit": 0.02, "task.conservative": True, "sensing.radius": 1e-3}
+    simulation = lissajous_env.Simulation("experiment", rogues="agents", **large | slow)
+    places = []
+    for _ in range(50):
+        simulation.step(np.zeros(simulation.action_shape), np.ones(simulation.rogues.action.shape))
+        places.append(simulation.targets.position.numpy()[0, 0].astype(float))
+    moved = np.linalg.norm(np.diff(places, axis=0), axis=1).max()
+    assert 1.01 * 0.02 * 0.1 < moved <= simulation.scenario.spreading.reaches.moved
+
+
 @pytest.mark.parametrize("sides", [(0.1, 0.1), (0.1, 0.14)])
 @pytest.mark.parametrize("moved", [1e-4, 0.0999, 0.17])
 def test_reaches_are_what_two_points_of_two_cells_allow(sides, moved):

@@ -12,7 +12,6 @@ from lissajous_env import Simulation
 from lissajous_env.world.rogues.acting import rogue_layout
 
 SMALL = {"sensing.radius": 0.3, "targets.arrival_rate": 0.0, "targets.count": 8, "targets.entry": "unseen"}
-SHIPPED = ("wander", "flee", "shadow", "follow-gap")
 BOUNDED = {"task.contamination": (36, 16), "task.conservative": True, "task.duration": 15.0}
 
 
@@ -87,7 +86,7 @@ def test_follow_gap_widens_its_gap_to_standing_robots():
     assert gap[-1][undetected].mean() > gap[0][undetected].mean() + 0.5
 
 
-@pytest.mark.parametrize(("name", "policy"), [("follow-gap", "kuramoto-mpcc"), ("agents", "sweep")])
+@pytest.mark.parametrize(("name", "policy"), [("follow-gap", "kuramoto-mpcc"), ("agents", "sweep"), ("shadow", "laps")])
 def test_no_rogue_outlasts_the_proved_bound(name, policy):
     # Law: the bound of `task.conservative` holds for scripts, and for agents with random linear policies.
     settings = BOUNDED | {"targets.arrival_rate": 1.0, "targets.count": 4, "sensing.radius": 0.5}

@@ -65,7 +65,7 @@ class ModelPolicy(Policy):
         fits = isinstance(model.observation_space, Box) and (of_team or rows == side.spaces()[0].shape)
         shapes = f"{side.spaces()[0].shape}, a robot's row, or {side.team_spaces()[0].shape}, the team's"
         rule = f"must be a Box of shape {shapes}, to play {self.scenario.name}"
-        require(fits, f"observation_space of {self.name}", rule, model.observation_space)
+        require(fits, f"observation_space of {self.name}", rule, rows or model.observation_space)
         spaces = [(either.team_spaces() if of_team else either.spaces())[1] for either in (side, discrete)]
         rule = f"must be {spaces[0]} or {spaces[1]} to play {self.scenario.name}"
         require(model.action_space in spaces, f"action_space of {self.name}", rule, model.action_space)
