@@ -302,7 +302,8 @@ def as_factory(policy: Any, name: str = "") -> Factory:
 
     Args:
         policy: A registered name, a folder, `module:factory`, a factory (class, function or partial), or a policy that
-            was made already. A function of one argument is a policy: `act(observation)` on NumPy arrays (W, N, D).
+            was made already. A function, method or other callable object of one argument is a policy:
+            `act(observation)` on NumPy arrays (W, N, D).
         name: Name of a policy that is given as an object, for errors.
 
     Raises:
@@ -318,8 +319,8 @@ def as_factory(policy: Any, name: str = "") -> Factory:
         with contextlib.suppress(Exception):  # playing the policy raises the error again
             policy.reset()  # so that memory of earlier episodes does not change its identity
     rule = "must be a policy or factory(scenario, num_worlds, device)"
-    require(is_policy or callable(policy), f"policy {name}", rule, policy)
-    decides = inspect.isfunction(policy) and _takes_one(policy)
+    require(is_policy or callable(policy), f"policy {name}".strip(), rule, policy)
+    decides = not isinstance(policy, type) and _takes_one(policy)
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         if is_policy:
@@ -343,14 +344,12 @@ def is_imported(name: str) -> bool:
 
 
 def _takes_one(function: Callable[..., Any]) -> bool:
-    """Return whether a function can be called with one positional argument, and not with three."""
+    """Return whether a callable accepts one positional argument, and not three; False if it states no signature."""
 
     def takes(count: int) -> bool:
-        try:
-            inspect.signature(function).bind(*range(count))
-        except TypeError:
-            return False
-        return True
+        with contextlib.suppress(TypeError, ValueError):
+            return inspect.signature(function).bind(*range(count)) is not None
+        return False
 
     return takes(1) and not takes(3)
 

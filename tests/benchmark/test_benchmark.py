@@ -209,13 +209,14 @@ def test_whatever_makes_a_policy_is_one_and_a_factory_that_makes_none_is_named(t
     own = {
         "class": Mine, "function": lambda *args: Mine(*args), "partial": functools.partial(Mine, speed=0.5),
         "instance": Mine(SHORT_SCENARIO), "act": lambda observation: observation[..., :1] * 0,
+        "method": (lambda scale, observation: scale * observation[..., :1]).__get__(0),
     }  # fmt: skip
     wrong = {"nothing": lambda *_: None, "a class": lambda *_: Mine, "half": lambda *_: half}
     outcome = measure(small(tmp_path, policies=(), episodes=2), own | wrong, console=QUIET)
     assert {row["policy"] for row in outcome.rows} == set(own)
     assert [failure.policy for failure in outcome.failures] == list(wrong)
-    for failure in outcome.failures:
-        assert f"policy {failure.policy} must be made with reset, act and num_worlds, got" in failure.error
+    words = "policy {} must be made with reset, act and num_worlds, got"
+    assert all(words.format(failure.policy) in failure.error for failure in outcome.failures)
     with pytest.raises(ValueError, match="policy mine must be a policy or factory"):
         cells_of(small(tmp_path), {"mine": 3})
 
