@@ -13,7 +13,7 @@ from baselines.benchmark.table import Rows, Table
 from baselines.policies import registry
 from baselines.policies.registry import Factory
 from lissajous_env.device.devices import as_device
-from lissajous_env.episodes.evaluation import ActingPolicy, require_known_rogues
+from lissajous_env.episodes.evaluation import ActingPolicy, refuse_rogue_agents
 from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -207,7 +207,7 @@ def cells_of(
     if not played:
         raise ValueError("scenarios must contain at least one scenario, got none")
     for scenario in played:
-        require_known_rogues(scenario)
+        refuse_rogue_agents(scenario)
     for name in wanted:
         if name not in given and not any(_drives(name, scenario) for scenario in played):
             registry.make(name, played[0])  # raises the reason

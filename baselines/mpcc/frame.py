@@ -8,7 +8,7 @@ from lissajous_env.device.trig import cos_sin
 
 @wp.struct
 class Frame:
-    """The curve at one gamma: r, its unit tangent, 1 / ||r'||, its derivative, d(direction of r') / d gamma."""
+    """The curve at one gamma: r, its unit tangent, 1 / ||r'||, and d(1 / ||r'||) and d(direction of r') by d gamma."""
 
     point: wp.vec2
     tangent: wp.vec2

@@ -344,6 +344,7 @@ def solve(
                     cost = start_cost
                     slot = side
                     laid = wp.where(side == 0, kind, EARLY)
+        # descend from this start, then from its probe, and if that is still poor from the other start
         for attempt in range(3):
             worth = bool(attempt == 0)
             if attempt == 1 and best < WORST:

@@ -186,13 +186,13 @@ def errors_at(frame: Frame, state: vec5, phase_rate: float) -> wp.vec3:
 
 @wp.func
 def state_cost(p: MpccStruct, errors: wp.vec3) -> float:
-    """e_rate^2 + q_lag e_lag^2 + q_lat e_lat^2 of (11a), for the errors of `errors_at`."""
+    """Return e_rate^2 + q_lag e_lag^2 + q_lat e_lat^2 of (11a), for the errors of `errors_at`."""
     return errors[0] * errors[0] + p.weight_lag * errors[1] * errors[1] + p.weight_lateral * errors[2] * errors[2]
 
 
 @wp.func
 def control_cost(p: MpccStruct, control: wp.vec2) -> float:
-    """q_3 delta^2 + q_4 tau^2 of (11a)."""
+    """Return q_3 delta^2 + q_4 tau^2 of (11a)."""
     return p.weight_steering * control[0] * control[0] + p.weight_throttle * control[1] * control[1]
 
 
@@ -206,7 +206,7 @@ def clip(p: MpccStruct, control: wp.vec2) -> wp.vec2:
 
 @wp.func
 def phase_per_metre(table: Table, x: float) -> float:
-    """1 / ||r'|| [rad/m] at gamma = x cells."""
+    """Return 1 / ||r'|| [rad/m] at gamma = x cells."""
     cell = wp.floor(x)
     t = x - cell
     c = table.pieces[int(cell) & table.last]
@@ -215,7 +215,7 @@ def phase_per_metre(table: Table, x: float) -> float:
 
 @wp.func
 def phase_per_metre_slope(table: Table, x: float) -> wp.vec2:
-    """1 / ||r'|| [rad/m] and its derivative by gamma [1/m] at gamma = x cells."""
+    """Return 1 / ||r'|| [rad/m] and its derivative by gamma [1/m] at gamma = x cells."""
     cell = wp.floor(x)
     t = x - cell
     c = table.pieces[int(cell) & table.last]

@@ -125,8 +125,8 @@ class Mpcc(Copyable):
         self._begin.assign(np.where(chosen, EARLY, self._begin.numpy()).astype(np.int32))
 
     def restrict(self, problem: int) -> None:
-        """Solve only one problem from now on; the results of the others are no longer written."""
-        self._work = self._record(problem, 1)
+        """Solve only one problem, from 0 to K - 1, from now on; the results of the others are no longer written."""
+        self._work = self._record(whole_number("problem", problem, 0, self.batch - 1), 1)
 
     def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> Any:
         return wp.zeros(shape, dtype=dtype, device=self.device)

@@ -13,7 +13,7 @@ from baselines.planning.plans import robots_top_speed
 from baselines.planning.rehearse import Episodes
 from baselines.policies.as_cars import like_cars
 from baselines.similarity import motion_scale
-from lissajous_env.episodes.evaluation import require_known_rogues
+from lissajous_env.episodes.evaluation import refuse_rogue_agents
 from lissajous_env.episodes.guarantee import cells
 from lissajous_env.parameters import named
 from lissajous_env.parameters.assumptions import AssumptionWarning
@@ -115,7 +115,7 @@ class Request(Checked, part=""):
         if self.base is not None:
             rule = "must be control for a plan: all patrols drive robots by their own controls"
             require(self.base.has_formation, f"task.action of {self.base.name}", rule, self.base.task.action)
-            require_known_rogues(self.base)
+            refuse_rogue_agents(self.base)
         self._check_kind()
         self._require(self.plans is None or self.seconds is None, "plans", "must be omitted if seconds is given")
         faults = Faults() if self.base is None else self._with_changes(self.base, self.team_sizes[0]).faults

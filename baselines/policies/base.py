@@ -126,13 +126,12 @@ class Policy(Copyable, Remembering):
     for the scenario."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
-        rule = f"must be one of {', '.join(_ARRAYS)}"
-        require(self.arrays in _ARRAYS, f"arrays of {type(self).__name__}", rule, self.arrays)
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.scenario = named.build(scenario).resolve()
         self.num_robots = self.scenario.num_robots
         self.device = as_device(device)
         self.name = type(self).__name__
+        require(self.arrays in _ARRAYS, f"arrays of {self.name}", f"must be one of {', '.join(_ARRAYS)}", self.arrays)
         rule = f"must be {self.scenario.actuation}, that of the robots of {self.scenario.name}, or None"
         require(self.kind in (None, self.scenario.actuation), f"kind of {self.name}", rule, self.kind)
         if self.Parameters is not None:

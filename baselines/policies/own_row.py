@@ -39,7 +39,7 @@ def own_heading(w: int, i: int, observation: Observation) -> float:
 
 @wp.func
 def own_speed(w: int, i: int, speed_unit: float, observation: Observation) -> float:
-    """Return the measured speed [m/s]; `speed_unit` is the top speed of a car [m/s]."""
+    """Return the measured speed [m/s]; `speed_unit` is `Scenario.speed_unit` [m/s]."""
     return observation[w, i, SPEED] * speed_unit
 
 

@@ -136,16 +136,17 @@ def _candidates(scenario: Scenario, plan: PartitionLoops) -> Iterator[tuple[int,
     if not scenario.driven.harmonics:
         yield 0, 0
         return
-    steps, loops = plan.loop.shape[1], len(np.unique(plan.cells.round(9), axis=0))
-    period = steps * loops // scenario.num_robots
+    period = plan.loop.shape[1] * len(np.unique(plan.cells.round(9), axis=0)) // scenario.num_robots
     shifts = range(0, period, max(period // 4, 1))
     yield from ((shift, after) for after, shift in itertools.product(_DELAYS, shifts))
 
 
 def loops_lie_apart(loops: np.ndarray, distance: float) -> bool:
     """Return whether no places of two loops (N, K, 2), at whatever times, are nearer than a distance [m]."""
-    pairs = itertools.combinations(loops, 2)
-    return all(np.linalg.norm(one[:, None] - other, axis=-1).min() >= distance for one, other in pairs)
+    from scipy.spatial import KDTree  # slow to import
+
+    pairs = itertools.combinations(map(KDTree, loops), 2)
+    return all(one.query(other.data)[0].min() >= distance for one, other in pairs)
 
 
 def in_ring_order(scenario: Scenario, order: np.ndarray) -> np.ndarray:

@@ -226,14 +226,13 @@ class Sweep(_Patrol):
         scenario, parameters = self.scenario, self.parameters
         loop, cruise = patrol_loop(scenario, parameters=parameters), parameters.cruise or cruising_speed(scenario)
         slowest = -1.0 if parameters.slowest is None else parameters.slowest
-        by_phase = slots_by_phase(scenario, loop) if parameters.by_phase else (0.0, 0.0)
         equilibrium = wp.array(scenario.equilibrium, dtype=wp.float32, device=self.device)
         displaced = wp.array(scenario.displacements, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._inputs += [float(scenario.alpha), equilibrium, displaced, self._loop, cruise, length_of(loop) / len(loop)]
         self._inputs += [lookahead(scenario, cruise, parameters), scenario.task.step, parameters.gather, slowest]
-        self._inputs += [*by_phase]
+        self._inputs += slots_by_phase(scenario, loop) if parameters.by_phase else (0.0, 0.0)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""

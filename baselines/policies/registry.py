@@ -18,7 +18,7 @@ from baselines.policies.base import Filter, Filtered, Policy
 from baselines.policies.safety.proved import Proved
 from baselines.policies.safety.safe import Safe
 from lissajous_env import identity
-from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
+from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy, acts
 from lissajous_env.identity import OWN_PACKAGES
 from lissajous_env.parameters import rogues
 from lissajous_env.parameters.named import build as build_scenario
@@ -194,7 +194,8 @@ def _is_own(factory: Any) -> bool:
 def split_suffix(name: str) -> tuple[str, str]:
     """Split the name or the folder of a policy into the part before the suffix of a filter, and the suffix or "".
 
-    The name of a registered policy stands for it, also where a folder has the same name.
+    The name of a registered policy stands for it, also where a folder has the same name. A folder whose own name ends
+    in such a suffix is not split.
     """
     suffix = next(filter(str(name).endswith, _FILTERS), "")
     plain = str(name).removesuffix(suffix)
@@ -312,7 +313,7 @@ def as_factory(policy: Any, name: str = "") -> Factory:
         if not is_imported(name):
             return resolve(name)
         policy = import_attribute(name, "policy must be module:factory")
-    is_policy = _acts(policy) and not isinstance(policy, type)
+    is_policy = acts(policy)
     if is_policy:
         with contextlib.suppress(Exception):  # playing the policy raises the error again
             policy.reset()  # so that memory of earlier episodes does not change its identity
@@ -329,8 +330,7 @@ def as_factory(policy: Any, name: str = "") -> Factory:
         others = kind not in (None, scenario.actuation)  # refused, or driven as cars
         factory = Entry(name or getattr(policy, "__name__", str(policy)), kind, policy) if others else policy
         acting = factory(scenario, num_worlds, device)
-        acts = _acts(acting) and not isinstance(acting, type)
-        require(acts, f"policy {name}", "must be made with reset, act and num_worlds", acting)
+        require(acts(acting), f"policy {name}", "must be made with reset, act and num_worlds", acting)
         return cast(ActingPolicy, acting)
 
     make.__wrapped__ = policy  # type: ignore[attr-defined]
@@ -340,10 +340,6 @@ def as_factory(policy: Any, name: str = "") -> Factory:
 def is_imported(name: str) -> bool:
     """Return whether a name has the form `module:factory`."""
     return ":" in name and not denotes_scenario(name) and name not in names() and not is_folder(name)
-
-
-def _acts(policy: Any) -> bool:
-    return all(hasattr(policy, part) for part in ("act", "reset", "num_worlds"))
 
 
 def _takes_one(function: Callable[..., Any]) -> bool:

@@ -137,11 +137,11 @@ class WithMpcc(Coordinated):
     Parameters = MpccParameters
 
     def _prepare(self) -> None:
-        self._speed_unit, batch = self.scenario.robot.top_speed, self.num_worlds * self.num_robots
+        self._speed_unit, batch = self.scenario.speed_unit, self.num_worlds * self.num_robots
         self.mpcc = Mpcc(self.scenario.curve, self.parameters, batch=batch, device=self.device)
 
     def restrict(self, robot: int) -> None:
-        """Solve the problem of one robot alone."""
+        """Solve the problem of one robot alone; a policy for several worlds cannot be restricted."""
         super().restrict(robot)
         require(self.num_worlds == 1, "policy", "must be for one world to be restricted", self.num_worlds)
         self.mpcc.restrict(robot)
@@ -190,7 +190,7 @@ class FieldParameters(Checked):
 class Field:
     """Constants of the field; `rate` is omega [rad/s], `scale` L / 2 pi [m/rad], `pull` k [1/m], `step` [s].
 
-    `turn`, `speed` and `slowest` are those of `FieldParameters`; a car is steered as if it drove at `least` [m/s].
+    `turn`, `speed` and `slowest` are those of `FieldParameters`; cars slower than `least` [m/s] steer as if at it.
     """
 
     rate: float
@@ -205,13 +205,13 @@ class Field:
 
 @wp.func
 def field_velocity(field: Field, tangent: wp.vec2, off: wp.vec2) -> wp.vec2:
-    """q' = V (f' - k off) = omega (r' - k scale off) [m/s]."""
+    """Return q' = V (f' - k off) = omega (r' - k scale off) [m/s]."""
     return field.rate * (tangent - field.pull * field.scale * off)
 
 
 @wp.func
 def field_rate(field: Field, tangent: wp.vec2, off: wp.vec2) -> float:
-    """V chi_w as a rate of gamma, omega (1 + k off . r' / scale) [rad/s]."""
+    """Return V chi_w as a rate of gamma, omega (1 + k off . r' / scale) [rad/s]."""
     return field.rate * (1.0 + field.pull * wp.dot(off, tangent) / field.scale)
 
 

@@ -25,7 +25,7 @@ from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import Draws, ScenarioSpace
 from lissajous_env.settings.checks import whole_number
-from lissajous_env.wording import require
+from lissajous_env.wording import require, shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import chosen_worlds, drawn_seeds, fold_seed, world_mask
 from lissajous_env.world.simulation import Simulation
@@ -35,7 +35,7 @@ NEEDS_RESET = "step needs a running episode: call reset first"
 FIRST_SCENARIOS = 64
 """Number of scenarios at the beginning of a split whose largest team and most target slots are those of a batch."""
 _FROM_SYSTEM, _NEXT = -2, -1
-"""Codes for the seed of the next episode: the system draws it when it begins, in each copy, or the latest yields it."""
+"""Codes for a world's next seed: the system draws it at the reset, another one in each copy; it follows the latest."""
 
 
 class Batch(Stateful):
@@ -59,9 +59,9 @@ class Batch(Stateful):
         num_worlds: W.
         num_groups: Number of groups that draw from a space, a divisor of W.
         roles: `any`: robots act, and rogues where `targets.rogues` is `agents`; `robots` or `rogues` for one side.
-        robots: Policy that drives the robots if only the rogues act, as `baselines.policies.registry.as_factory`
-            accepts it: a name, a folder, a policy for `num_worlds` worlds, a factory, or a function
-            `act(observation) -> action` on NumPy arrays (W, N, D) and (W, N, action_size).
+        robots: Policy that drives the robots if, and only if, `roles` is `rogues`; not of a space: a name, a folder,
+            a policy for `num_worlds` worlds, a factory, or a function `act(observation) -> action` on NumPy arrays
+            (W, N, D) and (W, N, action_size), as `baselines.policies.registry.as_factory` accepts it.
         discrete_actions: True for actions that are indices of a table.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
@@ -92,12 +92,14 @@ class Batch(Stateful):
     ):
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.group_size, rest = divmod(self.num_worlds, whole_number("num_groups", num_groups))
-        fits = self.group_size > 0 and rest == 0
-        require(fits, "num_worlds", f"must be a multiple of num_groups ({num_groups})", num_worlds)
+        require(rest == 0, "num_worlds", f"must be a multiple of num_groups ({num_groups})", num_worlds)
         self._device, self._cores = device, cores() if threads is None else whole_number("threads", threads)
         # With many groups, each is stepped by one thread; with few, all threads share the worlds of each.
         self._threads = 1 if num_groups > 1 and num_groups >= self._cores else threads
         self._joined: Work | None = None
+        require(roles in ("any", "robots", "rogues"), "roles", "must be any, robots or rogues", roles)
+        rule = "must be given if, and only if, roles is rogues"
+        require((robots is None) == (roles != "rogues"), "robots", rule, robots)
         self._max_cycles = max_cycles
         space = space_and_split(scenario)
         if space is None:
@@ -106,6 +108,7 @@ class Batch(Stateful):
             given = {"rogues": AGENTS} | dict(overrides) if roles == "rogues" else overrides
             samples = [self._resolved(named.scenario(scenario, **given))]  # type: ignore[arg-type]
         else:
+            require(robots is None, "robots", "must be None with a space, whose rogues are no agents", robots)
             self.space, self.split = space[0].overridden(overrides), space[1]
             first_of_split = itertools.islice(self.space.scenarios(self.split), FIRST_SCENARIOS)
             samples = [self._resolved(sample) for sample in first_of_split]
@@ -120,7 +123,7 @@ class Batch(Stateful):
         self.robot_policy: ActingPolicy | None = None
         if robots is not None:
             registry = import_module("baselines.policies.registry")  # not at the top, because it imports this package
-            policy: ActingPolicy = registry.as_factory(robots, "of the robots")(self.scenario, num_worlds, device)
+            policy: ActingPolicy = registry.as_factory(robots, shown(robots))(self.scenario, num_worlds, device)
             rule = f"must be driven by a policy for {num_worlds} worlds"
             require(policy.num_worlds == num_worlds, "robots", rule, policy.num_worlds)
             self.robot_policy = policy
@@ -256,12 +259,10 @@ class Batch(Stateful):
     def views(self, group: int, side: Side, library: Any = np) -> Rows:
         """Return the rows of a side of a group, without padding; they are views, except NumPy arrays on a GPU."""
         key = group, side.agent, library.__name__
-        if key not in self._views:
-            rows = side.rows(self.simulations[group], library)
-            if library is np and not self.simulation.device.is_cpu:
-                return rows
+        rows = self._views.get(key) or side.rows(self.simulations[group], library)
+        if library is not np or self.simulation.device.is_cpu:
             self._views[key] = rows
-        return self._views[key]
+        return rows
 
     def rows(self, side: Side, library: Any = np) -> Rows:
         """Return the rows of a side; `library` is `numpy`, or `torch` for tensors on the device."""

@@ -34,8 +34,8 @@ class LissajousEnv(OneWorld, Timed, gymnasium.Env):
     Args:
         scenario: As for `LissajousParallelEnv`.
         render_mode: None, `rgb_array`, or `human` for a window.
-        robots: Policy that drives the robots: a name, a policy, or a function; see `Batch`. The
-            rogues are then the agent, and `rogues` is `agents`.
+        robots: Policy that drives the robots: a name, a policy, or a function; see `Batch`. The rogues are then the
+            agent, and `rogues` is `agents`; not with a space.
         discrete_actions: True for actions (N,) that are indices of the table in `lissajous_env.envs.sides`.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.

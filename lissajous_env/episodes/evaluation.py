@@ -16,7 +16,7 @@ from lissajous_env.wording import require, shown
 from lissajous_env.world.simulation import Simulation
 
 _TOGETHER = 16
-"""Number of episodes that a function plays together."""
+"""Largest number of episodes that a function plays together."""
 
 
 class ActingPolicy(Protocol):
@@ -52,11 +52,16 @@ class FunctionPolicy:
         return self._function(np.array(rows))
 
 
+def acts(policy: Any) -> bool:
+    """Return whether an object is a policy: no class, with the attributes of `ActingPolicy`."""
+    return not isinstance(policy, type) and all(hasattr(policy, part) for part in ("act", "reset", "num_worlds"))
+
+
 class InvalidActionError(ValueError):
     """Error for actions of a policy that have a wrong shape or are not finite."""
 
 
-def require_known_rogues(scenario: Scenario) -> None:
+def refuse_rogue_agents(scenario: Scenario) -> None:
     """Raise ValueError if the rogues of a scenario are agents: an episode of a policy has no actions of theirs."""
     rule = "must be None, or the name or the folder of a rogue, where no caller gives the actions of agents"
     require(scenario.targets.rogues != AGENTS, f"targets.rogues of {scenario.name}", rule, AGENTS)
@@ -72,11 +77,11 @@ class EpisodeRunner:
         simulation: The simulation.
 
     Raises:
-        ValueError: as `require_known_rogues`.
+        ValueError: as `refuse_rogue_agents`.
     """
 
     def __init__(self, policy: ActingPolicy, simulation: Simulation):
-        require_known_rogues(simulation.scenario)
+        refuse_rogue_agents(simulation.scenario)
         self.policy, self.simulation = policy, simulation
         self.name = name_of(policy)
         self._invalid = simulation.invalid.numpy() if simulation.device.is_cpu else None
@@ -108,7 +113,7 @@ class EpisodeRunner:
         """
         self.policy.reset()
         surplus = self.simulation.num_worlds - len(seeds)
-        self.simulation.reset(seeds=[*seeds, *[*seeds[-1:]] * surplus])
+        self.simulation.reset(seeds=[*seeds, *list(seeds[-1:]) * surplus])
         on_moment(0)
         for taken in range(self.simulation.scenario.task.steps):
             self.step()
@@ -160,12 +165,10 @@ def evaluate(
         ValueError: an invalid policy, scenario or seed.
     """
     seeds, variant = list(seeds), named.build(scenario, **overrides)
-    if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
+    if not acts(policy) and (isinstance(policy, type) or hasattr(policy, "act") or not callable(policy)):
         hint = "; `baselines.make` makes one by name, a class by a call" if isinstance(policy, (str, type)) else ""
         raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}{hint}")
-    acting: Any = policy
-    if not hasattr(policy, "act"):
-        acting = FunctionPolicy(acting, max(min(len(seeds), _TOGETHER), 1))
+    acting: Any = policy if acts(policy) else FunctionPolicy(policy, max(min(len(seeds), _TOGETHER), 1))  # type: ignore
     return [row for rows in episodes(acting, variant, seeds, device) for row in rows]
 
 

@@ -60,7 +60,7 @@ class IdealFormation:
         self.radius = self.scenario.sensing_radius if radius is None else radius
         curve, self._step, self._longest = self.scenario.curve, self.scenario.task.step, cells
         self._side = 2 * max(curve.half_width, curve.half_height) / cells
-        self._limit = 30 * self._side / self._step  # of the speed of targets on this grid [m/s]
+        self._limit = 30 * self._side / self._step  # of the speed [m/s]: almost TICKS_MAX cells in a step
 
     @property
     def fastest_rogue(self) -> float:
@@ -74,18 +74,18 @@ class IdealFormation:
         Raises:
             ValueError: the targets are too fast for the grid.
         """
-        scenario, limit = self.scenario, self._limit
+        scenario, limit = self.scenario.resolve(), self._limit
         if speed > limit:
             rule = f"must be at most {limit:.3g} m/s for cells of {self._side:.3g} m and a step of {self._step:g} s"
             raise ValueError(f"the speed of targets {rule}, got {speed:g}")
-        known, grid = scenario.resolve(), cells(scenario, self._longest, 0.0)
+        grid = cells(scenario, self._longest, 0.0)
         rate = scenario.formation.phase_rate / scenario.alpha
         duration = math.ceil(ROUNDS * scenario.detection_time_bound / self._step) * self._step
         return replace(
-            known,
-            formation=replace(known.formation, start="equilibrium", start_noise=0.0, displaced=()),
+            scenario,
+            formation=replace(scenario.formation, start="equilibrium", start_noise=0.0, displaced=()),
             robot=Robot(kind="curve", count=scenario.num_robots, radius=scenario.robot.radius, phase_rate_max=rate),
-            sensing=replace(known.sensing, radius=self.radius),
+            sensing=replace(scenario.sensing, radius=self.radius),
             targets=Targets(count=1, arrival_rate=1.0 / duration, wandering=0.0, speed_limit=speed),
             faults=Faults(),
             noise=Noise(),

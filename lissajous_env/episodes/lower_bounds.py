@@ -61,7 +61,7 @@ def mean_time_lower_bound(scenario: str | Scenario) -> float:
 
     A target counts until the end of the episode, hence the ends of the integrals; w is a lower bound of the mean share
     of initial targets by Jensen's inequality. The bound is 0 if the discs can cover everything from the start. It is
-    NaN if nothing is proved: no targets, a custom motion or robot model, targets that appear at hotspots, by an
+    NaN if nothing is proved: no targets, rogues, a custom motion or robot model, targets that appear at hotspots, by an
     extension or anew, or an episode that ends when robots are removed.
     """
     scenario = named.build(scenario)

@@ -133,7 +133,7 @@ _SHAPES = {name: sizes.split() for name, (sizes, _) in _DECLARED.items()}
 ARRAYS = {name: np.dtype(dtype) for name, (_, dtype) in _DECLARED.items()}
 """Arrays of a recording with their types."""
 _FIXED = tuple(name for name, shape in _SHAPES.items() if shape == ["T"])
-"""Arrays that are constant, or whose last state contains all."""
+"""Arrays with a number per target: constant ones, and those whose last state contains what happened to each target."""
 
 
 class Recorder:
@@ -225,7 +225,7 @@ def record(
     """Play one episode and record it; a policy for a batch of worlds is recorded in the first world.
 
     Args:
-        policy: The policy, as in `lissajous_env.evaluate`.
+        policy: A policy, as in `lissajous_env.evaluate`, but no function.
         scenario: Name of a scenario, or a `Scenario`.
         seed: Seed of the episode.
         device: Warp device.

@@ -52,8 +52,7 @@ def test_each_group_is_a_simulation_of_its_scenario_and_the_rest_is_masked():
             single.step(np.ascontiguousarray(actions[worlds, :n]))
             for name in ("observation", "reward", "terminated", "truncated"):
                 assert (getattr(rows, name)[worlds, :n] == getattr(single, name).numpy()).all()
-            assert rows.mask[worlds, :n].all()
-            assert not rows.mask[worlds, n:].any()
+            assert (rows.mask[worlds] == (np.arange(5) < n)).all()
     assert rows.terminated[~rows.mask].all()
     assert not np.any([*rows.reward[~rows.mask], *rows.observation[~rows.mask].ravel()])
     scores = batch.score(np.ones(12, bool))
@@ -68,8 +67,7 @@ def test_threads_change_no_bit(own):
     for _ in range(12):
         actions = drawn_actions(batches[0], rng)
         one, *others = [step(batch, actions) for batch in batches]
-        for other in others:
-            assert all((a == b).all() for a, b in zip(one, other, strict=True))
+        assert all((a == b).all() for other in others for a, b in zip(one, other, strict=True))
         for batch in batches:
             batch.reset(batch.over)
 
@@ -105,8 +103,12 @@ def test_worlds_that_are_reset_together_change_their_scenario_and_others_do_not(
         ({"num_groups": 3}, r"num_worlds must be a multiple of num_groups \(3\), got 4"),
         ({"scenario": "monitoring-v1:exam"}, "split must be one of train, validation, test, .*got 'exam'"),
         ({"scenario": "evaders", "num_groups": 2}, "num_groups must be 1 without a space of scenarios, got 2"),
+        ({"scenario": "evaders", "roles": "rogue"}, "roles must be any, robots or rogues, got 'rogue'"),
+        *(({"scenario": "evaders", **one}, "robots must be given if, and only if, roles is rogues")
+          for one in ({"roles": "rogues"}, {"robots": "still"})),
+        ({"roles": "rogues", "robots": "still"}, "robots must be None with a space, whose rogues are no agents"),
     ],
-)
+)  # fmt: skip
 def test_invalid_arguments_are_refused_by_name(changes, words):
     with pytest.raises(ValueError, match=words):
         Batch(**{"scenario": SPACE, "num_worlds": 4} | changes)

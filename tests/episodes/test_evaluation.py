@@ -51,6 +51,9 @@ def test_a_policy_that_returns_no_numbers_is_named_with_where_it_did(value):
     with pytest.raises(InvalidActionError, match=words):
         evaluate(policy, scenario, range(10, 20))
     assert tuple(policy.now) == (1, 7), "it is stopped at once"
+    del policy.num_worlds
+    with pytest.raises(ValueError, match="policy must have reset, act and num_worlds, or be a function, got <"):
+        evaluate(policy, scenario, range(1))
 
 
 def test_the_last_step_is_looked_at_too():

@@ -34,13 +34,8 @@ def test_fifteen_points_on_the_curve_of_fig_2(radius, speed, expected):
 def test_cars_in_closed_loop():
     # Oracle: computed independently, r_s = 0.6 m, 0.3 m/s: Kuramoto+MPCC 3.8 to 4.0 s where T_max is 4.19,
     # open loop 8.4 to 12.7 and more, arc length never.
-    settings = {
-        "faults.schedule": (),
-        "sensing.radius": 0.6,
-        "targets.speed_limit": 0.3,
-        "task.contamination": (90, 40),
-    }
-    scenario = lissajous_env.scenario("experiment", **settings)
+    settings = {"sensing.radius": 0.6, "targets.speed_limit": 0.3, "task.contamination": (90, 40)}
+    scenario = lissajous_env.scenario("experiment", **settings, **{"faults.schedule": ()})
     times = {}
     for name in ("kuramoto-mpcc", "open-loop-mpcc", "arc-mpcc"):
         rows = lissajous_env.evaluate(baselines.make(name, scenario, 4), scenario, seeds=range(4))

@@ -72,8 +72,8 @@ def play(policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: 
 
     def copy(taken: int) -> None:
         path, action = of_world(simulation.robots.path, 0)[..., :2], of_world(simulation.action, 0)
-        works, now = sensing_robots(simulation)[0], of_world(simulation.contamination.oldest, 0)
-        moments.append((path, works, action if taken else np.zeros_like(action), now))
+        works, oldest = sensing_robots(simulation)[0], of_world(simulation.contamination.oldest, 0)
+        moments.append((path, works, action if taken else np.zeros_like(action), oldest))
 
     EpisodeRunner(policy, simulation).play([seed], copy)
     steps = int(of_world(simulation.clock.step, 0))
