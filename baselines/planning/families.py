@@ -189,7 +189,7 @@ def formations(scenario: Scenario) -> Family:
 def _violation(scenario: Scenario) -> str:
     """Return the conditions that the best curve with a + b = N violates."""
     if scenario.num_robots == 1:
-        return "one robot leaves a gap on every curve"
+        return "one robot leaves a gap on every curve that it can follow"
     curve, robot, sensor, speed = scenario.curve, scenario.robot, scenario.sensing_radius, robots_top_speed(scenario)
     halves, turning = (curve.half_width, curve.half_height), tightest_radius(robot)
     best = best_design(*halves, scenario.num_robots, robot, sensor, speed, turning, scenario.inset)

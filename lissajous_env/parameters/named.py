@@ -288,7 +288,7 @@ def _named(name: Any) -> Scenario:
     reference, text = Reference.parse(name), _text(name)
     if reference.space is not None:
         space_and_split(name)  # raises for an unknown split
-        rule = f"scenario must be a single scenario, got the space {text}"
+        rule = f"scenario must be one scenario (commands that play several accept SPACE:SPLIT), got the space {text}"
         raise ValueError(f"{rule}; choose one of its scenarios, as {reference.first(1)[0]}")
     if reference.scenario is None and ":" not in text:
         beside = {f"{Path(file).stem}-": file for file in plugins.files_beside(name, SUFFIX)}

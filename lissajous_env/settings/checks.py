@@ -169,9 +169,9 @@ def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -
 
 
 def within(low: float, high: float, *others: float) -> Callable[[Any], float | None]:
-    """Return a function that reads a number from `low` to `high`, or one of `others`, and returns None for another."""
+    """Return a function that reads a number from `low` to `high`, -0.0 as 0.0, or one of `others`; None for another."""
     ranges = (low, high), *((other, other) for other in others)
-    return lambda value: float(value) if any(is_number(value, *ends) for ends in ranges) else None
+    return lambda value: float(value) + 0.0 if any(is_number(value, *ends) for ends in ranges) else None
 
 
 def as_robot(value: Any) -> int | None:

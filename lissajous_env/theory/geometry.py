@@ -1,7 +1,7 @@
 """Numerical measures of a curve: lengths, curvature, distances in formation and coverage.
 
-Float64 NumPy. The bounds (6) and (7) are only sufficient; the quantities that they bound are computed here. Lengths and
-distances are accurate to about nine digits, the share of tight turns and the coverage radius to about four.
+Float64 NumPy. Bounds (6) and (7) are only sufficient; the quantities that they bound are computed here. Distances and
+lengths are accurate to about nine digits (with hairpins: six), tight shares and coverage to four, accelerations to 4 %.
 """
 
 import math

@@ -23,7 +23,7 @@ def test_a_family_without_a_plan_says_why(capsys):
     assert re.search(r"bodies of 1.8 m must be below [\d.]+ m by \(6\)", words)
     assert curves_of(task) == []
     alone = lissajous_env.scenario("evaders", **{"robot.count": 1, "sensing.radius": 0.2})
-    assert formations(alone).refusal == "one robot leaves a gap on every curve"
+    assert formations(alone).refusal == "one robot leaves a gap on every curve that it can follow"
 
 
 def test_points_have_formations_alone():

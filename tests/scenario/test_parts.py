@@ -22,15 +22,15 @@ def test_a_fault_that_covers_no_step_is_refused(start, end):
     assert finer.faults.schedule == ((1, start, end),)
 
 
-def test_a_robot_may_be_written_as_a_float():
-    # Oracle: the same with whole numbers; it used to end in a TypeError when the simulation was made.
+def test_a_robot_may_be_written_as_a_float_and_zero_with_a_sign():
+    # Oracle: the same with whole numbers and 0.0; floats used to end in a TypeError when the simulation was made.
     whole = {
         "formation.displaced": ((1, 0.2),),
         "robot.drive_factors": ((1, 2.0),),
         "faults.schedule": ((1, 0.0, 1.0),),
         "faults.removed": ((1, 2.0),),
     }
-    floats = {name: ((float(robot), *row),) for name, ((robot, *row),) in whole.items()}
+    floats = {name: ((float(robot), *(number or -0.0 for number in row)),) for name, ((robot, *row),) in whole.items()}
     floats = lissajous_env.scenario("failure", **floats)
     assert floats == lissajous_env.scenario("failure", **whole)
     assert floats.digest() == lissajous_env.scenario("failure", **whole).digest()

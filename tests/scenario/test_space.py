@@ -224,7 +224,7 @@ def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch)
     with pytest.raises(ValueError, match=r"only commands that play several .*; got mine\.toml:test:3"):
         scenario("mine.toml:test:3")
     for part in ("mine.toml:test", "mine.toml:wide"):
-        with pytest.raises(ValueError, match=f"choose one of its scenarios, as {expanded([part])[0]}$"):
+        with pytest.raises(ValueError, match=f"accept SPACE:SPLIT.*one of its scenarios, as {expanded([part])[0]}$"):
             scenario(part)
 
 
