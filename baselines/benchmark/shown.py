@@ -161,8 +161,8 @@ def print_scores(console: Console, policy: str, scenario: Scenario, columns: Map
         spread = [number(end).replace("infinite", infinite) for end in (estimate.median, estimate.min, estimate.max)]
         others = (between(estimate.low, estimate.high) or DASH, count, worst, *spread)
         rows.append([name, estimate.summary, Text(in_words(estimate)[0], "bold"), *others])
-    columns = [terminal.Column("score", left=True, style="cyan"), terminal.Column("summary", rank=1), *names]
-    print_table(console, columns, rows)
+    first = terminal.Column("score", left=True, style="cyan"), terminal.Column("summary", rank=1)
+    print_table(console, [*first, *names], rows)
     console.print()
 
 
