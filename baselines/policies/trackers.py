@@ -277,7 +277,7 @@ class WithVectorField(Coordinated):
     direction, which the limits of this car leave without effect. A car that is ahead of w cannot reverse, and waits.
 
     A failed robot sets w to its own place, so that it continues from there. On `experiment` without faults the tracking
-    error is 0.147 m in the mean, against 0.182 m of `open-loop-mpcc`.
+    error of `consensus-gvf` is 0.147 m in the mean of 64 episodes, that of `open-loop-mpcc` 0.182 m.
     """
 
     kind = "car"

@@ -95,7 +95,7 @@ class Recording:
         return (len(self) - 1) * self.scenario.task.step
 
     def snapshot(self, moment: int) -> Snapshot:
-        """Return the state after a number of steps."""
+        """Return the state after a number of steps, from 0 to `len` - 1."""
         changing = ("position", "heading", "status", "target_position", "sensed_at")
         rest = {name: getattr(self, name)[moment] for name in changing} | {name: getattr(self, name) for name in _FIXED}
         return Snapshot(
