@@ -115,10 +115,9 @@ def tally_spacing(w, neighbours, robots, tally):
     """Record the largest distance of neighbours on the ring."""
     square = float(0.0)
     for i in range(robots.status.shape[1]):
-        for side in range(2):
-            j = neighbours[i, side]
-            if j > i and robots.status[w, i] != REMOVED and robots.status[w, j] != REMOVED:
-                square = wp.max(square, wp.length_sq(robots.position[w, i] - robots.position[w, j]))
+        j = neighbours[i, 0]  # the one before it: of two neighbours, one is before the other
+        if j >= 0 and robots.status[w, i] != REMOVED and robots.status[w, j] != REMOVED:
+            square = wp.max(square, wp.length_sq(robots.position[w, i] - robots.position[w, j]))
     tally.spacing_max[w] = wp.max(tally.spacing_max[w], wp.sqrt(square))
 
 
