@@ -134,9 +134,8 @@ class TrainingSettings(SharedSettings, part="training"):
         """
         if named.space_and_split(self.scenario) is None:
             return None
-        if ":" in self.scenario:
-            rule = "must be the name of a space without a split, because a training uses the split train"
-            raise ValueError(f"scenario {rule} and is validated on {VALIDATION_SPLIT}, got {self.scenario}")
+        rule = f"must be the name of a space without a split: a training uses its splits train and {VALIDATION_SPLIT}"
+        require(":" not in self.scenario, "scenario", rule, self.scenario)
         return named.scenario_space(self.scenario)
 
     @property

@@ -95,7 +95,8 @@ def print_outcome(console: Console, outcome: BenchmarkOutcome, note: str = "") -
     for name, policies in table.estimates.items():
         scenario, bounds = table.scenarios[name], table.bounds[name]
         columns = columns_of(scenario, policies)
-        words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
+        bound = f", {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
+        words = f"  N = {scenario.num_robots}{bound if scenario.has_formation else ''}"
         title = Text.assemble((name, "bold"), words, bounds.in_words())
         print_lines(console, title, columns, lines_of(policies, columns, bounds.best_known), where)
     for overall in table.overall:

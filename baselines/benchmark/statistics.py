@@ -25,6 +25,7 @@ from lissajous_env.world.columns import (
     MEAN,
     NAMES,
     RECOVERY,
+    WITHIN_BOUND,
     Column,
     task_score,
 )
@@ -309,10 +310,12 @@ def columns_of(
 ) -> list[Column]:
     """Return the columns with numbers of a scenario's table: its score, the main ones, those it adds, all others.
 
-    The recovery time is left out without a fault, and all others if `only_main`. `policies` has estimates by policy.
+    The recovery time is left out without a fault, the share within T_max where actions are velocities, and all others
+    if `only_main`. `policies` has estimates by policy.
     """
     first = task_score(scenario), *MAIN, *added_columns(policies.values())
-    others = () if only_main else (c for c in SHOWN if c is not RECOVERY or scenario.faults != Faults())
+    left_out = {RECOVERY: scenario.faults == Faults(), WITHIN_BOUND: not scenario.has_formation}
+    others = () if only_main else (column for column in SHOWN if not left_out.get(column))
     return with_numbers(policies, dict.fromkeys((*first, *others)))
 
 

@@ -51,6 +51,8 @@ def replay(
     if is_recording and not Path(names[0]).is_file():
         rule = "names must be a scenario and a policy, a policy's folder, or the file of a recording (.npz)"
         raise ValueError(f"{rule}, but there is no file {names[0]}{nearest(names[0], files_beside(names[0], '.npz'))}")
+    is_page = is_recording and names[0].endswith(".html")
+    require(not is_page, "names", "must be of a recording, not of a page, which browsers open", " ".join(names))
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     rival = None if against is None else as_factory(against)  # refuses an unknown policy before the first one plays

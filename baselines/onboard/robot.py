@@ -166,7 +166,7 @@ class Onboard:
         Returns:
             The message; None for a pose that is not finite.
         """
-        if not odometry.is_finite:
+        if signals.finite_pose(odometry) is None:
             return None
         self._row.fill(odometry, self._heard, True, None)
         return self._message()
@@ -196,11 +196,11 @@ class Onboard:
             works: False if the robot cannot move now; it is then stopped.
 
         Raises:
-            ValueError: `robots` or `targets` have another shape, the pose is not of numbers, or a message is none.
+            ValueError: `robots` or `targets` have another shape, the pose is no `Odometry`, or a message is none.
         """
         robots, targets = signals.detection_rows("robots", robots, 4), signals.detection_rows("targets", targets, 2)
         self._listen(now, heard)
-        measured = odometry if odometry is not None and odometry.is_finite else None
+        measured = signals.finite_pose(odometry)
         fault = self._lasting_fault(now, measured)
         self._latched = self._latched or fault
         reasons = [self._latched] if self._latched else []

@@ -35,17 +35,18 @@ class Odometry(NamedTuple):
     stamp: float
     """Time at which they were measured [s], on the clock that all robots share."""
 
-    @property
-    def is_finite(self) -> bool:
-        """Return whether every number is finite, as `are_finite` does.
 
-        Raises:
-            ValueError: one is not a number.
-        """
-        try:
-            return are_finite(self)
-        except TypeError:
-            raise ValueError(f"odometry must have five numbers, got {shown(self)}") from None
+def finite_pose(odometry: Odometry | None) -> Odometry | None:
+    """Return a pose; None if there is none, or if a number in it is not finite.
+
+    Raises:
+        ValueError: it is no `Odometry`, or one of its entries is not a number.
+    """
+    require(isinstance(odometry, Odometry | None), "odometry", "must be a baselines.onboard.Odometry or None", odometry)
+    try:
+        return odometry if odometry is not None and are_finite(odometry) else None
+    except TypeError:
+        raise ValueError(f"odometry must have five numbers, got {shown(odometry)}") from None
 
 
 class Message(NamedTuple):

@@ -68,8 +68,7 @@ class Filter(Copyable, Remembering):
     for a filter that prevents contacts with walls itself."""
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", parameters: Any = None):
-        if scenario.actuation != "car":
-            raise ValueError(f"policy of a filter must drive robots of kind car, got {scenario.actuation}")
+        require(scenario.actuation == "car", "policy of a filter", "must drive robots of kind car", scenario.actuation)
         self.scenario = scenario.resolve()
         self.parameters = parameters or self.defaults.of(self.scenario)
         self.num_worlds = num_worlds

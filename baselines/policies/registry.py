@@ -240,8 +240,9 @@ def resolve(name: str) -> Entry:
     if is_folder(name):
         entry = Entry(plain, None, partial(_loader_of(plain).make, plain))
         return entry.filtered(suffix) if suffix else entry
-    if os.sep in plain:
-        raise ValueError(f"folder of a policy must exist, got {plain}")
+    is_module = os.path.isfile(f"{plain.removesuffix('.py')}.py")
+    require(not is_module, "policy of a module", "must be given with its factory, as module:factory", name)
+    require(os.sep not in plain, "folder of a policy", "must exist", plain)
     raise POLICIES.unknown(name, "policies", names())
 
 

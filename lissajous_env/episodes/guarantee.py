@@ -75,9 +75,8 @@ class IdealFormation:
             ValueError: the targets are too fast for the grid.
         """
         scenario, limit = self.scenario.resolve(), self._limit
-        if speed > limit:
-            rule = f"must be at most {limit:.3g} m/s for cells of {self._side:.3g} m and a step of {self._step:g} s"
-            raise ValueError(f"the speed of targets {rule}, got {speed:g}")
+        rule = f"must be at most {limit:.3g} m/s for cells of {self._side:.3g} m and a step of {self._step:g} s"
+        require(speed <= limit, "the speed of targets", rule, float(speed))
         grid = cells(scenario, self._longest, 0.0)
         rate = scenario.formation.phase_rate / scenario.alpha
         duration = math.ceil(ROUNDS * scenario.detection_time_bound / self._step) * self._step

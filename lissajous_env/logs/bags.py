@@ -101,6 +101,8 @@ class Bags(contextlib.ExitStack):
     def _opened(self, path: Path) -> list[Any]:
         """Return the readers of a file, or of those of a folder: its list of topics may have types that are refused."""
         require(path.is_file() or path.is_dir(), "logs", "must be existing files or folders", str(path))
+        rule = "must be rosbag2 files (.mcap) or folders; tables of poses are scored in Python (docs/robots.md)"
+        require(path.is_dir() or path.suffix in (".mcap", ".db3"), "logs", rule, str(path))
         files = sorted(path.glob("*.mcap")) if path.is_dir() else []
         with undamaged(path, _LOG), _any_encoding():
             return [self.enter_context(rosbags().Reader(file)) for file in files or [path]]

@@ -50,7 +50,8 @@ class Clock:
 
     def __init__(self, poses: Sequence[Samples], log: Log):
         self._log, self.poses = log, [own.take(np.lexsort((own.stamp, own.logged, own.bag))) for own in poses]
-        lacks = [_lacks_stamps(own.stamp) for own in self.poses]
+        # Stamps that were never set, or not before the first message of a simulator's clock.
+        lacks = [(np.abs(own.stamp - np.median(own.stamp)) > _DAY) | (np.ptp(own.stamp) == 0) for own in self.poses]
         self.notes = log.grouped([
             (k, f"times of {counted(int(lack.sum()), 'pose')} without a stamp are the recorder's")
             for k, lack in enumerate(lacks) if lack.any()
@@ -101,11 +102,6 @@ class Clock:
             got = f"{abs(ahead[k]):.3g} s {'ahead of' if ahead[k] > 0 else 'behind'} those of the others"
             self.notes.append(f"by the recorder's times, the clock of {self._log.called([k])} is {got}")
         return deviating
-
-
-def _lacks_stamps(stamp: np.ndarray) -> np.ndarray:
-    """Return True for stamps of a robot that were never set, or not before the first message of a simulator's clock."""
-    return (np.abs(stamp - np.median(stamp)) > _DAY) | (np.ptp(stamp) == 0)
 
 
 def _pairs_of(poses: Sequence[Samples]) -> tuple[np.ndarray, np.ndarray]:

@@ -102,6 +102,12 @@ class Log:
     notes: tuple[str, ...] = ()
     """Remarks of the reader: what was left out, corrected, or seems wrong."""
 
+    def __post_init__(self) -> None:
+        robots = range(len(self.tracks))
+        for name in ("commands", "phases", "statuses"):
+            others = [robot for robot in getattr(self, name) if robot not in robots]
+            require(not others, f"{name} of a log", f"must be of robots with a track, 0 to {len(robots) - 1}", others)
+
     def label(self, robot: int) -> str:
         """Return the number of a robot in the log's names."""
         return self.labels[robot] if self.labels else str(robot)

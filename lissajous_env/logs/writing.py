@@ -55,7 +55,7 @@ def log_of(recording: Recording) -> Log:
     """Return the log of a recorded episode, without commands where actions are velocities or the recording has none."""
     robots, names = range(recording.scenario.num_robots), recording.scenario.action_names
     time, score = START + recording.scenario.task.step * np.arange(len(recording)), recording.score
-    arrays = recording.position, recording.heading, recording.speed
+    arrays = recording.position, np.unwrap(recording.heading.astype(float), axis=0), recording.speed
     has_commands = recording.scenario.task.action == "control" and np.isfinite(score["return_mean"])
     commands, robot = recording.action[1:].copy(), recording.scenario.resolve().robot
     if robot.kind in COMMAND_NAMES:  # else they are the actions

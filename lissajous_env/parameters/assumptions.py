@@ -97,9 +97,12 @@ def _of_robots(scenario: Scenario) -> Iterator[str]:
         words = f"observed speeds are at most {observed:.3g} m/s, {_OBSERVED} top speeds: policies read too low a speed"
         strongest = f"the strongest car reaches {scenario.top_speed_bound:.3g} m/s"
         yield f"{strongest}, {words} (noise.drive_spread, robot.drive_factors)"
+    required = f"the curve requires {slowest:.3g} to {fastest:.3g} m/s"
     if robot.idle_speed > fastest * more:
-        words = f"the cars drive at {robot.idle_speed:.3g} m/s at least (robot.throttle_min)"
-        yield f"{words}, the curve requires {slowest:.3g} to {fastest:.3g} m/s"
+        yield f"the cars drive at {robot.idle_speed:.3g} m/s at least (robot.throttle_min), {required}"
+    jump = (robot.drive * robot.dead_zone - robot.offset) / robot.drag
+    if robot.throttle_min <= robot.dead_zone and jump > slowest + geometry.SLACK * fastest:
+        yield f"above robot.dead_zone, the motor leads to {jump:.3g} m/s at least (robot.offset), {required}"
     turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
     bend, share = float(bends.min()), geometry.tight_share(curve, turning)
     if bend < turning * (1 - geometry.SLACK):

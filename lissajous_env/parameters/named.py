@@ -236,9 +236,8 @@ def space_and_split(name: Any) -> tuple[ScenarioSpace, str] | None:
     reference = Reference.parse(name)
     if reference.space is None:
         return None
-    if reference.count:
-        rule = "must be one scenario or a space, because only commands that play several take SPACE:SPLIT:COUNT"
-        raise ValueError(f"scenario {rule}; got {name}")
+    rule = "must be one scenario or a space, because only commands that play several take SPACE:SPLIT:COUNT"
+    require(not reference.count, "scenario", rule, name)
     reference.first(1)
     return reference.space, reference.split or "train"
 
@@ -278,9 +277,10 @@ def _registered(name: str) -> Scenario:
     """Return the scenario of a registered name, such as the base in a file, which causes no import and no reading."""
     is_elsewhere = ":" in name or _FILE.fullmatch(name) is not None
     require(not is_elsewhere, "base", "must be the name of a scenario, not of a file or a module", name)
-    if (scenario := Reference.parse(name).scenario) is None:
+    reference = Reference.parse(name)
+    if reference.scenario is None and reference.space is None:
         raise ENTRIES.unknown(name, "scenarios", scenarios())
-    return scenario
+    return _named(name)
 
 
 def _named(name: Any) -> Scenario:

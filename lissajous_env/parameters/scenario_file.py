@@ -213,8 +213,7 @@ def as_toml(scenario: Scenario) -> str:
     Raises:
         ValueError: the scenario has extensions, or a field is None where that is not the default.
     """
-    if scenario.extensions:
-        raise ValueError(f"extensions must be empty for a scenario's file, got {len(scenario.extensions)}")
+    require(not scenario.extensions, "extensions", "must be empty for a scenario's file", len(scenario.extensions))
     lines = [f"{name} = {toml_value(name, getattr(scenario, name))}" for name in ("name", "description")]
     for part, changed in changed_fields(scenario).items():
         lines += ["", f"[{part}]", *(f"{name} = {toml_value(f'{part}.{name}', now)}" for name, now in changed.items())]

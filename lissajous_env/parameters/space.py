@@ -26,8 +26,6 @@ _MOST_DRAWS = 10_000
 """Limit on the draws for the next scenario of a group that fits."""
 _BELOW_1 = math.nextafter(1.0, 0.0)
 """Largest number below 1, to which one that rounds to 1 is reduced."""
-
-
 _RANDOM = "uniform", "log_uniform", "whole", "choice"
 """Random functions of an expression."""
 
@@ -39,6 +37,8 @@ def _random(function: str, at: float, *arguments: Any) -> Any:
     low, high = arguments
     if low > high:
         raise ValueError(f"a range from {low:g} to {high:g}; the lower end comes first")
+    if function == "log_uniform" and low <= 0:
+        raise ValueError(f"a range from {low:g} for log_uniform, whose ends must be above 0")
     if function == "uniform":
         return low + (high - low) * at
     return low * (high / low) ** at if function == "log_uniform" else range(low, high + 1)[int(at * (high - low + 1))]

@@ -65,8 +65,7 @@ def save_film(
         MissingExtraError: an .mp4 without the extra `video`.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in FILMS:
-        raise ValueError(f"path must end in {' or '.join(FILMS)}, got {path}")
+    require(suffix in FILMS, "path", f"must end in {' or '.join(FILMS)}", str(path))
     every, seconds = paced(recording, fps, speed)
     count = len(range(0, len(recording), every))
     renderer = Renderer(recording.scenario, 1.0 if suffix == ".mp4" else 0.75)

@@ -89,8 +89,9 @@ class Curve(Checked):
         whole_number("harmonics", harmonics, 1, 64)
         gamma = np.arange(1024) * (2 * np.pi / 1024)
         places = np.asarray(position(gamma), dtype=float)
-        if places.shape != (2, len(gamma)) or not np.isfinite(places).all():
-            raise ValueError(f"position must return finite x and y for each gamma, got shape {places.shape}")
+        if (infinite := np.sum(~np.isfinite(places))) or places.shape != (2, len(gamma)):
+            got = f"shape {places.shape}, with {infinite} numbers that are not finite"
+            raise ValueError(f"position must return finite x and y for each gamma, got {got}")
         spectrum = np.fft.rfft(places, axis=1)
         spectrum[:, 0] = spectrum[:, harmonics + 1 :] = 0.0
         off = np.abs(np.fft.irfft(spectrum, len(gamma), axis=1) - places).max()

@@ -27,7 +27,6 @@ WHOLE = Rule("a whole number of at least 0", lambda value: type(value) is int an
 TEXT = Rule("a text", lambda value: isinstance(value, str))
 FLAG = Rule("0 or 1", lambda value: type(value) in (int, float) and value in (0, 1))
 
-
 INTERQUARTILE_MEAN, MEAN, LARGEST = "interquartile mean", "mean", "largest"
 """Estimates of a column over several episodes."""
 
@@ -124,8 +123,6 @@ def _in_scenarios(has: Callable[[Scenario], Any]) -> Callable[[Callable[[Episode
 _on_grid = _in_scenarios(lambda scenario: scenario.task.grid)
 _contaminated = _in_scenarios(lambda scenario: scenario.task.contamination)
 _in_formation = _in_scenarios(lambda scenario: scenario.has_formation)
-
-
 _NO_TARGET = "no target appeared"
 _NO_GRID = "no grid"
 _NO_CONTAMINATION = "contamination is not computed"

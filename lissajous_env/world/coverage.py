@@ -15,8 +15,6 @@ from lissajous_env.device.stage import ROW, stage
 from lissajous_env.world.state import NOWHERE, Cells
 
 wp.set_module_options(OPTIONS)
-
-
 _COUNT_VISITS = """
     typedef unsigned long long Word;
     const int words = cells.coming.shape[1], rows = cells.coming.shape[2], columns = cells.sensed_at.shape[2];

@@ -30,8 +30,7 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
         return np.arange(num_worlds)
     chosen = _as_array("worlds", worlds, rule := "must be a mask or indices of worlds")
     if chosen.dtype == bool:
-        if chosen.shape != (num_worlds,):
-            raise ValueError(f"worlds must be a mask of shape ({num_worlds},), got shape {chosen.shape}")
+        require(chosen.shape == (num_worlds,), "worlds", f"must be a mask of shape ({num_worlds},)", chosen.shape)
         return np.flatnonzero(chosen)
     if chosen.size == 0:
         return np.zeros(0, dtype=np.int64)
@@ -69,8 +68,7 @@ def checked_seeds(seeds: Any, count: int) -> np.ndarray:
     array = _as_array("seed", seeds, rule := f"must be a whole number from 0 to {LAST_SEED}")
     fits = not array.size or (array.dtype.kind in "iu" and array.min() >= 0 and array.max() <= LAST_SEED)
     require(fits, "seed", rule, seeds)
-    if array.shape != (count,):
-        raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
+    require(array.shape == (count,), "seeds", f"must be one for each of the {count} worlds to reset", array.shape)
     return array.astype(np.int32)
 
 

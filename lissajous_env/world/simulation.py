@@ -40,6 +40,7 @@ class Simulation(Copyable):
 
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row per robot; `lissajous_env.world.observation` documents the entries.
+            Write into copies alone: a step clears slots only up to the first empty one, those after it being zeros.
         final_observation: (W, N, D) rows at the end of each world's previous episode.
         reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
         score_names: Names of the numbers in a row of `score_numbers`.

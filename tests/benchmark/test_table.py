@@ -93,7 +93,7 @@ def test_a_task_with_another_score_is_ranked_and_compared_by_it():
     times = [1.0, 1.0, 1.0]
     sighted = {"a": ([9.0, 9.0, 9.0], [0.4, 0.5, 0.0]), "b": (times, [0.2, 0.5, 0.0]), "c": (times, [0.1, 0.0, 0.0])}
     played = [
-        row | {"detection_rate": math.nan}
+        row | {"detection_rate": math.nan, "detected_within_bound": 1.0}
         for policy, (times, shares) in sighted.items()
         for row in rows(policy, "watch", detection_time_mean=times, observed_fraction=shares)
     ]
@@ -106,6 +106,7 @@ def test_a_task_with_another_score_is_ranked_and_compared_by_it():
     ratios = [2.0, 1.0, math.nan, 4.0, math.inf, math.nan, 1.0, 1.0, math.nan]
     assert [row["score_over_best"] for row in table.rows] == pytest.approx(ratios, nan_ok=True)
     assert table_of(table)["columns"][2:4] == ["observed", "detection [s]"]
+    assert "within T_max" not in table_of(table)["columns"], "where actions are velocities"
     assert estimates["a"][OVER_LOWER_BOUND.name].known == 0
     console = Console(width=60, record=True, file=io.StringIO())
     shown.print_scores(console, "a", table.scenarios["watch"], estimates["a"])

@@ -72,7 +72,7 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
     (["evaluate", "failure", "x\udcff"], "got 'x"),
     (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
     (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
-    (["evaluate", "x[/b]/7"], "folder of a policy must exist, got x[/b]/7"),
+    (["evaluate", "x[/b]/7"], "folder of a policy must exist, got 'x[/b]/7'"),
     (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
     (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
     (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
@@ -167,6 +167,8 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys, monkeyp
     assert called(capsys, "replay", "episode.npz", "--out", "film.gif")[0] == 0
     assert (tmp_path / "film.gif").read_bytes().startswith(b"GIF89a")
     assert "there is no display" in refusal_of(capsys, "replay", "episode.npz")
+    (tmp_path / "page.html").touch()
+    assert "not of a page, which browsers open" in refusal_of(capsys, "replay", "page.html")
     # Oracle: the same episode through `evaluate`, as `run` prints it.
     scenario = lissajous_env.scenario("failure", **{"task.duration": 1.0})
     (row,) = lissajous_env.evaluate(baselines.make("kuramoto", scenario), scenario, seeds=[3])

@@ -21,8 +21,6 @@ DRAW = {
     "task": {"duration": 1.0, "contamination": None},
 }
 SMALL = ScenarioSpace("small", scenario("evaders"), DRAW, shifts={"tall": {"curve": {"half_height": 3.0}}})
-
-
 # Few scenarios have the largest team.
 pytestmark = pytest.mark.filterwarnings("error", "ignore:No agents present but not all possible_agents")
 

@@ -62,8 +62,7 @@ def test_a_target_that_moves_or_flees_lowers_the_bound():
     # Relative speed: half of the area left, at 2 + 0.15 m/s instead of 2.
     assert limit(targets__wandering=1.0) == pytest.approx(still * 2.00001 / 2.15001, rel=1e-3)
     assert limit(targets__fleeing=1.0) < limit(targets__wandering=1.0)
-    half = limit(targets__wandering=0.5)
-    assert half == pytest.approx((still + limit(targets__wandering=1.0)) / 2)
+    assert limit(targets__wandering=0.5) == pytest.approx((still + limit(targets__wandering=1.0)) / 2)
 
 
 def test_a_target_that_appears_unseen_raises_the_bound():
@@ -139,8 +138,7 @@ def test_no_policy_guarantees_anything_against_rogues_that_are_too_fast():
         changes = few | {"targets.speed_limit": rogue_speed, "task.contamination": None, "robot.drive_factors": ()}
         scenario = lissajous_env.scenario("evaders", **changes)
         assert (worst_case_lower_bound(scenario) == pytest.approx(59.9)) == hopeless
-    present = lissajous_env.scenario(scenario, **{"targets.count": 1})
-    assert worst_case_lower_bound(present) == 60.0
+    assert worst_case_lower_bound(lissajous_env.scenario(scenario, **{"targets.count": 1})) == 60.0
 
 
 FOLLOWED = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).task.contamination]

@@ -19,8 +19,6 @@ from training.learned.card import Card
 from training.learned.policy import LearnedTeam
 
 wp.set_module_options(OPTIONS)
-
-
 CLASSICAL = {
     "failure": ("kuramoto", "random", "still"),
     "rough": ("kuramoto-mpcc", "consensus-gvf", "sweep", "laps", "random", "partition", "sweep-safe", "sweep-proved"),

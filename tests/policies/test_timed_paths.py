@@ -83,8 +83,7 @@ def test_a_lead_in_goes_over_into_the_loop():
 @pytest.mark.parametrize(("path", "bound"), [(circles, 1e-4), (ellipse, 5e-3)])
 def test_uneven_cars_follow_within_millimetres(path, bound):
     """Oracle: the place that was requested, of cars whose wheelbase and drive differ by 2 %, at about 1.7 m/s."""
-    late = errors(EVADERS, path_tables(EVADERS, path(EVADERS)))[100:]
-    assert late.max() < bound
+    assert errors(EVADERS, path_tables(EVADERS, path(EVADERS)))[100:].max() < bound
 
 
 @pytest.mark.parametrize("change", [{}, {"wheelbase": 1.05}, {"drive": 0.96}])

@@ -53,6 +53,7 @@ def test_a_log_has_the_poses_to_the_last_bit(logged):
         np.testing.assert_array_equal(track.position, recording.position[:, robot])
         np.testing.assert_array_equal(track.speed, recording.speed[:, robot])
         np.testing.assert_allclose(np.cos(track.heading - recording.heading[:, robot]), 1, atol=1e-12)
+        np.testing.assert_allclose(log_of(recording).tracks[robot].heading, track.heading, atol=1e-9)
         np.testing.assert_array_equal(log.phases[robot].value, recording.phase[:, robot])
         np.testing.assert_array_equal(log.statuses[robot].value, recording.status[:, robot])
         assert len(log.commands[robot].time) == len(recording) - 1
@@ -140,6 +141,9 @@ def test_another_number_of_robots_and_a_short_log_are_refused():
     for field, *wrong in (("time", track.time[::-1], nan), ("value", [], []), ("names", [0.0], [[0.0]], ("x", "y"))):
         with pytest.raises(ValueError, match=f"{field} of a series must "):
             Series(*wrong)
+    for field in ("commands", "phases", "statuses"):
+        with pytest.raises(ValueError, match=rf"{field} of a log must be of robots with a track, 0 to 4, got \[5\]"):
+            Log("circle", circle(), **{field: {5: Series([0.0], [0.0])}})
 
 
 def test_interpolation_is_exact_for_a_cubic():
@@ -205,9 +209,10 @@ def test_a_damaged_or_missing_log_is_refused_by_its_name(logged, tmp_path, damag
         read([logged[1], bad])
     assert logged[1] not in [path.resolve() for path in Path("/proc/self/fd").iterdir()], caught
     os.mkfifo(tmp_path / "pipe.mcap")
-    for name in ("none", "pipe"):
-        with pytest.raises(ValueError, match=rf"logs must be existing files or folders, got .*{name}\.mcap"):
-            read(tmp_path / f"{name}.mcap")
+    bad.rename(tmp_path / "bad.csv")
+    for name, rule in {"none.mcap": "existing", "pipe.mcap": "existing", "bad.csv": "rosbag2.* in Python"}.items():
+        with pytest.raises(ValueError, match=rf"logs must be {rule}.*, got .*{name}"):
+            read(tmp_path / name)
 
 
 def test_the_commands_score_and_identify(logged, tmp_path, capsys, monkeypatch):

@@ -172,6 +172,7 @@ def test_the_limits_let_the_shipped_robots_drive(name):
 
 def test_input_of_another_type_is_refused_by_name():
     bad = [("robots", [(1.0, 2.0)], "rows of 4"), ("targets", "none", "real number"), ("heard", [3], "have messages")]
+    bad += [("odometry", tuple(POSE), "be a baselines.onboard.Odometry")]
     for name, value, rule in (*bad, ("odometry", POSE._replace(x="left"), "have five")):
         with pytest.raises(ValueError, match=f"{name} must .*{rule}.* got"):
             Robot().onboard.act(0.1, **{"odometry": POSE, name: value})

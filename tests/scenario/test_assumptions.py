@@ -87,6 +87,8 @@ def test_cars_say_what_they_cannot_do():
     needed = np.max((0.3 * speed) ** 2 / np.maximum(radius, turning))
     assert f"acceleration of {needed:.3g} m/s^2, the cars grip up to 2 m/s^2 " in grip
     slow = violations(lissajous_env.scenario("experiment-printed"))[0]
+    jumps = violations(named.build("experiment", **{"robot.offset": 2.9}))[0]
+    assert jumps.startswith("above robot.dead_zone, the motor leads to 0.826 m/s at least (robot.offset), the curve")
     assert slow == ("the cars drive at 2.91 m/s at least (robot.throttle_min), the curve requires 0.237 to 1.69 m/s")
 
 

@@ -109,6 +109,7 @@ FILES = {
     "[curve]\na = 2": "curve.a must be an odd whole number from 1 to 1023, got 2",
     "[faults]\nschedule = [[99, 5.0, inf]]": "faults.schedule must name robots 0 to 4",
     "base = 'falure'": "scenario must be one of .* got 'falure'; did you mean failure",
+    "base = 'watch-v1'": "must be one scenario .* got the space watch-v1; choose one of its scenarios, as watch-v1-0",
     "base = 'theirs:scenario'": "base must be the name of a scenario, not of a file or a module, got 'theirs:scenario'",
     "extensions = 'theirs:term'": "extensions must be a list, got str",
     "extensions = ['theirs:number']": "extension theirs:number must be made by reward_term",

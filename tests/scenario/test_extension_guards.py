@@ -16,8 +16,6 @@ KINDS = {
     "target motion": (lissajous_env.target_motion, None),
 }
 MOVED = {"targets.custom": 1.0, "targets.wandering": 0.0, "targets.speed_limit": 5.0}
-
-
 INTO_VIEW = "world.robots.position[..., 0] += 0.01"
 WRITES = (
     INTO_VIEW,

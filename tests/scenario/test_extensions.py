@@ -144,8 +144,7 @@ def test_every_adapter_and_score_row_has_them():
     observations, infos = env.reset(seed=1)
     assert observations["robot_0"].shape == env.observation_space("robot_0").shape == (44,)
     assert infos["robot_0"]["reward_terms"].shape == (10,)
-    vector = lissajous_env.vector_env(scenario, 3)
-    assert vector.reset(seed=1)[0].shape == (3, 5, 44)
+    assert lissajous_env.vector_env(scenario, 3).reset(seed=1)[0].shape == (3, 5, 44)
     rows = lissajous_env.evaluate(baselines.make("sweep", scenario, 2), scenario, seeds=range(3))
     assert [list(row)[-1] for row in rows] == ["mean_speed"] * 3
     copied = pickle.loads(pickle.dumps(env.simulation))

@@ -92,6 +92,7 @@ def test_a_module_that_cannot_be_imported_says_why(module, words, folder, capsys
     (["evaluate", "failure", "kuramoto-mpcc"], "got kuramoto-mpcc, which drives kind car; did you mean kuramoto?"),
     (["replay", "epsode.npz"], "there is no file epsode.npz; did you mean episode.npz?"),
     (["evaluate", "failure", "my_policies:MyStil"], "has no attribute 'MyStil'; did you mean MyStill?"),
+    (["evaluate", "failure", "my_policies"], "with its factory, as module:factory, got 'my_policies'"),
     (["evaluate", "failure", "my_policy:MyStill"], "No module named 'my_policy'; did you mean my_policies?"),
     (["evaluate", "failure", "still", "--set", "duration=3"], "did you mean task.duration?"),
     (["run", "failure", "still", "--out", "a.gfi"], "got a.gfi; did you mean .gif?"),

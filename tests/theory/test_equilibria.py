@@ -63,8 +63,7 @@ def test_lemma_2_reaches_every_equilibrium(n):
 )
 def test_alpha_rule(a, n, p, alpha):
     # Oracle: the paper's experiment (5) and Fig. 4 (10) need none; alpha a p = 1 (mod N) by hand.
-    curve = Curve(5, 5, a, n - a)
-    assert closed_forms.default_alpha(curve, n, p) == alpha
+    assert closed_forms.default_alpha(Curve(5, 5, a, n - a), n, p) == alpha
     assert alpha * a * p % n == 1
 
 

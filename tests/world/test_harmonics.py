@@ -77,6 +77,7 @@ def test_policies_of_cars_drive_on_any_curve(name):
         (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),) * 65), "curve.harmonics must contain at most 64 rows"),
         (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),), half_depth=1.0), "curve.half_depth must be 0 with"),
         (lambda: lissajous_env.Curve.through(lambda gamma: gamma), "position must return finite x and y"),
+        (lambda: lissajous_env.Curve.through(lambda x: (x, np.where(x, x, np.inf))), "1 numbers that are not finite"),
         (lambda: lissajous_env.Curve.through(lambda gamma: (gamma, gamma)), "position must be smooth and around the"),
         (lambda: lissajous_env.Curve.through(lambda gamma: (0 * gamma, 0 * gamma)), "harmonics must contain a number"),
         (lambda: lissajous_env.Curve.through(bean, harmonics=65), "harmonics must be a whole number from 1 to 64"),

@@ -73,9 +73,8 @@ class Card:
             )
         robot = self.scenario_fields.get("robot")
         reverses = isinstance(robot, Mapping) and (robot.get("speed_min") or 0.0) < 0.0
-        if scenario.robot.reverses != reverses:
-            rule = f"must be {'below 0' if reverses else '0'} for the policy trained on {self.scenario}"
-            raise ValueError(f"robot.speed_min {rule} [m/s], got {scenario.robot.lowest_speed:g}")
+        rule = f"must be {'below 0' if reverses else '0'} for the policy trained on {self.scenario} [m/s]"
+        require(scenario.robot.reverses == reverses, "robot.speed_min", rule, scenario.robot.lowest_speed)
         size = scenario.action_size
         fits = self.action_size in (size, size - scenario.messages.size)
         require(fits, "action_size", f"must be {size} for {scenario.name}", self.action_size)

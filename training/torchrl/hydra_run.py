@@ -16,7 +16,6 @@ with requiring("training.torchrl.hydra_run", "marl"):
 
     from training.torchrl.benchmarl import LissajousTask
 
-
 for task in LissajousTask:
     name = task.name.lower().replace("_", "-")
     task_config_registry[f"lissajous/{name}"] = task

@@ -160,9 +160,8 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     require(curve.half_depth <= 0, "curve.half_depth", "must be 0 for differential drives [m]", curve.half_depth)
     h = task.step / task.substeps
     turn = robot.top_yaw_rate * h / noise.wheelbase_range[0]
-    if turn > math.pi:
-        rule = f"must turn a drive by at most pi in an integration step of {h:g} s, not by {turn:.3g} rad [rad/s]"
-        raise ValueError(f"robot.yaw_rate_max {rule}, got {robot.top_yaw_rate:g}")
+    rule = f"must turn a drive by at most pi in an integration step of {h:g} s, not by {turn:.3g} rad [rad/s]"
+    require(turn <= math.pi, "robot.yaw_rate_max", rule, robot.top_yaw_rate)
 
 
 def turning_radius(robot: Robot) -> float:

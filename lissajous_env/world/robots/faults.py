@@ -11,8 +11,6 @@ from lissajous_env.settings.parts import Faults
 from lissajous_env.world.state import FAILED, NEVER, REMOVED, WORKING
 
 wp.set_module_options(OPTIONS)
-
-
 COAST = wp.constant(code_of(Faults, "stop", "coast"))
 
 
