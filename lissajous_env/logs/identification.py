@@ -194,7 +194,7 @@ class _Fit:
         rule = f"must be of a robot whose speed and {COMMAND_NAMES[guess.kind][turning]} change"
         require(min(changes) >= 1e-3, "log", rule, "changes of {:.3g} and {:.3g}".format(*changes))
         segment = ((time - time[0]) / duration).astype(int)
-        failed = np.zeros(count, bool) if status is None else status.in_force(time) != WORKING
+        failed = np.zeros(count, bool) if status is None else status.in_force(time, before=WORKING) != WORKING
         used = np.setdiff1d(segment, segment[failed])
         require(len(used), "log", f"must have {duration:.3g} s in which the robot works", "none")
         if len(used) > _MOST_SEGMENTS:

@@ -192,7 +192,7 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     """
     status = np.full(hidden.shape, WORKING)
     for robot, series in log.statuses.items():
-        status[:, robot] = series.in_force(times, _LATE_STATUS * (times[1] - times[0]))
+        status[:, robot] = series.in_force(times, _LATE_STATUS * (times[1] - times[0]), WORKING)
     status[hidden & (status == WORKING)] = FAILED
     status[np.logical_or.accumulate(status == REMOVED)] = REMOVED
     return status

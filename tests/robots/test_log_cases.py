@@ -274,7 +274,9 @@ def test_a_log_ends_with_the_first_robot_unless_that_one_has_failed(tmp_path):
     assert shortened(0.25).recording.duration == pytest.approx(LASTS - 0.3)
     assert any("robot 1: no pose after" in note for note in shortened(2.0).notes)
     removed = [("/robot_1/status", plain("UInt8", 2), EPOCH + 1.5)]
-    assert not any("no pose after" in note for note in shortened(2.5, removed).notes)
+    gone = shortened(2.5, removed)
+    assert not any("no pose after" in note for note in gone.notes)
+    assert gone.recording.status[:, 1].tolist() == [0] * 15 + [2] * 26, "as before the first message, robots work"
 
 
 def test_a_hint_says_that_an_origin_is_missing(tmp_path):
