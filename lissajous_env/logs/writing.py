@@ -29,7 +29,7 @@ _ODOMETRY, _JOINTS = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
 
 
 def save_mcap(log: Log | Recording, path: str | Path) -> None:
-    """Write the log of an episode, first under a temporary name.
+    """Write a log, first under a temporary name; one without an episode begins when all of its robots have a pose.
 
     Raises:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
@@ -80,8 +80,8 @@ def episode_of(scenario: Scenario, seed: int) -> dict[str, Any]:
 def _messages(log: Log) -> Iterator[tuple[str, float, Any]]:
     """Return the topic, the time [s] and the message of everything in a log by time, the first pose at `START`."""
     later = START - min(float(track.time[0]) for track in log.tracks)
-    about = json.dumps((log.episode or {}) | {"begin": log.start + later})
-    topics = [(EPISODE, "std_msgs/msg/String", Series(np.array([log.start]), np.array([about])))]
+    about = [] if log.episode is None else [json.dumps(log.episode | {"begin": log.start + later})]
+    topics = [(EPISODE, "std_msgs/msg/String", Series(np.array([log.start]), np.array([text]))) for text in about]
     for k, track in enumerate(log.tracks):
         rows = np.column_stack([track.position, track.heading, track.speed])
         topics.append((TOPICS[0].format(k), _ODOMETRY, Series(track.time, rows)))
