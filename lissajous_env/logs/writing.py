@@ -55,14 +55,13 @@ def log_of(recording: Recording) -> Log:
     """Return the log of a recorded episode, without commands where actions are velocities or the recording has none."""
     robots, names = range(recording.scenario.num_robots), recording.scenario.action_names
     time, score = START + recording.scenario.task.step * np.arange(len(recording)), recording.score
-    arrays = recording.position, recording.heading, recording.speed
     has_commands = recording.scenario.task.action == "control" and np.isfinite(score["return_mean"])
     commands, robot = recording.action[1:].copy(), recording.scenario.resolve().robot
     if robot.kind in COMMAND_NAMES:  # else they are the actions
         commands[..., :2] = commands_of_actions(robot, commands[..., :2])
     return Log(
         "",
-        tuple(Track(time, *(array[:, k] for array in arrays)) for k in robots),
+        tuple(Track(time, recording.position[:, k], recording.heading[:, k], recording.speed[:, k]) for k in robots),
         {k: Series(time[:-1], commands[:, k], names) for k in robots if has_commands},
         {k: Series(time, recording.phase[:, k]) for k in robots},
         {k: Series(time, recording.status[:, k]) for k in robots},

@@ -126,8 +126,7 @@ def test_a_given_field_is_not_drawn_and_changes_no_other_field():
     for seed in range(5):
         before, after = space.sample(seed), fixed.sample(seed)
         assert after.targets.arrival_rate == pytest.approx(2 * before.targets.arrival_rate)
-        same = scenario(after, **{"targets.arrival_rate": before.targets.arrival_rate})
-        assert same == before
+        assert scenario(after, **{"targets.arrival_rate": before.targets.arrival_rate}) == before
 
 
 @pytest.mark.parametrize(
