@@ -169,8 +169,7 @@ class RogueTrainer:
         state = save_state(self.actor, self.optimizer) | {"normal.mean": mean, "normal.spread": spread}
         if self.history["scores"] is None:
             state |= {name: part.cpu().numpy() for name, part in zip(_LABELLED, self._labelled, strict=True)}
-        history = self.history | {"seconds": round(self.history["seconds"], 1)}
-        notes = {"rogues": history, "code": self.code}
+        notes = {"rogues": self.history | {"seconds": round(self.history["seconds"], 1)}, "code": self.code}
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes=notes)
 
     def _evaluated(self, rogues: str) -> dict[str, float]:

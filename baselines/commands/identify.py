@@ -113,5 +113,4 @@ def _as_toml(robots: "dict[str, Identified]", scenario: Scenario, log: str, unit
     if robot.kind == "car":
         limits |= {"speed_max": None, "throttle_max": robot.full_throttle, "model_offset": None}
     mean = {name: value for name, value in mean.items() if hasattr(robot, name)}
-    mean_scenario = replace(scenario, robot=replace(robot, **limits, **mean))
-    return "\n".join([*lines, as_toml(mean_scenario)])
+    return "\n".join([*lines, as_toml(replace(scenario, robot=replace(robot, **limits, **mean)))])

@@ -94,8 +94,7 @@ class OnCurve(Coordinated):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         self.coordinator.coordinate(observation)
-        inputs = [self._robot, self.coordinator.phase_rate]
-        self.launch(follow_as_point, self.shape, inputs, [self.action])
+        self.launch(follow_as_point, self.shape, [self._robot, self.coordinator.phase_rate], [self.action])
 
 
 @wp.kernel

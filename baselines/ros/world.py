@@ -105,8 +105,7 @@ class WorldNode(ros.Node):
             self._await_decisions()
             while (left := begins - monotonic()) > 0:
                 self._spin(left)
-            actions = [base.action(self.now) for base in self._vehicles]
-            self.simulation.step(np.stack(actions)[None])
+            self.simulation.step(np.stack([base.action(self.now) for base in self._vehicles])[None])
             if self.recorded:
                 self._recorder.take()
             on_step()

@@ -147,8 +147,7 @@ def test_every_adapter_and_score_row_has_them():
     assert lissajous_env.vector_env(scenario, 3).reset(seed=1)[0].shape == (3, 5, 44)
     rows = lissajous_env.evaluate(baselines.make("sweep", scenario, 2), scenario, seeds=range(3))
     assert [list(row)[-1] for row in rows] == ["mean_speed"] * 3
-    copied = pickle.loads(pickle.dumps(env.simulation))
-    assert copied.scenario == env.simulation.scenario
+    assert pickle.loads(pickle.dumps(env.simulation)).scenario == env.simulation.scenario
     assert load_extension(near_wall.place) == near_wall
 
 

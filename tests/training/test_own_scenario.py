@@ -165,8 +165,7 @@ def test_a_damaged_scenario_is_refused(here, part, value, words):
 @pytest.mark.parametrize("name", lissajous_env.scenarios())
 def test_plain_values_make_the_scenario(name):
     scenario = lissajous_env.scenario(name).resolve()
-    text = json.dumps(plain(scenario.to_dict()), allow_nan=False)
-    assert scenario_of_json(json.loads(text)) == scenario
+    assert scenario_of_json(json.loads(json.dumps(plain(scenario.to_dict()), allow_nan=False))) == scenario
 
 
 def test_a_file_may_begin_with_a_byte_order_mark_and_have_any_name(tmp_path):

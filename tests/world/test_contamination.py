@@ -112,8 +112,7 @@ def test_without_rogues_there_is_nothing_to_guarantee():
     advance(simulation, 5)
     row = simulation.score()[0]
     assert (row["guaranteed_detection_time"], row["contaminated_age_mean"]) == (0.0, 0.0)
-    simulation = standing(0.5, None)
-    assert np.isnan(simulation.score()[0]["guaranteed_detection_time"])
+    assert np.isnan(standing(0.5, None).score()[0]["guaranteed_detection_time"])
 
 
 def test_the_field_is_that_of_brute_force():
