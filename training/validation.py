@@ -49,7 +49,7 @@ def mean_of(results: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def rating_of(point: dict[str, float], limit: float) -> float:
-    """Return the worth of a policy, divided by the ratio of its collisions to the limit + 0.05 if that is above 1."""
+    """Return the worth of a policy; if it has more collisions than the limit + 0.05, divided by the ratio of both."""
     return point["worth"] * min(1.0, (limit + 0.05) / max(point["collisions"], 1e-9))
 
 

@@ -29,7 +29,7 @@ TRUTH = (
 to the walls [2 sights]; and of a target the number of other robots that have it in sight, at most 2, the distance of
 the nearest other robot as d / (1 + d), 1 if it flees, and its velocity while it drifts or wanders [top speed]."""
 MOST_TARGETS = 16
-"""Largest number of targets that the critic reads; it ignores those in later slots."""
+"""Largest number of targets that the critic reads, the first ones that are present."""
 _GOLDEN = 0.618034
 """Golden ratio less 1. Its multiples modulo 1, evenly spread, are the shares after which the first episodes end."""
 

@@ -21,8 +21,8 @@ from lissajous_env.world.columns import OPEN, WORST_CASE
 
 LOST, SETTLED_TIME, GROWN, BEYOND = "lost", "settled_time", "still_growing", "beyond_edge"
 """Entries of a score row of planning: the robots that are removed, the worst-case undetected time of the second half of
-the episode [s], whether the worst case is that of the last moment and longer than any before it, and the largest
-distance of any part of a body beyond the edge of the rectangle [m]."""
+the episode [s], whether the worst case of a whole episode is that of its last moment and longer than any before, and
+the largest distance of any part of a body beyond the edge of the rectangle [m]."""
 MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
 """Contents of messages, the smallest first; any other content comes last."""
 Variables = Mapping[str, Any]

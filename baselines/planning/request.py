@@ -164,8 +164,7 @@ class Request(Checked, part=""):
             return range(self.base.num_robots, self.base.num_robots + 1)
         ends = re.fullmatch(r"(\d{1,4})(?::(\d{1,4}))?", str(self.robots))
         few, many = (int(ends[1]), int(ends[2] or ends[1])) if ends else (0, 0)
-        fits = 2 <= few <= many <= 64
-        self._require(fits, "robots", "must be a number or a range such as 3:8, from 2 to 64")
+        self._require(2 <= few <= many <= 64, "robots", "must be a number or a range such as 3:8, from 2 to 64")
         return range(few, many + 1)
 
     def scenario_of(self, num_robots: int) -> Scenario:

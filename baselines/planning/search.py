@@ -120,7 +120,7 @@ class Search:
         return (len(self.looks) + len(self.finals)) / (self.plans + self._finals_max)
 
     def _is_late(self, results: Callable[[], Collection]) -> bool:
-        """Return whether the time is over, and there are results without those that are awaited."""
+        """Return whether the time is over and there are results already, so that no others are needed."""
         return self.seconds is not None and self._done() > 1 and not self.interrupted and bool(results())
 
     def _look(self, threads: ThreadPoolExecutor) -> None:
@@ -181,7 +181,7 @@ class Search:
             yield family, plan
 
     def _finish(self, threads: ThreadPoolExecutor) -> None:
-        """Play the best plans to the end, and defaults that may be among them: none of these beats the printed ones."""
+        """Play the best plans to the end, and defaults that may be as good, so that none beats the printed plans."""
         looks, cutoff = self.ranked(), self._cutoff()
         defaults = [look.plan for look in looks if look.plan.family == DEFAULTS and look.figures.worst_case <= cutoff]
         plans = [look.plan for look in looks]

@@ -110,7 +110,7 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
     for name, value in limits.items():
         if not value > 0:
             raise ValueError(f"{name} of robot model {model.name} must be above 0, got {value}")
-    top, widest, acceleration = limits.values()
+    top, top_radius, acceleration = limits.values()
     turning, grip = scenario.turning_radius, robot.lateral_acceleration_max
     drag = min(acceleration / top, 1 / scenario.task.step)
     fields = dataclasses.asdict(robot) | {
@@ -125,7 +125,7 @@ def scenario_of_cars(scenario: Scenario) -> Scenario:
         "offset": 0.0,
         "dead_zone": 0.0,
         "model_offset": None,
-        "lateral_acceleration_max": grip if turning == widest else min(grip, turning * (top / widest) ** 2),
+        "lateral_acceleration_max": grip if turning == top_radius else min(grip, turning * (top / top_radius) ** 2),
         "yaw_acceleration_max": robot.top_yaw_acceleration if robot.kind == "differential" else None,
         "drive_factors": (),
     }

@@ -231,11 +231,10 @@ class TrackedReference(Coordinator):
 
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
         super().__init__(scenario, num_worlds, device, parameters)
-        rate, tracking = self.natural_rate, self.parameters.tracking
-        tracking = 1 / scenario.time_unit if tracking is None else tracking
+        rate, given = self.natural_rate, self.parameters
+        tracking = 1 / scenario.time_unit if given.tracking is None else given.tracking
         self._memory = wp.zeros(self.phase_rate.shape, dtype=wp.vec2, device=device)
-        most = self.parameters.catch_up * rate
-        self.inputs = [rate, scenario.task.step, self.parameters.runs_on, tracking, most, self._memory]
+        self.inputs = [rate, scenario.task.step, given.runs_on, tracking, given.catch_up * rate, self._memory]
 
 
 PREVIEW = 0.6

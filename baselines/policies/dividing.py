@@ -80,8 +80,8 @@ class Herd(Cover):
 
     A target cannot flee from a corner while a robot is near, so that one robot keeps all those in sight that were
     driven there. Places are those of known targets. A target flees if it is as fast as `targets.flee_speed` and moves
-    away from the nearest robot; a robot pursues it from a point behind it, as seen from the corner to which its flight
-    points most.
+    away from the nearest robot; a robot pursues it from a point behind it, as seen from the corner that is most nearly
+    in the direction from the robot to the target.
     """
 
     fade = 5.0
@@ -129,7 +129,7 @@ class DividedPursuit(Chase):
     lead = 0.7
     again: float = 0.2
     """Worth of a target that a robot pursues already."""
-    delay: float = 0.1
+    extra: float = 0.1
     """Distance that is added to the way to a target [sight]."""
 
     def react(self, rows: Rows) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +137,7 @@ class DividedPursuit(Chase):
         there = self.in_sight(rows)
         at = np.where(there[..., None], rows.position[:, :, None] + rows.track_offset, np.nan)
         far = distances(known_places(rows), at)
-        far, worth = np.where(np.isnan(far), np.inf, far) + self.delay * self.sight, there.astype(float)
+        far, worth = np.where(np.isnan(far), np.inf, far) + self.extra * self.sight, there.astype(float)
 
         def rates(free: np.ndarray) -> np.ndarray:
             return free * worth[:, :, None] / far

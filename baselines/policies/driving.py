@@ -39,7 +39,7 @@ def drive_towards(
 ):
     """Act towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and `throttle_towards` a speed [m/s].
 
-    Grip must let a car turn round in 0.7 of the rectangle's shorter side at this speed.
+    A car that grip does not let turn round in 0.7 of the rectangle's shorter side at this speed drives slower.
     """
     fastest = wp.sqrt(0.7 * robot.lateral_acceleration_max * wp.min(curve.half_width, curve.half_height))
     away = goal - own_position(w, i, curve, observation)

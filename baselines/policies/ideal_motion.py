@@ -16,6 +16,7 @@ from lissajous_env.device.discs import in_discs
 _MOST_CELLS = 3000
 _CELLS_IN_RADIUS = 7
 _ROUNDS = 4
+"""Periods of the loops that are simulated."""
 _NONE = np.uint32(2**32 - 1)
 """Introduction of a cell without undetected targets."""
 
@@ -41,7 +42,7 @@ def worst_undetected_time(
         lead_in: (N, L, 2) places before the loops, during which targets are undetected too [m].
 
     Returns:
-        Infinity if the time exceeds `limit`, or if a target of the start is still undetected after four periods.
+        Infinity above `limit`, or if a target of the start is still undetected after `_ROUNDS` - 2 periods.
     """
     field = _Field(half, radius, speed * step)
     sensed = field.sensed(loop)
@@ -70,8 +71,8 @@ def unvisited_and_gap(
         radius: Sensing radius [m].
         coarse: True to test only a quarter of the places, at every second control step.
     """
-    field = _Field(half, radius, 0.0, field_cells=_MOST_CELLS // (4 if coarse else 1))
     every = 2 if coarse else 1
+    field = _Field(half, radius, 0.0, every)
     sensed = field.sensed(loop[:, ::every])
     visited = sensed.any(axis=0)
     age = gap = np.zeros(visited.shape, dtype=np.int32)
@@ -84,9 +85,8 @@ def unvisited_and_gap(
 class _Field:
     """Earliest introduction of an undetected target in each cell (rows, columns) [control step]."""
 
-    def __init__(self, half: tuple[float, float], radius: float, moved: float, field_cells: int = _MOST_CELLS):
-        fineness = math.sqrt(field_cells / _MOST_CELLS)
-        side = max(radius / _CELLS_IN_RADIUS / fineness, 2 * math.sqrt(half[0] * half[1] / field_cells))
+    def __init__(self, half: tuple[float, float], radius: float, moved: float, coarseness: int = 1):
+        side = coarseness * max(radius / _CELLS_IN_RADIUS, 2 * math.sqrt(half[0] * half[1] / _MOST_CELLS))
         columns, rows = (max(round(2 * length / side), 1) + 1 for length in half)
         # The outermost nodes lie on the edges, so that the corners count, which discs are the last to cover.
         self.x = np.linspace(-half[0], half[0], columns)

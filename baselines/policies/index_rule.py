@@ -62,7 +62,7 @@ class Index(Reacting):
         return (self._detections + 0.5) / (self._watched_time + 0.5 / uniform)
 
     def wish(self, rows: Rows) -> np.ndarray:
-        """Update the robots' estimates, divide the cells among the team, and drive to the robot's own cell."""
+        """Update the robots' estimates, divide the cells among the team, and drive to the own one, or the nearest."""
         places = self.sent.next(rows)
         far = np.nan_to_num(np.linalg.norm(places[:, :, :, None] - self.cells, axis=-1), nan=_NOWHERE * self.radius)
         covered = (far < self.radius).any(axis=2)
@@ -82,5 +82,6 @@ class Index(Reacting):
             nonlocal mass
             mass = mass * self._beyond[cell]
 
-        goal = np.maximum(greedy_division(rates, take, time.shape[:3]), 0)
+        goal = greedy_division(rates, take, time.shape[:3])
+        goal = np.where(goal < 0, far[:, :, 0].argmin(axis=-1), goal)
         return towards(self.cells[goal] - rows.position, self.radius / 3)

@@ -134,8 +134,8 @@ def transit_from_any_angle(
 ) -> np.ndarray:
     """Return places (P, N, K, 2) [m] of ways from the formation, turned by any of P angles, to poses (N, 3).
 
-    Each lasts as many steps as the longest of the cars' shortest ways. The last place is a step before the pose: x, y
-    [m], heading [rad].
+    All last as many steps, `_SLACK` times those of the cars' slowest shortest way. The poses are x, y [m] and heading
+    [rad] after the last step, so that the last place is a step before them.
     """
     begin, speed = formation_starts(scenario, 2 * np.pi * angle_steps(scenario, effort.angles) / effort.angles)
     pieces, turns, radii, leads, tilt = _choices(begin, poses, radius)
@@ -184,7 +184,7 @@ def _choices(begin: np.ndarray, poses: np.ndarray, radius: float) -> tuple[np.nd
 
 
 def _times(scenario: Scenario, pace: Pace, speed: np.ndarray, shortest: np.ndarray) -> np.ndarray:
-    """Return the times of the steps [s] in which every car can drive its shortest way."""
+    """Return the times of the steps [s] in which every car can drive its shortest way, and `_SLACK` times as many."""
     step = scenario.task.step
     fastest, tilt = np.full_like(speed, pace.fastest), np.zeros_like(speed)
     steps = max(math.ceil(shortest.max() / (pace.fastest * step)), 4)
@@ -194,10 +194,10 @@ def _times(scenario: Scenario, pace: Pace, speed: np.ndarray, shortest: np.ndarr
 
 
 def distances(pace: Pace, begin: np.ndarray, cruise: np.ndarray, tilt: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return (..., K) distances [m] at times [s], the last of which is the end, K even intervals apart.
+    """Return (..., K) distances driven [m] at K evenly spaced times [s], from 0 to the end of a way.
 
     The speed approaches the cruising speed v_b, as v_b + (v_0 - v_b) exp(-c t), and then the final one as late as the
-    motor allows.
+    motor allows. At the start, v_b is greater than in the middle by the share `tilt` of it, and at the end smaller.
     """
     begin, cruise = begin[..., None], cruise[..., None]
     left = times[-1] - times

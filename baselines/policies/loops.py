@@ -201,9 +201,9 @@ class SweepParameters(Checked):
     """Lowest speed at which a car of `sweep` waits for its slot, if it is ahead of it on the loop [m/s]; None: cars
     drive straight to their slots."""
     by_phase: bool = flag(False)
-    """True if the phase of a car of `sweep` alone determines its slot, its place among the cars in single file: slots
-    are then as evenly spaced as the phases at the start, less `formation.displaced`, but some are farther away. False:
-    slots have the order of the formation's places along the loop, on which cars that are off their places disagree."""
+    """True if the slot of a car of `sweep`, its place among the cars in single file, follows from its phase alone:
+    slots are as evenly spaced as the phases at the start, less `formation.displaced`, but some are far from their cars.
+    False: slots have the order of the formation's places along the loop, on which cars off their places disagree."""
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
     """Distance of the goal ahead of a car's place [m]; None is the distance that the patrol drives in
     0.3 s, in the time scale of the paper's experiment, and at least 4 wheelbases."""

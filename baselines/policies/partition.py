@@ -90,10 +90,9 @@ def _entered(
 ) -> tuple[PartitionLoops, np.ndarray, int, dict[str, Any]]:
     """Return a plan, the cell (N,) of each robot, the shift of the loops [control step], and how cars enter them.
 
-    It is the first plan with ways from the start onto its loops. The best plan is returned without ways if the start is
-    not known, or if it has none but loops lie apart, or without walls: the collision filter then leads the cars onto
-    their loops. Where loops overlap between walls, cars that give way meet walls and others, so they use no filter from
-    a start that is not known, and other plans are tried from one that is.
+    It is the best plan, or, where that has no ways from a known start onto its loops and these overlap between walls,
+    the first one with ways. Without ways, the collision filter leads the cars onto their loops, but not onto loops that
+    overlap between walls, where cars that give way meet walls and others.
 
     Args:
         scenario: The scenario.
@@ -161,7 +160,7 @@ class RepairParameters(PartitionParameters):
     """Parameters of a partition with repair, besides those of the partition."""
 
     patience: int = whole(2, 1, 100)
-    """Control steps without motion after which a ring neighbour counts as failed; more if positions are noisy."""
+    """Messages without motion after which a ring neighbour counts as failed; more if positions are noisy."""
     reserve: float = number(1.35, 1, 10)
     """Factor by which the period is longer than the shortest, so that cars can drive longer loops in the same time."""
 
@@ -239,7 +238,7 @@ def _avoided_distance(scenario: Scenario) -> float:
 
 
 def _constants_of(scenario: Scenario, loops: TakeoverLoops, tracking: Any, drift: float, device: Any) -> Any:
-    """Return the constants of takeovers for their kernels; the middle of one drifts so far in a control step [m]."""
+    """Return the constants of takeovers for their kernels; `drift` is `Takeover.drift`."""
     half = np.array([scenario.driven.half_width, scenario.driven.half_height])
     low, high = loops.loop.min(axis=2), loops.loop.max(axis=2)
     limits = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)

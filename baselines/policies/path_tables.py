@@ -1,8 +1,8 @@
 """Tables of timed paths: places of robots at each control step, with the heading, speed and inputs that follow.
 
-A timed path is a lead-in of L control steps, driven once, and a loop of K control steps, driven for ever: at the end of
-control step t a robot is to be at `lead_in[t]`, or at `loop[(t - L) % K]` from step L on. Tables are made in float64 on
-the host. Velocity and acceleration are those of a quintic spline through the places, one a control step.
+A timed path is a lead-in of L control steps, driven once, and a loop of K control steps, driven for ever: t control
+steps after the reset a robot is to be at `lead_in[t]`, or at `loop[(t - L) % K]` from step L on. Tables are made in
+float64 on the host. Velocity and acceleration are those of a quintic spline through the places, one a control step.
 """
 
 from dataclasses import dataclass

@@ -18,7 +18,7 @@ from baselines.policies.loops import (
     slots_by_phase,
     speed_to_turn,
 )
-from baselines.policies.own_row import Actions, Observation, own_key, own_phase, own_position
+from baselines.policies.own_row import Actions, Observation, X, Y, own_key, own_phase, own_position
 from baselines.similarity import motion_scale
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
@@ -151,7 +151,7 @@ def go_around(
     if here < 0:
         here = nearest_among(loop, 0, size, position)
     else:
-        here = nearest_among(loop, here - ahead, 2 * ahead + 1, position)
+        here = nearest_among(loop, here - wp.min(ahead, size / 2), wp.min(2 * ahead + 1, size), position)
     memory[w, i] = here + 1
     goal = loop[(here + ahead) % size]
     drive_towards(w, i, curve, robot, speed_gain, goal, cruise, observation, action_out)
@@ -193,10 +193,16 @@ def wander_on_curve(robot: RobotStruct, rate: float, observation: Observation, a
 
 
 @wp.kernel
-def act_at_random(observation: Observation, action_out: Actions):
-    """Draw each component of the action in each step."""
+def act_at_random(memory: wp.array2d(dtype=wp.vec3), observation: Observation, action_out: Actions):
+    """Draw each component of the action in each step, also while a robot does not move.
+
+    The memory of a robot is its observed place, and the number of steps for which that has not changed.
+    """
     w, i = wp.tid()
-    key = own_key(w, i, observation)
+    x, y, known = observation[w, i, X], observation[w, i, Y], memory[w, i]
+    still = wp.where(known[0] == x and known[1] == y, known[2] + 1.0, 0.0)
+    memory[w, i] = wp.vec3(x, y, still)
+    key = own_key(w, i, observation) + int(still)
     for k in range(action_out.shape[2]):
         draw = randomness.uniform(key, i * action_out.shape[2] + k, randomness.WANDER)
         action_out[w, i, k] = 2.0 * draw - 1.0
@@ -279,7 +285,7 @@ class RandomWaypoint(_Patrol):
         kernel, inputs = {
             "car": (wander, [*self._inputs, self._near, self._memory, observation]),
             "curve": (wander_on_curve, [self._robot, self._rate, observation]),
-        }.get(self.scenario.actuation, (act_at_random, [observation]))
+        }.get(self.scenario.actuation, (act_at_random, [self._memory, observation]))
         self.launch(kernel, self.shape, inputs, [self.action])
 
 

@@ -255,7 +255,7 @@ class Searching(Reacting):
         raise NotImplementedError(f"{type(self).__name__} must have a method react(rows)")
 
     def wish(self, rows: Rows) -> np.ndarray:
-        """React to targets, or patrol, as where rows have no entries for them."""
+        """React to targets; a robot without any, or without entries for them in its row, patrols."""
         if getattr(rows, self.entries).shape[2] == 0:
             return self.patrol.wish(rows)
         velocity, reacts = self.react(rows)

@@ -83,9 +83,9 @@ def takeover_loops(
         half, middle = tuple(((high - low) / 2).round(9).tolist()), (low + high) / 2
         options, is_bounded = _watching_alone(half, problem, own.shape[1], moved / unit)
         if failed and not is_bounded:
-            towards = (cells[failed, :2] - cells[robot, :2]).sum(axis=0)
-            options = _watching_in_phase(half, towards, problem, own.shape[1])
-            middle = middle_of(own[robot]) + _TOWARDS * towards
+            ways = cells[failed, :2] - cells[robot, :2]  # those to opposite sides cancel in a sum
+            options = _watching_in_phase(half, np.abs(ways).sum(axis=0), problem, own.shape[1])
+            middle = middle_of(own[robot]) + _TOWARDS * ways.sum(axis=0)
         others = own[np.delete(np.arange(len(cells)), [robot, *failed])]
         placed = [own[robot]] if not failed else []  # the loop of the plan comes first
         placed += [_placed(option, middle, problem) for option in options]
@@ -147,15 +147,13 @@ def _watching_alone(
     return distinct[:SHAPES], bool(distinct) and all(bounded)
 
 
-def _watching_in_phase(
-    half: tuple[float, float], towards: np.ndarray, problem: Problem, count: int
-) -> list[np.ndarray]:
+def _watching_in_phase(half: tuple[float, float], way: np.ndarray, problem: Problem, count: int) -> list[np.ndarray]:
     """Return loops (K, 2) by which robots in phase, side by side, watch a rectangle that none of them could alone.
 
     In phase, their distances are constant; where these are below two sensing radii, nothing passes between the discs.
-    The first loop is as long as the rectangle across the row and can lead around a robot that has stopped there.
+    The first loop is as long as the rectangle across the way (2,) to those that have failed, and can lead around one.
     """
-    across, loops = int(abs(towards[0]) >= abs(towards[1])), []
+    across, loops = int(way[0] >= way[1]), []
     for share in (1.0, 0.5, 0.0):
         size = np.full(2, problem.turning)
         size[across] += share * max(min(half[across], problem.driven[across]) - problem.turning, 0)

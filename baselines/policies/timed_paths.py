@@ -261,8 +261,7 @@ def take_filtered(
     w, i = wp.tid()
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[variant[w, i], i]
-    sample = FINE * (int(steps) - 1)
-    reference = path[sample_on_table(sample, tracking)]
+    reference = path[sample_on_table(FINE * (int(steps) - 1), tracking)]
     offset = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(reference[0], reference[1])
     if steps <= until or wp.length(offset) > tolerance:
         action_out[w, i, 0] = filtered[w, i, 0]

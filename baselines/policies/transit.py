@@ -89,7 +89,7 @@ def start_is_known(scenario: Scenario) -> bool:
 
 
 def stays_inside(scenario: Scenario) -> bool:
-    """Return whether planned ways and loops stay in the rectangle to drive in: by an inset, or where its edge is."""
+    """Return whether planned ways and loops must not leave the rectangle to drive in: with an inset or closed edge."""
     return scenario.inset > 0 or scenario.task.boundary != "open"
 
 
@@ -195,11 +195,9 @@ class _Search:
 
     def arrival(self) -> np.ndarray:
         """Return the earliest arrival (N, N) of each robot on each loop [control step]; infinite if there is none."""
-        arrival = []
-        for robot in range(len(self.loop)):  # one by one: all together need gigabytes for large teams
-            _, possible = self.drivable(robot, slice(None))
-            arrival.append(np.where(possible.any(axis=2), self.arrivals, np.inf).min(axis=1))
-        return np.array(arrival)
+        # One by one: all together need gigabytes for large teams.
+        possible = (self.drivable(robot, slice(None))[1].any(axis=2) for robot in range(len(self.loop)))
+        return np.array([np.where(is_possible, self.arrivals, np.inf).min(axis=1) for is_possible in possible])
 
     def drivable(self, robot: int, loops: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the pieces (M, T, 6, 3) of a robot's paths into M loops [m], and which of these it can drive."""

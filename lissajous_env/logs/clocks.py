@@ -22,7 +22,7 @@ from lissajous_env.wording import counted
 SAME_STAMP = 1e-4
 """Difference up to which two stamps of a robot's poses are the same [s]."""
 _DAY = 86_400.0
-"""Least difference from the other stamps at which a stamp counts as not set [s]."""
+"""Difference from the other stamps above which a stamp counts as not set [s]."""
 _LEAST_LEAD = 1.0
 """Least difference of two clocks that a note names [s]."""
 _LEAP = 10.0
@@ -50,7 +50,7 @@ class Clock:
 
     def __init__(self, poses: Sequence[Samples], log: Log):
         self._log, self.poses = log, [own.take(np.lexsort((own.stamp, own.logged, own.bag))) for own in poses]
-        lacks = [_lacks_stamps(own.stamp) for own in self.poses]
+        lacks = [_lacks_stamps(own) for own in self.poses]
         self.notes = log.grouped([
             (k, f"times of {counted(int(lack.sum()), 'pose')} without a stamp are the recorder's")
             for k, lack in enumerate(lacks) if lack.any()
@@ -95,17 +95,18 @@ class Clock:
         pairs = _pairs_of([max(stamped.values(), key=len)])
         leads = {k: np.median(own.stamp - _converted(own.logged, *pairs)) for k, own in stamped.items()}
         middle = sorted(leads.values())[len(leads) // 2]  # that of a robot, also of an even number
-        ahead = {k: lead - middle for k, lead in leads.items()}
-        deviating = {k for k, time in ahead.items() if abs(time) > _LEAST_LEAD}
-        for k in deviating:
-            got = f"{abs(ahead[k]):.3g} s {'ahead of' if ahead[k] > 0 else 'behind'} those of the others"
+        deviating = {k: lead - middle for k, lead in leads.items() if abs(lead - middle) > _LEAST_LEAD}
+        for k, ahead in deviating.items():
+            got = f"{abs(ahead):.3g} s {'ahead of' if ahead > 0 else 'behind'} those of the others"
             self.notes.append(f"by the recorder's times, the clock of {self._log.called([k])} is {got}")
-        return deviating
+        return set(deviating)
 
 
-def _lacks_stamps(stamp: np.ndarray) -> np.ndarray:
-    """Return True for stamps of a robot that were never set, or not before the first message of a simulator's clock."""
-    return (np.abs(stamp - np.median(stamp)) > _DAY) | (np.ptp(stamp) == 0)
+def _lacks_stamps(poses: Samples) -> np.ndarray:
+    """Return True for stamps that are not set: all are equal, or these a day from set ones, in value and in lead."""
+    are_equal, leads = np.ptp(poses.stamp) == 0, poses.stamp - poses.logged
+    far = [np.abs(times - np.median(times[(poses.stamp != 0) | are_equal])) > _DAY for times in (poses.stamp, leads)]
+    return far[0] & far[1] | are_equal
 
 
 def _pairs_of(poses: Sequence[Samples]) -> tuple[np.ndarray, np.ndarray]:

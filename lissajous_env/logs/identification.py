@@ -157,8 +157,8 @@ def identify(track: Track, commands: Series, guess: Robot | None = None, status:
         status: Its status; segments in which it did not work are left out.
 
     Raises:
-        ValueError: the log is too short, the robot does not move or never turns, the commands have other names, or
-            steering angles are not in radians.
+        ValueError: the log is too short, its speeds or its steering angles (or commanded yaw rates) do not change, the
+            commands have other names, or steering angles are not in radians.
     """
     guess, begin = guess or Robot(), track.time[0]
     given = named_commands(commands, COMMAND_NAMES[guess.kind])
@@ -194,7 +194,7 @@ class _Fit:
         rule = f"must be of a robot whose speed and {COMMAND_NAMES[guess.kind][turning]} change"
         require(min(changes) >= 1e-3, "log", rule, "changes of {:.3g} and {:.3g}".format(*changes))
         segment = ((time - time[0]) / duration).astype(int)
-        failed = np.zeros(count, bool) if status is None else status.in_force(time) != WORKING
+        failed = np.zeros(count, bool) if status is None else status.in_force(time, before=WORKING) != WORKING
         used = np.setdiff1d(segment, segment[failed])
         require(len(used), "log", f"must have {duration:.3g} s in which the robot works", "none")
         if len(used) > _MOST_SEGMENTS:
@@ -324,12 +324,11 @@ class _Fit:
         return np.maximum(errors, _ROUNDING * np.abs(constants[:5]))
 
     def _with_dead_zone(self, constants: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return constants with the best dead zone, and its standard error; NaN where no throttle lies within it.
+        """Return constants with the best dead zone, and its error; the given one and NaN if no throttle shows it.
 
-        The dead zone depends on the other constants and they on it, so that they are fitted with each of some values,
-        ever closer around the best.
+        The other constants depend on it, so that they are fitted with each of some values, ever closer around the best.
         """
-        # Between two throttles of the log, of either direction, every value is as good.
+        # Between two throttles of the log, of either direction, every value is as good. One alone shows no dead zone.
         throttles = np.unique(np.abs(self._commands.value[:, 1]).round(7))
         zones = np.append(throttles[0] - 1e-3, 0.5 * (throttles[1:] + throttles[:-1]))
         width = len(zones)
@@ -341,7 +340,7 @@ class _Fit:
             width //= _ZONES_FITTED
         sets = constants, np.append(constants[:-1], zones[0])
         cost, without = ((self._residuals(given, self._starts) ** 2).sum() for given in sets)
-        if without <= cost + 1:
+        if len(zones) == 1 or without <= cost + 1:
             return np.append(constants[:-1], self._guess[-1]), np.nan
         place = int(np.searchsorted(throttles, constants[-1]))
         return constants, 0.5 * float(throttles[place] - throttles[place - 1])

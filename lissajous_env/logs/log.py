@@ -38,9 +38,11 @@ class Series:
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "value", value)
 
-    def in_force(self, time: np.ndarray, late: float = 1e-6) -> np.ndarray:
-        """Return the value in force at each of some times [s]: the latest until `late` [s] after it, else the first."""
-        return self.value[np.maximum(np.searchsorted(self.time, time + late, side="right") - 1, 0)]
+    def in_force(self, time: np.ndarray, late: float = 1e-6, before: Any = None) -> np.ndarray:
+        """Return the values at some times [s]: the latest until `late` [s] after each, else `before` or the first."""
+        row = np.searchsorted(self.time, time + late, side="right") - 1
+        value = self.value[np.maximum(row, 0)]
+        return value if before is None else np.where(row < 0, before, value)
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class Log:
     phases: dict[int, Series] = field(default_factory=dict)
     """Phases (K,) of the robots that have any [rad]."""
     statuses: dict[int, Series] = field(default_factory=dict)
-    """Statuses (K,) of the robots that have any: WORKING, FAILED or REMOVED of `lissajous_env.world.state`."""
+    """Statuses (K,) of the robots that have any: WORKING, as before the first, FAILED or REMOVED of `world.state`."""
     episode: dict[str, Any] | None = None
     """Scenario, seed and policy of a log that a simulation wrote."""
     begin: float | None = None

@@ -49,8 +49,8 @@ _CONTRADICTING = 0.25
 _NOISY = 4.5
 """Standard deviations up to which the speed of a robot that stands still may be noise: one in 25,000 is faster."""
 _STOPS = 1 / 3
-"""Share of the way at the speeds of two poses by which the way between them may differ. A robot that misses more of it
-stopped at once; before, it is slower, so that it does not overshoot."""
+"""Largest share by which the way between two poses may differ from that at their speeds. A robot that drove less
+stopped at once, as in a collision; its motion until then is slowed down, so that it does not overshoot."""
 _WITH_TURNS = 0.05
 """This share where whole turns are added between two poses."""
 _FASTER = 2.0
@@ -77,9 +77,9 @@ class Motion:
     """False if headings are those of the direction of motion, because the log has none."""
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return places (M, 3) [m], headings and speeds (M,) at some times [s]; where unknown, on straight lines.
+        """Return places (M, 3) [m], headings, speeds (M,) at times [s]; where unknown, on straight lines at speed 0.
 
-        At the times of the poses they are those of `track`, to the last bit.
+        At the times of known poses they are those of `track`, to the last bit.
         """
         track = self.track
         near = np.clip(np.searchsorted(track.time, times - SAME_TIME), 0, len(track) - 1)
@@ -99,9 +99,9 @@ class Motion:
         return place, np.interp(times, track.time, track.heading), speed
 
     def unknown(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Return True for the intervals between two times each that are not wholly known."""
+        """Return True for intervals, each from a `begin` to an `end` [s], that are not wholly known."""
         time, is_jump = self.track.time, np.concatenate([[False], self.jumps, [False]])
-        is_outlier = is_jump[:-1] & is_jump[1:]  # between two jumps
+        is_outlier = is_jump[:-1] & is_jump[1:]  # a pose between two jumps, which is left out
         first = np.concatenate([[-np.inf], time[:-1][~self.known & ~is_outlier[:-1]], time[-1:]])
         last = np.concatenate([time[:1], time[1:][~self.known & ~is_outlier[1:]], [np.inf]])
         k = np.searchsorted(last, begin + SAME_TIME, side="right")
@@ -154,7 +154,7 @@ def motion_of(
     width, logged = width[:, None], along * track.speed[:, None]
     ends, reason = (width * logged[:-1], width * logged[1:]), ""
     if not np.isfinite(track.speed).all():
-        reason = "were not logged"
+        reason = "were not logged with every pose"
     elif trusted:
         position, speed, velocity = track.position, track.speed, logged
         heading = _with_whole_turns(track, *ends, heading)

@@ -133,9 +133,9 @@ def score(
 def _moments(log: Log, step: float, gap: float) -> np.ndarray:
     """Return the times at which the scenario's steps begin and end [s].
 
-    They end with the last pose of a robot, the latest within a gap before which no other robot's poses end, so that
-    robots do not fail shortly before the end. If all robots were removed, they end with the episode of the log's own
-    scenario, if that is longer.
+    The last one ends with the poses of a robot: the first of those whose poses end within gaps of one another at the
+    end of the log, so that none fails shortly before. If all robots were removed, it ends with the episode of the log's
+    own scenario, if that is longer.
     """
     firsts, ends = ([float(track.time[place]) for track in log.tracks] for place in (0, -1))
     lasts = np.sort(ends)
@@ -192,7 +192,7 @@ def _statuses(log: Log, times: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     """
     status = np.full(hidden.shape, WORKING)
     for robot, series in log.statuses.items():
-        status[:, robot] = series.in_force(times, _LATE_STATUS * (times[1] - times[0]))
+        status[:, robot] = series.in_force(times, _LATE_STATUS * (times[1] - times[0]), WORKING)
     status[hidden & (status == WORKING)] = FAILED
     status[np.logical_or.accumulate(status == REMOVED)] = REMOVED
     return status

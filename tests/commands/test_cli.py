@@ -34,8 +34,7 @@ def refusal_of(capsys, *arguments):
 
 def test_scenarios_of_a_split_are_listed_with_the_score_of_their_task(capsys):
     listed = json.loads(called(capsys, "scenarios", "watch-v1:test:2", "--json")[1])
-    names = [entry["name"] for entry in listed]
-    assert names == list(named.expanded(["watch-v1:test:2"]))
+    assert [entry["name"] for entry in listed] == list(named.expanded(["watch-v1:test:2"]))
     assert [entry["score"] for entry in listed] == ["observed_fraction"] * 2
 
 
@@ -128,7 +127,7 @@ def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path, capsys, monkey
     file = tmp_path / "rows.csv"
     code, out, _ = called(capsys, "evaluate", "failure", "still", "--episodes", 3, *fields, "--out", file)
     assert code == 0
-    assert re.search(r"^targets +7 ", out, re.MULTILINE)
+    assert re.search(r"^targets +(interquartile mean +)?7 ", out, re.MULTILINE)  # by the width of the terminal
     rows = list(csv.DictReader(file.read_text().splitlines()))
     assert [(row["policy"], row["seed"], row["targets"]) for row in rows] == [("still", str(k), "7") for k in range(3)]
 

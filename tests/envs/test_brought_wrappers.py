@@ -160,8 +160,7 @@ def test_the_specification_states_the_length_of_an_episode():
         assert env.spec.max_episode_steps == env.unwrapped.scenario.task.steps == steps
         again = gymnasium.make(env.spec)
         assert again.spec.max_episode_steps == steps
-    vector = gymnasium.make_vec(ID, 2, max_cycles=7)
-    assert vector.spec.max_episode_steps == 7
+    assert gymnasium.make_vec(ID, 2, max_cycles=7).spec.max_episode_steps == 7
     assert gymnasium.make_vec(gymnasium.make(ID, max_cycles=7).spec, 2).spec.max_episode_steps == 7
     assert gymnasium.make("lissajous_env:lissajous/monitoring-v1-v0").spec.max_episode_steps is None
     assert gymnasium.wrappers.TimeAwareObservation(gymnasium.make(ID)).reset(seed=1)

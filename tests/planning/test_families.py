@@ -19,8 +19,7 @@ from lissajous_env.theory import geometry
 def test_a_family_without_a_plan_says_why(capsys):
     # Story: bodies that fill the rectangle: (6) allows less than 1.8 m, by its closed form.
     task = Request(width=6.0, height=6.0, robots=5, robot_radius=1.8, sensor_radius=4.0, speed=1.0).scenario_of(5)
-    words = formations(task).refusal
-    assert re.search(r"bodies of 1.8 m must be below [\d.]+ m by \(6\)", words)
+    assert re.search(r"bodies of 1.8 m must be below [\d.]+ m by \(6\)", formations(task).refusal)
     assert curves_of(task) == []
     alone = lissajous_env.scenario("evaders", **{"robot.count": 1, "sensing.radius": 0.2})
     assert formations(alone).refusal == "one robot leaves a gap on every curve that it can follow"

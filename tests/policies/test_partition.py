@@ -218,6 +218,15 @@ def test_the_cell_of_any_robot_that_fails_is_taken_over(robot):
     assert times[50:].max() <= 5
 
 
+@pytest.mark.parametrize("half", [(4.5, 1.0), (1.0, 4.5)])
+def test_robots_between_two_that_have_failed_drive_across_the_row(half):
+    """Law: a row and a column, in which the ways to the two cells cancel, have like loops."""
+    fields = {"curve.half_width": half[0], "curve.half_height": half[1], "task.contamination": None}
+    policy = PartitionRepair(lissajous_env.scenario("evaders", **fields))
+    sizes = np.ptp(policy.takeover_loops.loop[12], axis=1)  # of the first loops where both neighbours have failed
+    assert (np.diff(sizes) * np.subtract(*half) > 0.5).all()
+
+
 @pytest.mark.parametrize(("kind", "fault", "step"), [
     ("schedule", (1, 8.0, 20.0), 80), ("removed", (1, 8.0), 80), ("removed", (1, 0.0), 0),
 ])  # fmt: skip

@@ -11,7 +11,7 @@ import lissajous_env
 from baselines.mpcc.solver import MpccParameters
 from baselines.policies.coordinators import Consensus, Kuramoto
 from baselines.policies.loops import SweepParameters, corner_radius, cruising_speed, fastest_speed, patrol_loop
-from baselines.policies.patrol import Sweep
+from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.trackers import FieldParameters, WithMpcc, WithVectorField
 
 
@@ -122,8 +122,10 @@ def test_a_patrol_is_what_its_parameters_say():
     lanes = patrol_loop(scenario, parameters=SweepParameters(lanes=4))
     crossings = np.flatnonzero(np.diff(np.sign(lanes[:, 0] - 0.1)))
     assert len(crossings) == 4
+    simulation, laps = lissajous_env.Simulation(scenario), Laps(scenario, parameters=SweepParameters(lookahead=100.0))
+    played(laps, simulation, 2)
+    assert (abs(laps._memory.numpy() - len(loop) / 2) <= len(loop) / 2).all(), "on the loop, also laps ahead"
     policy = Sweep(scenario, parameters=SweepParameters(cruise=0.8))
-    simulation = lissajous_env.Simulation(scenario)
     played(policy, simulation, 300)
     before = simulation.robots.position.numpy()[0, :, :2].copy()
     played(policy, simulation, 10)

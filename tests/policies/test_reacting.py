@@ -214,6 +214,14 @@ def test_an_index_rule_learns_where_targets_appear(delay):
         assert 0.9 * detected <= counted[0] <= detected
 
 
+def test_a_robot_for_which_no_cell_is_left_drives_to_the_nearest_one():
+    # Story: all four cells are covered, and four robots are in the middles of theirs, where they remain.
+    small = lissajous_env.scenario("hotspots", **{"curve.half_width": 5.0, "curve.half_height": 3.0})
+    simulation, policy = lissajous_env.Simulation(small), Index(small)
+    place_all(simulation, [*policy.cells, (0.0, 0.0)], simulation.targets.position.numpy()[0])
+    assert np.abs(policy.act(simulation.observation.numpy())[0, :4]).max() < 0.01
+
+
 @pytest.mark.parametrize(("scenario", "best", "column", "factor"), [
     ("watch", "a-cmommt", "observed_fraction", 1.9), ("intercept", "lead-pursuit", "detection_rate", 10.0),
     ("hotspots", "index-learned", "detection_time_mean", 1 / 1.3),
@@ -234,11 +242,6 @@ def test_scenarios_of_all_splits_have_rows_of_one_length():
         assert len({layout(scenario).size for scenario in scenarios}) == 1
 
 
-def test_a_setting_that_is_none_is_refused():
-    with pytest.raises(ValueError, match="setting of Chase must be an attribute of the class, got lad"):
-        Chase("intercept", lad=0.5)
-
-
 @pytest.mark.parametrize("name", ["follow", "a-cmommt", "greedy-cover", "lead-pursuit", "divided-pursuit"])
 def test_without_targets_in_its_row_a_robot_patrols(name):
     blind = lissajous_env.scenario("watch", **{f"sensing.{'targets' if name == 'follow' else 'tracks'}_seen": 0})
@@ -247,7 +250,9 @@ def test_without_targets_in_its_row_a_robot_patrols(name):
     np.testing.assert_array_equal(baselines.make(name, blind).act(rows), patrol)
 
 
-def test_an_index_rule_requires_arrivals_and_a_team_that_shares():
+def test_what_cannot_work_is_refused_by_name():
+    with pytest.raises(ValueError, match="setting of Chase must be an attribute of the class, got lad"):
+        Chase("intercept", lad=0.5)
     with pytest.raises(ValueError, match=r"targets.arrival_rate must be above 0 for an index rule \[1/s\], got 0"):
         baselines.make("index", "watch")
     with pytest.raises(ValueError, match=r"sensing.shared must be team, with .* got ring"):

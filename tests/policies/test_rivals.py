@@ -101,9 +101,8 @@ def test_a_reference_that_runs_on_is_caught_up_with():
     # the mean, so that the deviation is 0.05 rad where the gap of the other two is 0.05 / 0.6.
     gap, fastest = 0.3 * 9.9, 1.5 * 0.3
     expected = (gap - fastest) / fastest + math.log(fastest / (0.05 / 0.6))
-    assert [row["recovery_time"] for row in scores("running-reference", "failure")] == pytest.approx(
-        [expected] * 6, abs=0.15
-    )
+    slower = scores("running-reference", "failure")
+    assert [row["recovery_time"] for row in slower] == pytest.approx([expected] * 6, abs=0.15)
 
 
 def test_the_coordinator_and_the_tracker_of_cars_are_distinguished():
@@ -111,10 +110,8 @@ def test_the_coordinator_and_the_tracker_of_cars_are_distinguished():
     names = ("consensus-mpcc", "kuramoto-gvf")
     collisions = [mean(scores(name, "experiment", **NO_FAULTS), "collisions") for name in names]
     assert collisions == [pytest.approx(1.06, abs=1.5), pytest.approx(22.06, abs=6.0)]
-    kuramoto, consensus = (
-        mean(scores(f"{name}-mpcc", "experiment", 24), "collisions") for name in ("kuramoto", "consensus")
-    )
-    assert consensus > 1.3 * kuramoto
+    kuramoto, consensus = (scores(f"{name}-mpcc", "experiment", 24) for name in ("kuramoto", "consensus"))
+    assert mean(consensus, "collisions") > 1.3 * mean(kuramoto, "collisions")
 
 
 # What every policy promises.
@@ -126,8 +123,7 @@ def test_the_coordinator_and_the_tracker_of_cars_are_distinguished():
 ])  # fmt: skip
 def test_reset_forgets_one_world_alone(name, scenario):
     """Oracle: a policy made anew, for the world that was reset; its own continuation, for the other."""
-    overrides = {"noise.actuator": 0.2}  # else a point is where its reference is, and a new one changes nothing
-    noisy = lissajous_env.scenario(scenario, **overrides)
+    noisy = lissajous_env.scenario(scenario, **{"noise.actuator": 0.2})  # else points are where their references are
     simulation = lissajous_env.Simulation(noisy, num_worlds=2, seed=3)
     policy, untouched = (baselines.make(name, noisy, num_worlds=2) for _ in range(2))
     for _ in range(30):

@@ -8,6 +8,7 @@ import pytest
 from reference_motion import car_runge_kutta
 
 import lissajous_env
+from baselines.policies.loops import resampled
 from baselines.policies.path_tables import FINE, path_tables
 from baselines.policies.timed_paths import TimedPaths
 from lissajous_env.world.observation import layout
@@ -26,12 +27,9 @@ def circles(scenario, radius=0.6, steps=22):
 
 def ellipse(scenario, half_width=1.2, half_height=0.8, steps=37):
     """(N, steps, 2) an ellipse at an even speed, the same for each robot."""
-    t = np.linspace(0, 2 * np.pi, 20_001)
+    t = np.linspace(0, 2 * np.pi, 20_000, endpoint=False)
     places = np.stack([half_width * np.cos(t), half_height * np.sin(t)], axis=-1)
-    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-    at = along[-1] * np.arange(steps) / steps
-    loop = np.stack([np.interp(at, along, places[:, k]) for k in range(2)], axis=-1)
-    return np.repeat(loop[None], scenario.num_robots, axis=0)
+    return np.repeat(resampled(places, steps)[None], scenario.num_robots, axis=0)
 
 
 def following(tables):

@@ -132,10 +132,9 @@ def test_what_is_no_coordinator_or_tracker(call, words):
 @pytest.mark.parametrize("name", ["failure", "rough"])
 def test_rows_hold_what_is_true(name):
     """Oracle: the state of the world, where nothing is measured with noise."""
-    quiet = {f"noise.{field}": 0.0 for field in ("position", "heading", "speed", "message_loss", "message_delay")}
-    scenario = lissajous_env.scenario(
-        name, **quiet, **{"faults.schedule": ((1, 0.5, 5.0),), "targets.arrival_rate": 5.0}
-    )
+    fields = {f"noise.{field}": 0.0 for field in ("position", "heading", "speed", "message_loss", "message_delay")}
+    fields |= {"faults.schedule": ((1, 0.5, 5.0),), "targets.arrival_rate": 5.0}
+    scenario = lissajous_env.scenario(name, **fields)
     simulation = lissajous_env.Simulation(scenario, 3, seed=5)
     policy = baselines.make("kuramoto" if name == "failure" else "kuramoto-mpcc", scenario, 3)
     for _ in range(20):

@@ -101,8 +101,9 @@ def in_frame(frame, place):
 
 FIXED = {
     "stamps are never set": (of_robots(lambda k, t: odometry(0, *circle(k, t))), ("41 poses without a stamp",)),
-    "stamps are not set at first": (
-        of_robots(lambda k, t: odometry(0.0 if t < 0.25 else EPOCH + t, *circle(k, t))), ("3 poses without a stamp",)
+    "stamps are not set at first, of a robot for most of the log": (
+        of_robots(lambda k, t: odometry(0.0 if t < (0.25 if k else 2.55) else EPOCH + t, *circle(k, t))),
+        ("robot 0: times of 26 poses without a stamp", "3 poses without a stamp"),
     ),
     "a twist is never filled": (of_robots(lambda k, t: odometry(EPOCH + t, *circle(k, t), 0.0)), ("computed from",)),
     "robots reverse": (shrunk(make=lambda t, x, y, h: odometry(t, x, y, h + math.pi, -SPEED)), ()),
@@ -171,6 +172,8 @@ def test_a_clock_that_is_set_while_recording_is_refused(tmp_path):
         set_late = of_robots(lambda k, t, jump=jump: odometry(EPOCH + t + jump * (t > 2.45), *circle(k, t)))
         with pytest.raises(ValueError, match=rf"jump of {abs(jump + 0.1):.3g} s {words}, recorded at 1700000002\.5"):
             scored(tmp_path / str(jump), set_late)
+    days = [("/robot_0/odom", odometry(EPOCH + 86_400 * t, *circle(0, t)), EPOCH + 86_400 * t) for t in TIMES]
+    assert read(write(tmp_path / "days", days)).notes == ()
 
 
 def in_json(topic, kind):
@@ -218,8 +221,7 @@ def test_the_begin_of_an_episode_counts_rather_than_the_time_of_its_message(tmp_
     def log(begin):
         text = json.dumps({"scenario": {}, "seed": 0, "begin": begin})
         message = ("/lissajous/episode", plain("String", text), EPOCH + 0.7)
-        path = write(tmp_path / f"begin {begin}", [*shrunk(), message])
-        return read(path)
+        return read(write(tmp_path / f"begin {begin}", [*shrunk(), message]))
 
     assert log(EPOCH + 0.51).begin == pytest.approx(EPOCH + 0.5)
     assert log(1.0).begin == pytest.approx(EPOCH + 0.7)
@@ -272,7 +274,9 @@ def test_a_log_ends_with_the_first_robot_unless_that_one_has_failed(tmp_path):
     assert shortened(0.25).recording.duration == pytest.approx(LASTS - 0.3)
     assert any("robot 1: no pose after" in note for note in shortened(2.0).notes)
     removed = [("/robot_1/status", plain("UInt8", 2), EPOCH + 1.5)]
-    assert not any("no pose after" in note for note in shortened(2.5, removed).notes)
+    gone = shortened(2.5, removed)
+    assert not any("no pose after" in note for note in gone.notes)
+    assert gone.recording.status[:, 1].tolist() == [0] * 15 + [2] * 26, "as before the first message, robots work"
 
 
 def test_a_hint_says_that_an_origin_is_missing(tmp_path):

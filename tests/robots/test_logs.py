@@ -104,13 +104,15 @@ def test_an_episode_goes_on_where_nodes_of_removed_robots_send_no_poses(tmp_path
 @pytest.mark.parametrize(("name", "fields", "seed"), [
     ("evaders", {"curve.b": 4, "formation.displaced": ((2, 1.8),), "formation.start_noise": 0.0}, 3), ("hall", {}, 7),
 ])  # fmt: skip
-def test_a_log_without_phases_has_those_of_a_formation(name, fields, seed):
+def test_a_log_without_phases_has_those_of_a_formation_and_one_without_an_episode_is_read(name, fields, seed, tmp_path):
     scenario = lissajous_env.scenario(name, **fields, **{"task.duration": 4.0})
     recording = record(baselines.make("open-loop-mpcc", scenario), scenario, seed=seed)
     log = log_of(recording)
     tracks = Track(*(np.delete(array, range(20, 30), 0) for array in vars(log.tracks[0]).values())), *log.tracks[1:]
     (row,) = score(dataclasses.replace(log, tracks=tracks, phases={})).rows
     assert row["phase_error"] == pytest.approx(recording.score["phase_error"], abs=0.05)
+    save_mcap(dataclasses.replace(log, episode=None), tmp_path / "log.mcap")
+    assert read(tmp_path / "log.mcap").episode is None
 
 
 def circle(count=101, robots=5):

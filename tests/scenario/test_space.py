@@ -126,8 +126,7 @@ def test_a_given_field_is_not_drawn_and_changes_no_other_field():
     for seed in range(5):
         before, after = space.sample(seed), fixed.sample(seed)
         assert after.targets.arrival_rate == pytest.approx(2 * before.targets.arrival_rate)
-        same = scenario(after, **{"targets.arrival_rate": before.targets.arrival_rate})
-        assert same == before
+        assert scenario(after, **{"targets.arrival_rate": before.targets.arrival_rate}) == before
 
 
 @pytest.mark.parametrize(
@@ -240,8 +239,7 @@ def test_a_registered_space_is_known_by_name():
     sample_space = register_scenario(space("of-mine"))
     assert scenario("of-mine-4") == sample_space.sample(4)
     assert "of-mine" in lissajous_env.scenario_spaces()
-    longer = register_scenario(space("of-mine-4"))
-    assert scenario("of-mine-4-2") == longer.sample(2)
+    assert register_scenario(space("of-mine-4")).sample(2) == scenario("of-mine-4-2")
     with pytest.raises(ValueError, match="name of a scenario must be new, got 'of-mine'"):
         register_scenario(space("of-mine", draw={}))
     with pytest.raises(ValueError, match=r"space must be one of .*did you mean of-mine\?"):

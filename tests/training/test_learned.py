@@ -77,8 +77,7 @@ def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):
     settings = {"overrides": {"sensing.targets_seen": 2}}
     card = Card.of(lissajous_env.scenario("intruders", **settings["overrides"]), settings=settings)
     checkpoint.save(tmp_path, make_team(), card)
-    policy = training.load(tmp_path)
-    assert policy.scenario.sensing.targets_seen == 2
+    assert training.load(tmp_path).scenario.sensing.targets_seen == 2
     with pytest.raises(ValueError, match="must drive robots of kind car"):
         training.load(tmp_path, "failure")
 

@@ -104,7 +104,7 @@ def perceive(observation: np.ndarray, scenario: Scenario, of_base: np.ndarray | 
     """Return the inputs of a network for observation rows.
 
     Args:
-        observation: (W, N, D) rows.
+        observation: (W, N, D) rows; velocities in them are in 2 top speeds, places of tracks in widths and heights.
         scenario: The scenario, resolved.
         of_base: (W, N, A) `base_action`, if there is a base; its messages are not read.
     """
