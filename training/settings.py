@@ -65,7 +65,7 @@ class TrainingSettings(SharedSettings, part="training"):
     steps: int = whole(4_000_000, 1, 10**15)
     """Robot steps of PPO, summed over all robots and worlds."""
     worlds: int = whole(64, 1, 1_000_000)
-    """Environments that are stepped together; for a space, at least one for each of `groups`."""
+    """Environments that are stepped together; for a space, a multiple of `groups`."""
     groups: int = whole(16, 1, 10_000)
     """Groups of worlds for a space, each of which plays one scenario at a time. When the episodes of a group end, it
     plays the next scenario. Used only for a space."""

@@ -69,8 +69,14 @@ def train(
     console = console or make_console()
     say = partial(print_line, console)
     torch.set_num_threads(settings.threads or 1)
+    try:
+        with quietly():
+            training = Training(settings)
+    except UnsuitableScenarioError as error:  # of the first worlds, before there is a folder
+        rule = "must be none or a policy that can play the scenario (--base)"
+        raise ValueError(f"base {rule}, got {settings.rival}: {error}") from error
     with checkpoint.locked(settings.out) as folder, quietly():
-        training, began, diagnostics = Training(settings), time.monotonic(), {}
+        began, diagnostics = time.monotonic(), {}
         card = Card.of(settings.make_scenario(), settings=settings.to_dict(), base=settings.corrected_base)
         code = checkpoint.code_of(settings.make_validation_scenarios(), [settings.rival])
         history = _resume_or_begin(settings, training, card, code, say)

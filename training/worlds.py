@@ -5,13 +5,13 @@ are zeros.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from torch import Tensor
 
 import baselines
-from baselines.policies.base import Policy, UnsuitableScenarioError
+from baselines.policies.base import Policy
 from lissajous_env.device.copies import Stateful
 from lissajous_env.envs.batch import Batch
 from lissajous_env.envs.sides import padded
@@ -103,7 +103,7 @@ class Worlds(Stateful):
         self.side = self.batch.sides[0]
         self.count = worlds * self.side.slots  # B
         self._base = settings.corrected_base
-        self._bases: list[Any] = []
+        self._bases: list[Policy] = []
         """Policies that the network corrects, one for each group; empty without any."""
         self._base_actions = np.zeros((worlds, self.side.slots, min(self.side.action_size, 2)), np.float32)
         """Actions of these policies for the present states, without messages."""
@@ -119,8 +119,7 @@ class Worlds(Stateful):
         """Begin a first episode in all worlds, again of different lengths; None leaves the seed as it is."""
         self.batch.seed(seed)
         self.batch.reset()
-        self._left = self._first.copy()
-        self._bases = [None] * len(self.batch.simulations) if self._base else []
+        self._left, self._bases = self._first.copy(), []
         self._update_base_actions()
 
     def perception(self) -> list[np.ndarray]:
@@ -172,19 +171,19 @@ class Worlds(Stateful):
 
     def _update_base_actions(self) -> None:
         """Compute the base's actions for the present states; a group with a new scenario gets a new base."""
-        for group, simulation in enumerate(self.batch.simulations[: len(self._bases)]):
-            base = self._bases[group]
-            if base is None or base.scenario != simulation.scenario:
-                base = self._bases[group] = self._made_base(simulation)
+        if self._base is None:
+            return
+        simulations = self.batch.simulations
+        before: Sequence[Policy | None] = self._bases or [None] * len(simulations)
+        self._bases = [
+            base
+            if base and base.scenario == simulation.scenario
+            else baselines.make(self._base, simulation.scenario, simulation.num_worlds)
+            for base, simulation in zip(before, simulations, strict=True)
+        ]
+        for group, (base, simulation) in enumerate(zip(self._bases, simulations, strict=True)):
             action = base_action(base, simulation.observation.numpy())
             self.batch.of_group(self._base_actions, group)[...] = action[..., :2]
-
-    def _made_base(self, simulation: Simulation) -> Policy:
-        try:
-            return baselines.make(str(self._base), simulation.scenario, simulation.num_worlds)
-        except UnsuitableScenarioError as error:
-            rule = "must be a policy that suits the scenario, or none (--base)"
-            raise UnsuitableScenarioError(f"base {rule}, got {self._base}: {error}") from error
 
     def _flat(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Join arrays (W, n, ...) of the groups to (B, ...), with zeros for slots without a robot."""

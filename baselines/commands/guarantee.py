@@ -24,9 +24,6 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import require
 
-_SMALLEST, _LARGEST = 0.3, 1.35
-"""Range of the sensing radii, over that of Eq. (8)."""
-
 
 def guarantee(
     scenarios: ScenarioNames = ("experiment", "ideal"),
@@ -51,10 +48,12 @@ def guarantee(
     whole_number("radii", radii, 2, 200)
     whole_number("cells", cells, 10, 1000)
     changed = parse_overrides(overrides)
-    guarantees = {}
-    for scenario in require_distinct_names([named.scenario(name, **changed) for name in scenarios]):
+    chosen, guarantees = require_distinct_names([named.scenario(name, **changed) for name in scenarios]), {}
+    for scenario in chosen:
         rule = "must be empty: the radii are multiples of that of Eq. (8), which is for Lissajous curves"
         require(scenario.detection_radius > 0, f"curve.harmonics of {scenario.name}", rule, scenario.curve.harmonics)
+        IdealFormation(scenario, cells=cells).against(scenario.rogue_speed)  # refuses a scenario before any is computed
+    for scenario in chosen:
         guarantees[scenario.name] = formation_guarantees(scenario, radii, cells)
         _print(output.console(), scenario, guarantees[scenario.name], cells)
     output.print_json(guarantees)
@@ -69,7 +68,7 @@ def formation_guarantees(scenario: Scenario, radii: int, cells: int) -> list[dic
         return {"radius": points.radius, "critical_speed": points.critical_speed()} | times
 
     own = scenario.sensing_radius / scenario.detection_radius  # one of the range, apart from rounding errors, or not
-    shares = np.unique(np.append(np.linspace(_SMALLEST, _LARGEST, radii), own).round(12))
+    shares = np.unique(np.append(np.linspace(0.3, 1.35, radii), own).round(12))
     with ThreadPoolExecutor(cores()) as threads:
         return list(threads.map(of_share, shares.tolist()))
 
@@ -79,12 +78,8 @@ def _print(console: Console, scenario: Scenario, rows: Sequence[dict[str, float]
     speed, own, required = scenario.rogue_speed, scenario.sensing_radius, scenario.detection_radius
     words = f"N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, sensing radius {own:.3g} m"
     console.print(Text.assemble((scenario.name, "bold"), f"  {words}, Eq. (8) requires {required:.3g} m"))
-    columns = [
-        "sensing\nradius [m]",
-        "over that\nof Eq. (8)",
-        "evaded for ever\nfrom [m/s]",
-        f"at {speed:g} m/s undetected\nfor at most [s]",
-    ]
+    columns = ["sensing\nradius [m]", "over that\nof Eq. (8)", "evaded for ever\nfrom [m/s]"]
+    columns += [f"at {speed:g} m/s undetected\nfor at most [s]"]
     highest = IdealFormation(scenario, cells=cells).fastest_rogue
     print_table(console, columns, [
         [

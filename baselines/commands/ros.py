@@ -3,9 +3,6 @@
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from baselines.commands.playing import FORMATS, check_file, show
 from baselines.ros.settings import RobotSettings, WorldSettings
@@ -21,13 +18,10 @@ from lissajous_env.console.terminal import (
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 
-_Namespace = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
-_Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
-
 
 def robot(
     settings: RobotSettings,
-    namespace: _Namespace = None,
+    namespace: str | None = None,
     output: Output = DEFAULT_OUTPUT,
 ) -> None:
     """Run one robot's policy as a node of ROS 2.
@@ -79,7 +73,7 @@ def launch(
     settings: WorldSettings,
     scenario: str = "experiment",
     policy: str = "kuramoto-mpcc",
-    duration: _Duration = None,
+    duration: float | None = None,
     out: OutFile = None,
     output: Output = DEFAULT_OUTPUT,
     overrides: Overrides = (),
@@ -99,8 +93,8 @@ def launch(
         out: file to write, as in `lissajous ros world`.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
-    setup = named.scenario(scenario, **changes)
+    given = () if duration is None else ((f"task.duration={duration}",),)
+    setup = named.scenario(scenario, **parse_overrides((*overrides, *given)))
     robots = RobotSettings(policy=policy, command=settings.command, message_loss=setup.noise.message_loss)
     play(setup, settings, out, output, robots)
 

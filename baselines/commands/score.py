@@ -27,7 +27,7 @@ from lissajous_env.parameters import named
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.files import write_atomically
 
-_Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
+_Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...", help_behavior_hint="")]
 
 
 def score(

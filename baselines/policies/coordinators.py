@@ -266,9 +266,9 @@ class KuramotoByArc(NumpyCoordinator):
     theta_j - theta_i, and is advanced at the natural rate by the age of the message. The controller uses one phase rate
     for its horizon: the mean one over the next PREVIEW seconds at the ground speed of psi_i'.
 
-    The ground speed v is the highest that the cars can follow (`ground_speed`). With theta' = omega they would reach it
-    only on the fastest stretch of the curve. So in `intruders`, where the rectangle is too large for a guarantee,
-    targets are detected sooner.
+    The ground speed v is the formation's mean speed, or that of a patrol if it is higher (`ground_speed`). With
+    theta' = omega, cars reach it only on the fast stretches of the curve. So in `intruders`, where the rectangle is too
+    large for a guarantee, targets are detected sooner.
 
     The bounds (6), (8) and T_max do not hold, because equally spaced robots are not on ellipse (5), and `phase_error`,
     the deviation from (2) in theta, does not fall to 0. On curve (16), two robots in formation come nearer to one

@@ -97,7 +97,7 @@ def best_lines(scenario: Scenario, parameters: LineParameters) -> Lines:
     if not fitting:
         span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
         lines = counted(counts[0], "line")
-        rule = f"line-abreast requires {lines} of {n} cars to span {span:g} m with discs of {radius:g} m"
+        rule = f"line-abreast requires {lines} of {counted(n, 'car')} to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(f"{rule}: {options[0][1]}")
     if stays_inside(scenario) and not start_is_known(scenario):  # before they are compared, which can take seconds
         rule = "line-abreast requires a start that all robots know where they must stay inside"
@@ -147,7 +147,7 @@ def failed_condition(scenario: Scenario, count: int, speed: float = 0.0, aside: 
     if aside + inset > half:
         return f"{about}they do not fit {inset:.3g} m inside of walls {2 * half:g} m apart"
     pitch, spacing, lanes, _ = lanes_of(scenario, count, aside)
-    if count * pitch >= 2 * radius:
+    if count < len(lanes) and count * pitch >= 2 * radius:
         return f"{about}the cars of a line would be {count * pitch:.3g} m apart instead of below {2 * radius:.3g} m"
     if spacing >= 2 * radius:
         return f"{about}the outermost would be {spacing / 2:.3g} m from its wall instead of below {radius:.3g} m"

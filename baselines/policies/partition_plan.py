@@ -150,10 +150,10 @@ def speed_on_loop(corner: float, problem: Problem) -> float:
 
 
 def _layouts(problem: Problem, members: int, rows: int | None) -> list[np.ndarray]:
-    """Return the divisions into a cell for each group of members, of some rows, or those that have no long cells."""
+    """Return the divisions into a cell for each group of members: into some rows, or those that have no long cells."""
     layouts = divisions(problem.robots // members, problem.half)
     if rows is not None:
-        return [cells for cells in layouts if len(np.unique(np.round(cells[:, 1], 9))) == rows]
+        return [cells for cells in layouts if all(len(np.unique(cells[:, k].round(9))) == rows for k in (1, 5))]
     stretch = [float(np.max(np.maximum(cells[:, 2] / cells[:, 3], cells[:, 3] / cells[:, 2]))) for cells in layouts]
     return [cells for cells, ratio in zip(layouts, stretch, strict=True) if ratio <= 2.5 * min(stretch)]
 

@@ -77,7 +77,7 @@ ScenarioNames = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
 ]
 ScenarioOption = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
-LogFiles = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...")]
+LogFiles = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG ...", help_behavior_hint="")]
 Device = Annotated[str, tyro.conf.arg(help="device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.")]
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 OutFolder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]

@@ -1,5 +1,7 @@
 """The renderer, which combines ground, targets, team and panel to one picture, and the window that shows it."""
 
+import os
+
 import numpy as np
 import pygame
 
@@ -105,6 +107,9 @@ class Window:
     def _open(self) -> None:
         try:
             pygame.display.init()
+            if pygame.display.get_driver() == "offscreen" != os.environ.get("SDL_VIDEODRIVER"):  # a choice of SDL
+                pygame.display.quit()
+                raise pygame.error("there is no display")
             pygame.display.set_caption(self._caption)
             self._screen = pygame.display.set_mode(self._size)
         except pygame.error as error:

@@ -25,9 +25,9 @@ BENCHMARK = ("benchmark", "--scenarios", "failure", "--policies", "kuramoto", "s
 
 def refusal_of(capsys, *arguments):
     """Return the one line on stderr that says what was wrong with a command."""
-    code, _, error = called(capsys, *arguments)
+    code, out, error = called(capsys, *arguments)
     (line,) = [line for line in error.splitlines() if not line.startswith("Warp CUDA")]
-    assert code == 2
+    assert (code, out) == (2, "")
     assert line.startswith("error: ")
     return line
 
@@ -57,6 +57,7 @@ def test_scenarios_lists_each_one(width, capsys, monkeypatch):
     (["run", "failure", "kuramoto", "--set", "task.duration=-3"], "must be from 0.001 to 100000000 [s], got -3"),
     (["evaluate", "failure", "kuramoto", "--set", "name=evil"], "override must name one of curve"),
     (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "-" * 100_000 + "1"], "--set curve.a must be given"),
+    (["guarantee", "ideal", "watch"], "task.action of watch must be control for a policy that follows the curve"),
     (["guarantee", "ideal", "ideal"], "scenarios must differ in name, got 2 of ideal"),
     (["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"], "out must be in an existing folder"),
     (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),

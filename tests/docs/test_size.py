@@ -5,7 +5,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [path for package in ("lissajous_env", "baselines", "training") for path in (ROOT / package).rglob("*.py")]
-LINES = 40_917
+LINES = 40_916
 """Lines of the packages."""
 MODULES = 259
 """Files of the packages."""

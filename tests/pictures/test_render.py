@@ -213,8 +213,12 @@ def test_window_that_is_closed_stays_closed():
     env.close()
 
 
-def test_window_without_a_display_is_refused_with_a_way_out(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "no such driver")
+@pytest.mark.parametrize("driver", [{"SDL_VIDEODRIVER": "no such driver"}, {}])
+def test_window_without_a_display_is_refused_with_a_way_out(driver, monkeypatch):
+    pygame.display.quit()
+    monkeypatch.delenv("SDL_VIDEODRIVER")
+    for name, value in {"DISPLAY": ":no", "WAYLAND_DISPLAY": "no", **driver}.items():
+        monkeypatch.setenv(name, value)
     with pytest.raises(OSError, match="rgb_array"):
         Renderer("experiment").show(10)
 

@@ -103,7 +103,7 @@ def test_lines_share_the_span():
     ({"task.boundary": "wall"}, "half circles of 0.5.* m, so the outermost would be 1.2.* m from its wall"),
     ({"task.boundary": "wall", "robot.wheelbase": 2.7}, "turns of 8.06 m do not fit .* m inside of sides 4.8 m"),
     ({"robot.radius": 0.49}, "bodies 0.98 m"), ({"lines": 6}, "fewer cars than lines"),
-    ({"robot.speed_max": 0.1, "noise.drive_spread": 0.1}, "slowest car"),
+    ({"robot.speed_max": 0.1, "noise.drive_spread": 0.1}, "slowest car"), ({"robot.count": 1}, "of 1 car .* outermost"),
     ({"task.boundary": "wall", "sensing.radius": 1.5}, "requires a start that .* robots know .* got rotated and 0.02"),
 ])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -34,21 +34,18 @@ def is_at_rest(output):
     return output.command == pytest.approx(REST)
 
 
-@pytest.mark.parametrize(
-    ("fault", "words"),
-    [
-        ({"age": 0.3}, "the pose is 0.3 s old, the limit is 0.25 s"),
-        ({"age": -0.3}, "of 0.3 s from now"),
-        ({"pose": None}, "there is no pose"),
-        ({"pose": POSE._replace(x=math.nan)}, "the pose is not finite"),
-        ({"pose": POSE._replace(speed=math.inf)}, "the pose is not finite"),
-        ({"pose": POSE._replace(heading=1e300)}, "the pose is not finite"),  # where a row has float32
-        ({"robots": [(0.1, math.nan, 0, 0)]}, "sensor's data is not finite"),
-        ({"targets": [(math.inf, 0)]}, "sensor's data is not finite"),
-        ({"phase": (1e39, 0.0)}, "the phase or of the sensor's data is not finite"),
-        ({"works": False}, "does not work"),
-    ],
-)
+@pytest.mark.parametrize(("fault", "words"), [
+    ({"age": 0.3}, "the pose is 0.3 s old, the limit is 0.25 s"),
+    ({"age": -0.3}, "of 0.3 s from now"),
+    ({"pose": None}, "there is no pose"),
+    ({"pose": POSE._replace(x=math.nan)}, "the pose is not finite"),
+    ({"pose": POSE._replace(speed=math.inf)}, "the pose is not finite"),
+    ({"pose": POSE._replace(heading=1e300)}, "the pose is not finite"),  # where a row has float32
+    ({"robots": [(0.1, math.nan, 0, 0)]}, "sensor's data is not finite"),
+    ({"targets": [(math.inf, 0)]}, "sensor's data is not finite"),
+    ({"phase": (1e39, 0.0)}, "the phase or of the sensor's data is not finite"),
+    ({"works": False}, "does not work"),
+])  # fmt: skip
 def test_bad_input_stops_a_robot_until_it_is_good_again(fault, words):
     robot = Robot()
     assert robot.call().stopped == ""
@@ -60,16 +57,13 @@ def test_bad_input_stops_a_robot_until_it_is_good_again(fault, words):
     assert robot.call().stopped == ""
 
 
-@pytest.mark.parametrize(
-    ("fault", "words"),
-    [
-        ({"after": 0.5}, "the clock jumped by 0.5 s"),
-        ({"after": -0.1}, "the clock went back by 0.1 s"),
-        ({"after": 0.0}, "the clock stopped"),
-        ({"pose": POSE._replace(x=3.0)}, "1.2 m outside of the rectangle"),
-        ({"pose": POSE._replace(y=-2.0)}, "1.2 m outside of the rectangle"),
-    ],
-)
+@pytest.mark.parametrize(("fault", "words"), [
+    ({"after": 0.5}, "the clock jumped by 0.5 s"),
+    ({"after": -0.1}, "the clock went back by 0.1 s"),
+    ({"after": 0.0}, "the clock stopped"),
+    ({"pose": POSE._replace(x=3.0)}, "1.2 m outside of the rectangle"),
+    ({"pose": POSE._replace(y=-2.0)}, "1.2 m outside of the rectangle"),
+])  # fmt: skip
 def test_some_faults_stop_a_robot_until_a_person_resumes_it(fault, words):
     robot = Robot()
     robot.call()

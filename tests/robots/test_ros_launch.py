@@ -47,13 +47,11 @@ def test_a_process_ends_although_ros_does_not():
     assert (done.returncode, done.stdout) == (1, "done\n")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("world", "--scenario", "failure"), "scenario must be of robots of kind car or differential, got 'curve'"),
-        (("launch", "--policy", "nobody"), "got 'nobody'"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("world", "--scenario", "failure"), "scenario must be of robots of kind car or differential, got 'curve'"),
+    (("launch", "--policy", "nobody"), "got 'nobody'"),
+    (("launch", "--duration", "1", "--set", "task.duration=2"), "must give task.duration once"),
+])  # fmt: skip
 def test_bad_input_is_one_line(arguments, words, capsys):
     code, _, error = called(capsys, "ros", *arguments)
     assert (code, error[:7], len(error.splitlines())) == (2, "error: ", 1)

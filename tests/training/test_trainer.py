@@ -280,13 +280,14 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     ({"collisions": -1.0}, "training.collisions must be from 0"),
     ({"rollout": 1}, "training.rollout must be a whole number from 2"),
     ({"base": "sweep"}, "sweep"),
+    ({"base": "index"}, r"base must be none or a policy .* \(--base\), got index: targets.arrival_rate must be"),
     ({"scenario": "watch-v1", "groups": 3}, r"training.worlds must be a multiple of groups \(3\), got 8"),
     ({"scenario": "watch-v1:test"}, "scenario must be the name of a space without a split"),
-    ({"scenario": "hotspots", "overrides": {"targets.arrival_rate": 0}}, r"none \(--base\), got index-learned: "),
 ])  # fmt: skip
 def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
-        Worlds(small(tmp_path, **changes), 8, 0)
+        train(small(tmp_path, **changes))
+    assert not list(tmp_path.iterdir())
 
 
 def test_cars_rest_where_a_network_wishes_a_slow_velocity():
