@@ -40,7 +40,6 @@ class Simulation(Copyable):
 
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row per robot; `lissajous_env.world.observation` documents the entries.
-            Write into copies alone: a step clears slots only up to the first empty one, those after it being zeros.
         final_observation: (W, N, D) rows at the end of each world's previous episode.
         reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
         score_names: Names of the numbers in a row of `score_numbers`.
@@ -54,7 +53,8 @@ class Simulation(Copyable):
         rogues: State of the rogues, among it `observation` and `action`; None without `targets.rogues`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
-    threads. A world whose episode has ended does not move, with reward 0, until it is reset.
+    threads. A world whose episode has ended does not move, with reward 0, until it is reset. Write into copies of
+    `observation` alone: a step clears the slots of a row only up to the first empty one, because those after it are.
 
     Args:
         scenario: Name of a scenario, or a `Scenario`.
