@@ -48,7 +48,7 @@ def test_what_is_no_policy_is_refused(arguments, words):
 
 @pytest.mark.parametrize(("name", "scenario", "words"), [
     (3, "failure", "policy must be a name or a folder, got"),
-    ("runs/none/best", "failure", "folder of a policy must exist, got runs/none/best"),
+    ("runs/none/best", "failure", "folder of a policy must exist, got 'runs/none/best'"),
     ("kuramoto-safe", "failure", "of kind car to be wrapped by -safe, got kuramoto-safe, which drives kind curve"),
     ("kuramoto-mpcc-safe", "failure", "of kind curve, got kuramoto-mpcc-safe, which drives kind car"),
     ("kuramoto", "rough", "policy for rough must drive robots of kind car, got kuramoto, which drives kind curve"),
