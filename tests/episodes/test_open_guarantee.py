@@ -55,10 +55,6 @@ def test_an_open_episode_that_goes_on_stays_open_until_that_rogue_is_detected(le
         assert not flags[k] or flags[k + 1] or history[k + 1] <= history[k]
 
 
-def straight_on(observation):
-    return np.broadcast_to(np.array([0.0, 1.0], dtype=np.float32), (*observation.shape[:2], 2))
-
-
 def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
     # Story: cars that do not move. The same world played for longer claims more, and is open all the time.
     rows = []
@@ -70,14 +66,14 @@ def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
     assert all(row[OPEN.name] == 1 and report_page.failed(row)[1] for row in rows)
 
 
+STRAIGHT_ON = {"task.boundary": "remove", "robot.steering_max": 0.05}
 FOREVER = {"faults.schedule": [(robot, 45.0, np.inf) for robot in range(5)]}
 
 
-@pytest.mark.parametrize(("lost", "policy"), [({"task.boundary": "remove"}, straight_on), (FOREVER, "partition")])
+@pytest.mark.parametrize(("lost", "policy"), [(STRAIGHT_ON, "sweep"), (FOREVER, "partition")])
 def test_without_a_robot_left_nothing_bounds_it(lost, policy):
-    # Story: the edge removes cars that drive straight on, or all cars fail for good; nobody is left to detect a rogue.
+    # Story: the edge removes cars that hardly steer, or all cars fail for good; nobody is left to detect a rogue.
     scenario = lissajous_env.scenario("evaders", **lost, **{"task.duration": 60.0})
-    policy = baselines.make(policy, scenario) if isinstance(policy, str) else policy
-    (row,) = lissajous_env.evaluate(policy, scenario, seeds=[0])
+    (row,) = lissajous_env.evaluate(baselines.make(policy, scenario), scenario, seeds=[0])
     assert row["guaranteed_detection_time"] < 30
     assert row[OPEN.name] == 1

@@ -185,6 +185,8 @@ def test_the_speed_is_a_parameter():
 @pytest.mark.parametrize(("make", "words"), [
     (lambda: partition_plans(lissajous_env.scenario("evaders", **{"robot.wheelbase": 0.4}))[0],
      r"partition requires a rectangle that contains a car's turning circle, of radius 1.19 m, got one of 0.8 m"),
+    (lambda: partition_plans(lissajous_env.scenario("evaders", **{"robot.count": 12}), PartitionParameters(rows=1))[0],
+     r"partition requires room for 12 loops of radius 0.52 m, .* 0.375 m from one another, got 3.6 m x 1.6 m"),
     (lambda: partition_plans(lissajous_env.scenario("evaders"), PartitionParameters(rows=3)),  # which has columns
      r"partition requires room for 5 loops of radius 0.52 m, .* 0.375 m from one another, got 3.6 m x 1.6 m"),
     (lambda: partition_plans(lissajous_env.scenario("evaders"), PartitionParameters(rows=6))[0],

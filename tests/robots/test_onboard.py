@@ -115,7 +115,7 @@ def test_the_phase_follows_the_curve_without_being_given_whether_or_not_a_pose_w
         message = announces.announce(inputs.odometry)
         output, expected = announces.act(*given), other.act(*given)
         assert output.message == expected.message
-        assert output.message == message or k in (1, 151)
+        assert output.message == message or (name == "hall" and k in (1, 151))
         np.testing.assert_array_equal(output.row, expected.row)
         np.testing.assert_array_equal(output.action, expected.action)
         np.testing.assert_allclose(output.message[2:4], inputs.phase, atol=1e-3 if name != "hall" or given[2:] else 2)

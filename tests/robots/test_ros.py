@@ -190,7 +190,8 @@ def test_robots_that_are_missing_or_in_another_frame_are_named():
     scenario = lissajous_env.scenario("experiment", **{"task.duration": 0.6})
     with Team(scenario, "open-loop-mpcc", robots=[0, 2], world={"wait": 1.0}, frame="map") as team:
         lost = team.add(node_of(RobotSettings(robot=1, policy="open-loop-mpcc", frame="lab", pose="pose")))
-        wait_until(lambda: "frame map, it must be lab" in lost.reason, lambda: (team.world._publish(), team.spin()))
+        words = "the pose is in frame map, it must be lab"
+        wait_until(lambda: lost.reason == words, lambda: (team.world._publish(), team.spin()))
         pose = messages.pose_message(Odometry(0.0, 0.0, 0.0, 0.0, team.world.now + 0.1), "lab")
         lost._take(pose.header, pose.pose)
         assert lost._loop.pose is None  # it has no speed yet, as those in the other frame do not count

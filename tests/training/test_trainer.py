@@ -255,9 +255,10 @@ def test_the_network_without_torch_is_that_of_the_training(tmp_path):
         assert (added - wanted).numpy() == pytest.approx(seen.own[..., -2:], abs=1e-5)
 
 
-def test_what_the_critic_reads_is_the_true_state(tmp_path):
+@pytest.mark.parametrize(("count", "read"), [(10, 10), (200, 16)])
+def test_what_the_critic_reads_is_the_true_state(tmp_path, count, read):
     # Oracle: positions of robots and targets, of which a critic reads 16.
-    worlds = Worlds(small(tmp_path, overrides={"targets.count": 200}), 2, 0)
+    worlds = Worlds(small(tmp_path, overrides={"targets.count": count}), 2, 0)
     for _ in range(3):
         worlds.step(np.full((worlds.count, 2), 0.5))
     simulation = worlds.batch.simulation
@@ -265,15 +266,15 @@ def test_what_the_critic_reads_is_the_true_state(tmp_path):
     tokens, present, own, near = true_view(simulation)
     robots, targets = simulation.robots.position.numpy()[..., :2], simulation.targets.position.numpy()
     far = np.linalg.norm(targets[:, None] - robots[:, :, None], axis=-1) / 4.0
-    assert tokens[:, :, :16, 4] == pytest.approx((far / (1 + far))[..., :16], abs=1e-5)
+    assert tokens[:, :, :read, 4] == pytest.approx((far / (1 + far))[..., :read], abs=1e-5)
     seen = far < 1
     assert (own == (seen & (seen.sum(axis=1, keepdims=True) == 1)).sum(axis=2)).all()
-    assert (present.sum(axis=-1) == 16 + 4).all()
+    assert (present.sum(axis=-1) == read + 4).all()
     gap = np.linalg.norm(robots[:, None] - robots[:, :, None], axis=-1) / 0.8 - 1 + 9 * np.eye(5)
     assert near == pytest.approx((1 - gap).clip(0, 1).sum(axis=-1), abs=1e-3)
     assert near.max() > 0
-    observers = tokens[..., :16, TRUTH.index("observers")][seen[..., :16]]
-    assert observers.sum() == sum(min(n - 1, 2) * n for n in seen[..., :16].sum(axis=1).ravel() if n)
+    observers = tokens[..., :read, TRUTH.index("observers")][seen[..., :read]]
+    assert observers.sum() == sum(min(n - 1, 2) * n for n in seen[..., :read].sum(axis=1).ravel() if n)
 
 
 @pytest.mark.parametrize(("changes", "words"), [
